@@ -1,0 +1,86 @@
+"""Is a root of the collocation equations a motion of the system?
+
+Solvers converge to wrong roots and call it success: a slip that runs backwards, a stick that holds more
+torque than friction can, a phase of negative duration.  Every mode states a condition that must not fall
+below minus its slack all along its phase; it is evaluated at the nodes and stages of every interval and
+interpolated densely between them.
+Inside an interval the polynomial is known to a few times the last Legendre coefficient of the condition:
+a violation beyond that is a wrong root, one within it is unclear and asks for a shorter interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from .cycle import Admissible
+from .transcription import Setting, Transcription
+
+Array = np.ndarray
+
+RESOLUTION = 3.0
+"""A condition is known to this many times its last Legendre coefficient."""
+NOISE = 1e-10
+_BETWEEN = np.linspace(0, 1, 33)
+
+
+@lru_cache(maxsize=64)
+def _condition(admissible: Admissible, n: int, parameters: int) -> ca.Function:
+    x, p, sign = ca.SX.sym("x", n), ca.SX.sym("p", parameters), ca.SX.sym("sign")
+    return ca.Function("admissible", [x, p, sign], [admissible(x, p, sign)])
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the conditions say.
+
+    Attributes
+    ----------
+    violated : sentence about the first condition that fails, or "".
+    phase : the phase it fails in, or -1.
+    unclear : (N,) True for intervals too long to tell.
+    """
+
+    violated: str
+    phase: int
+    unclear: Array
+
+    @property
+    def admissible(self) -> bool:
+        """A motion of the system, without reservation."""
+        return not self.violated and not self.unclear.any()
+
+
+def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
+    """Check all conditions of a converged solution."""
+    nodes = t.nodes_of(u) * setting.scale
+    durations = t.durations_of(u)
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
+    unclear = np.zeros(t.intervals, dtype=bool)
+    for k, phase in enumerate(t.cycle.phases):
+        mode = phase.mode
+        if not durations[k] > 0:
+            return Verdict(f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s", k, unclear)
+        if mode.admissible is None:
+            continue
+        f = _condition(mode.admissible, t.n, setting.p.size)
+        if t.counts[k]:
+            inside = w[t.phase_intervals(k)]
+            values = np.array(f(inside.reshape(-1, t.n).T, setting.p, mode.sign)).reshape(inside.shape[:2])
+            resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
+            values = values @ t.scheme.interpolation(_BETWEEN).T
+        else:
+            start = t.phase_end[k] - 1
+            values = np.array(f(nodes[start : start + 2].T, setting.p, mode.sign)).reshape(1, -1)
+            resolution = np.zeros(1)
+        lowest = values.min(axis=1) + mode.slack + NOISE * max(1.0, float(np.max(np.abs(values))))
+        if np.any(lowest < -resolution):
+            return Verdict(
+                f"phase {k + 1} is no {mode.name}: its condition falls to {values.min():.3g}", k, unclear
+            )
+        if t.counts[k]:
+            unclear[t.phase_intervals(k)] = lowest < 0
+    return Verdict("", -1, unclear)

@@ -1,0 +1,58 @@
+"""Checks at the user's border: one sentence with the key, the value and the allowed range."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from .errors import InputError
+
+
+def number(key: str, value: Any) -> float:
+    """`value` as a finite float, or InputError.  Booleans and strings are not numbers."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
+        raise InputError(f"{key} = {value!r}: must be a finite number")
+    try:
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{key} = {value!r}: must be a finite number") from None
+    if not math.isfinite(result):
+        raise InputError(f"{key} = {value!r}: must be a finite number, not NaN or infinity")
+    return result
+
+
+def require(
+    key: str,
+    value: Any,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    unit: str = "",
+) -> float:
+    """`value` as a float inside the given range, or InputError naming key, value and range."""
+    x = number(key, value)
+    named = f" ({unit})" if unit else ""
+    if above is not None and not x > above:
+        raise InputError(f"{key} = {x:g}: must be greater than {above:g}{named}")
+    if at_least is not None and not x >= at_least:
+        raise InputError(f"{key} = {x:g}: must be at least {at_least:g}{named}")
+    if at_most is not None and not x <= at_most:
+        raise InputError(f"{key} = {x:g}: must be at most {at_most:g}{named}")
+    return x
+
+
+def known(what: str, name: str, allowed: Iterable[str]) -> str:
+    """`name` if it is one of `allowed`, or InputError with the nearest spelling."""
+    names = list(allowed)
+    if name in names:
+        return name
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    if not near:  # a right key in the wrong section
+        last = name.rsplit(".", 1)[-1]
+        near = difflib.get_close_matches(last, [n.rsplit(".", 1)[-1] for n in names], n=1, cutoff=0.6)
+        near = [n for n in names if near and n.rsplit(".", 1)[-1] == near[0]][:1]
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(names)})")

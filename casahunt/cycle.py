@@ -1,0 +1,112 @@
+"""A periodic orbit of any hybrid system as data: modes, phases with their end events, and a closure.
+
+A cycle is the boundary value problem
+
+    phase k = 1..P:   x' = f_k(x; p) for a free duration T_k,   h_k(x(end of k), T_k; p) = 0,
+    x continuous from phase to phase,   x(start) = S x(end of P).
+
+S = I closes a full period.  A cycle with the symmetry x(t + T/2) = S x(t), S = -I for the hunting
+servo, is closed after half a period with half the unknowns; `repeats` = 2 says so.  Each phase end is
+anchored by its event, so there are as many equations as unknowns and no other phase condition.
+
+Nothing here computes: fields, flows and events are functions from CasADi symbols to CasADi
+expressions, called once by whoever builds a transcription.
+
+Symbols: n states, P phases, p parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Expression = Any
+"""A CasADi SX expression; CasADi carries no useful static types."""
+
+Field = Callable[[Expression, Expression, Expression], Expression]
+"""(x, p, sign) -> x'; `sign` is the number of the mode that uses the field."""
+
+Flow = Callable[[Expression, Expression, Expression], Expression]
+"""(x, duration, p) -> state after `duration`: the closed form of a mode that has one."""
+
+EventFunction = Callable[[Expression, Expression, Expression], Expression]
+"""(x, duration, p) -> scalar that vanishes at the end of the phase; of order one away from it."""
+
+Admissible = Callable[[Expression, Expression, Expression], Expression]
+"""(x, p, sign) -> scalar, >= 0 where the mode is a motion of the system; of order one."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One smooth piece of the dynamics.
+
+    Attributes
+    ----------
+    name : what the user reads, such as "slip+".
+    field : vector field f(x, p, sign).
+    sign : the number handed to `field` and `admissible`; modes that share a field differ in it.
+    flow : closed-form solution, or None where the phase must be collocated.
+    admissible : condition that must be >= -slack all along the phase, or None.
+    slack : violation that is still no other motion.
+    """
+
+    name: str
+    field: Field
+    sign: float = 0.0
+    flow: Flow | None = None
+    admissible: Admissible | None = None
+    slack: float = 0.0
+
+
+@dataclass(frozen=True)
+class Event:
+    """A phase boundary h(x, T; p) = 0, crossed transversally."""
+
+    name: str
+    function: EventFunction
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One mode, followed until its event."""
+
+    mode: Mode
+    end: Event
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """A periodic orbit as data.  Compared and hashed by identity, so that compiled forms can be kept by it.
+
+    Attributes
+    ----------
+    name : what it is, such as "switch half cycle".
+    states, parameters : names, in the order of x and p.
+    phases : the P phases in order.
+    closure : (n, n) matrix S with x(start) = S x(end); must be an involution-like symmetry, S^repeats = I.
+    repeats : how often the computed piece makes up the period (2 for a half cycle).
+    """
+
+    name: str
+    states: tuple[str, ...]
+    parameters: tuple[str, ...]
+    phases: tuple[Phase, ...]
+    closure: np.ndarray
+    repeats: int
+
+    def __post_init__(self) -> None:
+        n = len(self.states)
+        if self.closure.shape != (n, n):
+            raise ValueError(f"closure: expected shape {(n, n)}, got {self.closure.shape}")
+        if not np.allclose(np.linalg.matrix_power(self.closure, self.repeats), np.eye(n)):
+            raise ValueError(f"closure to the power {self.repeats} must be the identity")
+        if not self.phases:
+            raise ValueError("a cycle needs at least one phase")
+
+    @property
+    def signature(self) -> tuple[tuple[str, str], ...]:
+        """((mode name, event name), ...): what tells two phase sequences of one system apart."""
+        return tuple((phase.mode.name, phase.end.name) for phase in self.phases)

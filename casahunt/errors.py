@@ -1,0 +1,65 @@
+"""What can go wrong, in the words the user reads: statuses with advice, and the two exceptions.
+
+Numerical failure is a `Status` on a result.  An exception is raised only at the user's border:
+`InputError` (command line exit code 2) and `NoOrbit` (exit code 1).
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class InputError(ValueError):
+    """The input is wrong: one sentence naming the key, the value and the allowed range."""
+
+
+class Status(Enum):
+    """How a solve ended; the value is the sentence of advice that belongs to it."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = (
+        "the collocation equations did not converge; start nearer to the orbit, take a smaller step "
+        "in the gain, or use a finer mesh"
+    )
+    NOT_FINITE = (
+        "the iteration met NaN or infinity; the starting guess is too far away or a parameter is extreme"
+    )
+    SINGULAR = (
+        "the linearised equations are singular: the orbit is at or past a fold, where no cycle continues "
+        "in this parameter"
+    )
+    INADMISSIBLE = (
+        "the solution of the equations is no motion of the servo (its phases are not in this order); "
+        "search for another phase sequence"
+    )
+    FAR_FROM_GUESS = (
+        "the solver converged to a root far from its starting point, perhaps on another branch; "
+        "take a smaller step"
+    )
+    TOLERANCE_NOT_REACHED = (
+        "the orbit is found but its error estimate stays above the tolerance; "
+        "ask for a larger tolerance or allow more intervals"
+    )
+
+    @property
+    def ok(self) -> bool:
+        """True for a trustworthy result."""
+        return self is Status.CONVERGED
+
+    @property
+    def advice(self) -> str:
+        """The sentence to show to the user."""
+        return self.value
+
+
+class NoOrbit(Exception):
+    """There is no such orbit, or it could not be computed; says what was tried and what to do.
+
+    Attributes
+    ----------
+    status : the Status of the last solve, or None where a scan shows that no cycle exists.
+    """
+
+    def __init__(self, message: str, status: Status | None = None) -> None:
+        super().__init__(message)
+        self.status = status

@@ -1,0 +1,317 @@
+"""The hunting servo as a map of an interval: stuck at -a, breakaway, slip, stuck at P(a).
+
+Switch: at breakaway with x1 = -a the torque is m = +Fs, so the state is (-a, 0, (kp a - Fs)/ki) and has
+one free number.  The slip ends at the next stick position P(a).  Symmetric hunting cycles are the fixed
+points P(a) = a, and P'(a) is minus the half multiplier with the sign convention of floquet.py taken in.
+LuGre has the same map up to the fast transients of the bristle; it starts stuck at -a with m = 0.9 Fs on
+the elastic bristle and is read off when m has come down to -0.9 Fs on the other side.
+
+Between them the two facts that the rest of the program needs: where to start a boundary value problem
+without any help from the user, and, when P(a) < a all over the scanned range, that there is no cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .collocation import Kind
+from .hunting import LUGRE, SWITCH, Model, motor_torque
+from .march import MarchFailure, Segment, march
+from .servo import Servo
+
+Array = np.ndarray
+
+SECTION = 0.9
+"""LuGre: part of Fs that the motor torque has where the map starts and ends."""
+SCAN_POINTS = 44
+SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
+"""Scanned stick positions, in units of Fs/kp, where the proportional torque equals static friction."""
+NEAR_FOLD = 0.4
+"""Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
+PATIENCE = 1e6
+"""Longest half period looked for, in units of the controller's times."""
+MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
+SCHEMES: dict[str, tuple[int, Kind]] = {"switch": (8, "gauss"), "lugre": (7, "radau")}
+"""Default collocation scheme of each model: Gauss for the smooth slip, Radau IIA for the stiff bristle."""
+
+
+@dataclass(frozen=True, eq=False)
+class HalfCycle:
+    """One application of the map.
+
+    Attributes
+    ----------
+    start : a [rad].
+    position : P(a) [rad], positive on the far side; 0 where the servo comes to rest for good.
+    segments : the motion between two corresponding points, as phases of a half cycle.
+    """
+
+    start: float
+    position: float
+    segments: list[Segment]
+
+    @property
+    def ratio(self) -> float:
+        """P(a)/a."""
+        return self.position / self.start
+
+
+def half_cycle(
+    model: Model, servo: Servo, gain: float, a: float, *, tol: float | None = None, degree: int = 0, kind: Kind = "gauss"
+) -> HalfCycle:
+    """Let the servo go from the stick position -a < 0 until it is stuck again.
+
+    Parameters
+    ----------
+    a : stick position [rad], > 0.
+    tol, degree, kind : of the march; defaults per model.
+
+    Raises
+    ------
+    MarchFailure : the motion could not be computed.
+    """
+    if degree == 0:
+        degree, kind = SCHEMES[model]
+    run = _switch if model == "switch" else _lugre
+    return run(servo, gain, a, tol or MARCH_TOLERANCE[model], degree, kind)
+
+
+def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
+    """Expected size of the states (n,) in a motion of amplitude a."""
+    kp, kd, ki = servo.torque_gains(gain)
+    f = servo.friction
+    rate = min(np.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
+    scale = [a, max(a * rate, 1e-300), max(abs(kp * a - f.static), f.static) / ki]
+    return np.array(scale + ([f.static / f.stiffness] if model == "lugre" else []))
+
+
+def patience(servo: Servo) -> float:
+    """Time [s] after which a servo that has not moved across counts as being at rest."""
+    c = servo.controller
+    return PATIENCE * (c.integral_time + c.lead_time)
+
+
+def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
+    kp, _, ki = servo.torque_gains(gain)
+    segments = march(
+        SWITCH,
+        "slip+",
+        np.array([-a, 0.0, (kp * a - servo.friction.static) / ki]),
+        servo.parameters(gain),
+        scale=state_scale("switch", servo, gain, a),
+        until=lambda s: s.mode == "stick",
+        tol=tol,
+        degree=degree,
+        kind=kind,
+        max_time=patience(servo),
+    )
+    return HalfCycle(a, float(segments[-1].end[0]), segments)
+
+
+def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
+    """Two centre crossings: the second half cycle is the one that is kept, free of the artificial start."""
+    kp, _, ki = servo.torque_gains(gain)
+    f = servo.friction
+    torque = SECTION * f.static
+    x = np.array([-a, ki * a / f.stiffness, (kp * a - torque) / ki, torque / f.stiffness])
+    crossings = 0
+
+    def second_centre(segment: Segment) -> bool:
+        nonlocal crossings
+        crossings += segment.event == "centre"
+        return crossings == 2
+
+    p = servo.parameters(gain)
+    segments = march(
+        LUGRE, "slide+", x, p,
+        scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
+        max_time=patience(servo),
+    )  # fmt: skip
+    if crossings < 2:
+        return HalfCycle(a, 0.0, segments)
+    first = next(i for i, s in enumerate(segments) if s.event == "centre")
+    kept = segments[first + 1 :]
+    side = np.sign(kept[0].end[0])
+    last = kept[-1]
+    n = x.size
+    nodes = np.vstack([last.w[:, :n], last.end])
+    torques = motor_torque(nodes.T, p) * side
+    below = np.flatnonzero(torques <= -torque)
+    i = int(below[0]) if below.size else 0
+    if i == 0:
+        position = float(nodes[0, 0])
+    else:
+        weight = (torques[i - 1] + torque) / (torques[i - 1] - torques[i])
+        position = float(nodes[i - 1, 0] + weight * (nodes[i, 0] - nodes[i - 1, 0]))
+    return HalfCycle(a, position * float(side), kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What a search for fixed points saw.
+
+    Attributes
+    ----------
+    low, high : scanned range of stick positions [rad].
+    best : largest ratio P(a)/a found, and `best_at` where.
+    upper, lower : half cycles next to the outer (stable) and the inner (unstable) fixed point, or None.
+    failures : stick positions at which the motion could not be computed.
+    """
+
+    low: float
+    high: float
+    best: float
+    best_at: float
+    upper: HalfCycle | None
+    lower: HalfCycle | None
+    failures: tuple[float, ...]
+
+    def sentence(self) -> str:
+        """The evidence in words."""
+        text = (
+            f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: the servo comes to rest at "
+            f"most at {self.best:.4g} times the distance it started from (at {self.best_at:.4g} rad)"
+        )
+        if self.failures:
+            text += f"; {len(self.failures)} of the motions could not be computed"
+        return text
+
+
+def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
+    """Find the fixed points of the map, the outer one first, without a guess.
+
+    The grid is walked inwards and left as soon as the wanted fixed point is bracketed.  Where P(a) < a on
+    the whole grid, the largest ratio between grid points is searched, so that the two close fixed points
+    of a gain just below the fold are not missed.
+    """
+    kp, _, _ = servo.torque_gains(gain)
+    unit = servo.friction.static / kp
+    grid = unit * np.geomspace(SCAN_HIGH, SCAN_LOW, SCAN_POINTS)
+    seen: list[HalfCycle] = []
+    failures: list[float] = []
+
+    def at(a: float) -> HalfCycle | None:
+        try:
+            return half_cycle(model, servo, gain, a)
+        except MarchFailure:
+            failures.append(a)
+            return None
+
+    above: HalfCycle | None = None
+    outside: HalfCycle | None = None
+    inside: HalfCycle | None = None
+    for a in grid:
+        run = at(float(a))
+        if run is None:
+            continue
+        seen.append(run)
+        if above is None:
+            if run.ratio >= 1:
+                above = run
+                if len(seen) > 1:
+                    outside = seen[-2]
+                if not want_lower:
+                    break
+        elif run.ratio < 1:
+            inside = run
+            break
+        else:
+            above = above if above.ratio >= run.ratio else run
+    best = max(seen, key=lambda r: r.ratio, default=None)
+    if best is not None and above is None and best.ratio > NEAR_FOLD:
+        best = _maximise(at, seen, best)
+        if best.ratio >= 1:
+            above = best
+            outside = min((r for r in seen if r.start > best.start), key=lambda r: r.start, default=None)
+            inside = max((r for r in seen if r.start < best.start), key=lambda r: r.start, default=None)
+    upper = _fixed_point(at, above, outside) if above is not None and outside is not None else None
+    lower = _fixed_point(at, above, inside, tight=True) if want_lower and above is not None and inside is not None else None
+    return Scan(
+        float(grid[-1]), float(grid[0]),
+        best.ratio if best else float("nan"), best.start if best else float("nan"),
+        upper, lower, tuple(failures),
+    )  # fmt: skip
+
+
+def near_stable(model: Model, servo: Servo, gain: float, a: float) -> HalfCycle | None:
+    """A half cycle close to a stable fixed point next to a, or None; a short cut that replaces no scan.
+
+    Secant steps in (log a, log P/a); the fixed point is taken for the stable one only where the ratio
+    falls with a, as it does at P'(a) < 1.
+    """
+    x, previous = float(np.log(a)), None
+    for _ in range(5):
+        try:
+            run = half_cycle(model, servo, gain, float(np.exp(x)))
+        except MarchFailure:
+            return None
+        if not 0.3 < run.ratio < 3:
+            return None
+        y = float(np.log(run.ratio))
+        slope = -1.5 if previous is None or previous[0] == x else (y - previous[1]) / (x - previous[0])
+        if abs(y) < 5e-3 and previous is not None:
+            return run if slope < 0 else None
+        if slope >= -0.1:
+            return None
+        previous = (x, y)
+        x = x - max(-0.5, min(0.5, y / slope)) if abs(y) >= 5e-3 else x + 0.02
+    return None
+
+
+Try = Callable[[float], HalfCycle | None]
+
+
+def _maximise(at: Try, seen: list[HalfCycle], best: HalfCycle) -> HalfCycle:
+    """Golden section for the largest ratio around the best grid point, left as soon as it exceeds one."""
+    ordered = sorted(seen, key=lambda r: r.start)
+    i = ordered.index(best)
+    low = np.log(ordered[max(i - 1, 0)].start)
+    high = np.log(ordered[min(i + 1, len(ordered) - 1)].start)
+    golden = (np.sqrt(5) - 1) / 2
+    left, right = high - golden * (high - low), low + golden * (high - low)
+    run_left, run_right = at(float(np.exp(left))), at(float(np.exp(right)))
+    for _ in range(30):
+        for run in (run_left, run_right):
+            if run is not None and run.ratio > best.ratio:
+                best = run
+        if best.ratio >= 1 or high - low < 1e-5:
+            break
+        if (run_left.ratio if run_left else -np.inf) > (run_right.ratio if run_right else -np.inf):
+            high, right, run_right = right, left, run_left
+            left = high - golden * (high - low)
+            run_left = at(float(np.exp(left)))
+        else:
+            low, left, run_left = left, right, run_right
+            right = low + golden * (high - low)
+            run_right = at(float(np.exp(right)))
+    return best
+
+
+def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle:
+    """A half cycle close to the fixed point between `above` (P >= a) and `below` (P < a).
+
+    A few regula falsi steps in (log a, log P/a) for the stable one, where the boundary value problem needs
+    no more; to rounding for the unstable one (`tight`), whose slope P' may be 1e5.
+    """
+    goal = 1e-14 if tight else 1e-3
+    best = min(above, below, key=lambda r: abs(r.ratio - 1))
+    for k in range(60 if tight else 8):
+        width = abs(np.log(above.start / below.start))
+        if abs(best.ratio - 1) < goal or width < 1e-15:
+            break
+        x, y = np.log(above.start), np.log(max(above.ratio, 1e-3))
+        x2, y2 = np.log(below.start), np.log(max(below.ratio, 1e-3))
+        theta = 0.5 if tight and k % 2 else np.clip(y / (y - y2), 0.02, 0.98) if y != y2 else 0.5
+        run = at(float(np.exp(x + theta * (x2 - x))))
+        if run is None:
+            break
+        if run.ratio >= 1:
+            above = run
+        else:
+            below = run
+        if abs(run.ratio - 1) < abs(best.ratio - 1):
+            best = run
+    return best

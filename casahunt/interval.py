@@ -1,0 +1,127 @@
+"""One collocation interval as a compiled CasADi function, with its exact Jacobian.
+
+For the interval of duration h T (h its fraction of the phase, T the phase duration), start x, stages
+X = (X_1, ..., X_d) and next node x+, all divided by the state scale D:
+
+    stage rows     X_j - x - h T sum_l A_jl f(D X_l; p)/D = 0        (n d rows)
+    node rows      x+  - x - h T sum_l b_l  f(D X_l; p)/D = 0        (n rows)
+
+The function returns [ residual | d/d(x, X) | d/dT | d/d lambda ] as one dense block of R = n (d + 1)
+rows and R + 3 columns, lambda being the direction dp in parameter space; d/dx+ is the identity on the
+node rows.  The block is mapped over the mesh, so its size and the time to build it do not depend on the
+number of intervals; scalar expressions (SX) inside, never unrolled outside.
+
+Symbols: n states, d stages, R = n (d + 1), N intervals, p parameters.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from .collocation import Kind, scheme
+from .cycle import Field
+
+INPUTS = ("w", "x_next", "duration", "fraction", "sign", "p", "dp", "scale")
+_SHARED = (5, 6, 7)  # inputs that are the same on every interval
+
+
+@lru_cache(maxsize=64)
+def interval_function(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> ca.Function:
+    """The function of the module docstring, for one interval.
+
+    Inputs are those of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s], fraction h, sign of
+    the mode, p and its direction dp, scale D (n).  Output: dense (R, R + 3).
+    """
+    s, d = scheme(degree, kind), degree
+    w, x_next = ca.SX.sym("w", n * (d + 1)), ca.SX.sym("x_next", n)
+    T, h, sign = ca.SX.sym("T"), ca.SX.sym("h"), ca.SX.sym("sign")
+    p, dp, scale = ca.SX.sym("p", parameters), ca.SX.sym("dp", parameters), ca.SX.sym("scale", n)
+
+    x, X = w[:n], ca.reshape(w[n:], n, d)
+    slope = ca.horzcat(*[field(scale * X[:, j], p, sign) / scale for j in range(d)])
+    stage_rows = X - ca.repmat(x, 1, d) - h * T * ca.mtimes(slope, s.matrix.T)
+    node_rows = x_next - x - h * T * ca.mtimes(slope, s.weights)
+    residual = ca.vertcat(ca.vec(stage_rows), node_rows)
+
+    block = ca.horzcat(
+        residual, ca.jacobian(residual, w), ca.jacobian(residual, T), ca.jtimes(residual, p, dp)
+    )
+    return ca.Function(
+        "interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"]
+    )
+
+
+@lru_cache(maxsize=64)
+def point_function(field: Field, n: int, parameters: int) -> ca.Function:
+    """The vector field itself, scaled: (x, sign, p, scale) -> f(D x; p)/D."""
+    x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
+    p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    return ca.Function("field", [x, sign, p, scale], [ca.densify(field(scale * x, p, sign) / scale)])
+
+
+class IntervalMap:
+    """`interval_function` over N intervals, called through fixed buffers.
+
+    The buffers save the conversion between numpy and CasADi matrices, which costs eight times as much as
+    the evaluation itself.  The returned block is a view into the buffer: the next call overwrites it.
+    """
+
+    def __init__(self, function: ca.Function, n: int, intervals: int) -> None:
+        mapped = function.map("intervals", "serial", intervals, list(_SHARED), [])
+        rows = function.size1_out(0)
+        columns = function.size2_out(0)
+        self._w = np.zeros((intervals, rows))
+        self._x_next = np.zeros((intervals, n))
+        self._duration = np.zeros(intervals)
+        self._fraction = np.zeros(intervals)
+        self._sign = np.zeros(intervals)
+        self._p = np.zeros(function.size1_in(5))
+        self._dp = np.zeros(function.size1_in(6))
+        self._scale = np.zeros(n)
+        self._block = np.zeros((intervals, columns, rows))
+        self._buffer, self._trigger = mapped.buffer()
+        inputs = (
+            self._w,
+            self._x_next,
+            self._duration,
+            self._fraction,
+            self._sign,
+            self._p,
+            self._dp,
+            self._scale,
+        )
+        for i, array in enumerate(inputs):
+            self._buffer.set_arg(i, memoryview(array))
+        self._buffer.set_res(0, memoryview(self._block))
+
+    def __call__(
+        self,
+        w: np.ndarray,
+        x_next: np.ndarray,
+        duration: np.ndarray | float,
+        fraction: np.ndarray | float,
+        sign: np.ndarray | float,
+        p: np.ndarray,
+        dp: np.ndarray,
+        scale: np.ndarray,
+    ) -> np.ndarray:
+        """Blocks (N, R + 3, R): for each interval the columns of the block of the module docstring."""
+        self._w[:] = w
+        self._x_next[:] = x_next
+        self._duration[:] = duration
+        self._fraction[:] = fraction
+        self._sign[:] = sign
+        self._p[:] = p
+        self._dp[:] = dp
+        self._scale[:] = scale
+        self._trigger()
+        return self._block
+
+
+@lru_cache(maxsize=128)
+def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
+    """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
+    return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)

@@ -1,0 +1,344 @@
+"""Marching collocation: the initial value problem solved interval by interval, event by event.
+
+The same interval equations as in the boundary value problem (interval.py), one interval at a time with
+adaptive length, each mode followed to its exit and the exit located to rounding.  What comes out is
+already a multi-phase mesh with stages: the starting guess of a transcription, and its phase sequence.
+
+The length of an interval is chosen so that the last Legendre coefficient of the collocation polynomial,
+in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; the end of
+the interval is superconvergent and far better.
+
+Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .collocation import Kind, Scheme, scheme
+from .hunting import Exit, System
+from .interval import IntervalMap, interval_map
+
+Array = np.ndarray
+
+NEWTON_LIMIT = 12
+SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the start
+EVENT_TOLERANCE = 1e-13  # on events scaled to order one
+EVENT_LIMIT = 1e-10  # an event counts as located
+EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
+RESOLUTION = 3.0  # a polynomial is known to this many times its last Legendre coefficient
+ON_EVENT = 1e-12  # a state is on an event, not beside it
+_WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One phase of a simulated motion.
+
+    Attributes
+    ----------
+    mode, event : names; event is "" where the march ended without one.
+    duration : length of the segment [s].
+    breaks : (N + 1,) interval boundaries as fractions of the duration; (2,) for a closed-form mode.
+    w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
+    end : (n,) state at the end.
+    """
+
+    mode: str
+    event: str
+    duration: float
+    breaks: Array
+    w: Array
+    end: Array
+
+    @property
+    def start(self) -> Array:
+        """(n,) state at the start."""
+        return self.w[0, : self.end.size]
+
+
+class MarchFailure(Exception):
+    """The march could not go on; the message says where."""
+
+
+class _TooLong(Exception):
+    """The interval is too long to tell whether an event crosses zero in it."""
+
+
+def march(
+    system: System,
+    mode: str,
+    x: Array,
+    p: Array,
+    *,
+    scale: Array,
+    until: Callable[[Segment], bool],
+    tol: float = 1e-4,
+    degree: int = 7,
+    kind: Kind = "gauss",
+    max_time: float = np.inf,
+    max_intervals: int = 20_000,
+) -> list[Segment]:
+    """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
+
+    Parameters
+    ----------
+    x : (n,) initial state.
+    p : parameter vector.
+    scale : (n,) size of the states, for the tolerance.
+    tol : bound on the last Legendre coefficient of each interval, relative to `scale`.
+    max_time : stop there [s].
+    max_intervals : give up beyond.
+
+    Returns
+    -------
+    The segments.  Where the motion comes to rest, or `max_time` has passed, they end without `until`.
+
+    Raises
+    ------
+    MarchFailure : NaN, a step size that vanishes, or too many intervals.
+    """
+    s, n = scheme(degree, kind), x.size
+    segments: list[Segment] = []
+    time, used = 0.0, 0
+    while True:
+        field = system.modes[mode]
+        if field.flow is not None:
+            segment, mode = _closed_form(system, mode, x, p)
+        else:
+            stepper = _Stepper(
+                interval_map(field.field, n, p.size, degree, kind, 1), s, p, scale, field.sign
+            )
+            segment, mode = _collocated(
+                system, mode, x, p, stepper, tol, max_time - time, max_intervals - used
+            )
+        segments.append(segment)
+        time += segment.duration
+        used += len(segment.w)
+        if segment.event == "" or until(segment):
+            return segments
+        if used >= max_intervals:
+            raise MarchFailure(f"no end after {time:.3g} s and {used} intervals")
+        if time >= max_time:
+            return segments
+        x = segment.end
+
+
+def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
+    """A closed-form phase to its first exit; exits are found by the secant method (exact if linear)."""
+    flow = system.modes[mode].flow
+    assert flow is not None
+    best: tuple[float, Exit] | None = None
+    for way_out in system.exits[mode]:
+
+        def h(T: float, way_out: Exit = way_out) -> float:
+            return float(way_out.event.function(np.array(flow(x, T, p)).ravel(), T, p))
+
+        t0, t1 = 0.0, 1.0
+        h0, h1 = h(t0), h(t1)
+        for _ in range(50):
+            if h1 == h0:
+                break
+            t0, t1, h0 = t1, t1 - h1 * (t1 - t0) / (h1 - h0), h1
+            h1 = h(t1)
+            if abs(h1) <= EVENT_TOLERANCE:
+                break
+        rising = (h(t1 + max(1e-3 * abs(t1), 1e-6)) - h1) * way_out.direction > 0
+        if abs(h1) <= 1e-9 and t1 >= 0 and rising and (best is None or t1 < best[0]):
+            best = (t1, way_out)
+    if best is None:
+        return Segment(mode, "", np.inf, np.array([0.0, 1.0]), x[None].copy(), x.copy()), mode
+    duration, way_out = best
+    end = np.array(flow(x, duration, p)).ravel()
+    segment = Segment(mode, way_out.event.name, duration, np.array([0.0, 1.0]), x[None].copy(), end)
+    return segment, way_out.successor(end, p)
+
+
+class _Stepper:
+    """One interval from x of length h: Newton on its stages."""
+
+    def __init__(self, function: IntervalMap, s: Scheme, p: Array, scale: Array, sign: float) -> None:
+        self.function, self.scheme, self.p, self.scale, self.sign = function, s, p, scale, sign
+        self.no_dp, self.no_next = np.zeros(p.size), np.zeros(scale.size)
+
+    def __call__(self, x: Array, stages: Array, h: float, newton_tol: float) -> tuple[Array, Array] | None:
+        """(stages, end), both scaled, or None where Newton does not converge."""
+        n, rows = x.size, x.size + stages.size
+        w = np.concatenate([x, stages])
+        last = np.inf
+        for _ in range(NEWTON_LIMIT):
+            block = self.function(
+                w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale
+            )[0]
+            if not np.isfinite(block).all():
+                return None
+            step = np.linalg.solve(block[n + 1 : rows + 1, : rows - n].T, block[0, : rows - n])
+            size = float(np.max(np.abs(step)))
+            w[n:] -= step
+            if size <= newton_tol:
+                end = -block[0, rows - n :] + block[n + 1 : rows + 1, rows - n :].T @ step
+                return w[n:], end
+            if size > 2 * last or size > 1e6:
+                return None
+            last = size
+        return None
+
+
+def _collocated(
+    system: System,
+    mode: str,
+    x: Array,
+    p: Array,
+    stepper: _Stepper,
+    tol: float,
+    max_time: float,
+    max_intervals: int,
+) -> tuple[Segment, str]:
+    s, scale, n = stepper.scheme, stepper.scale, x.size
+    d = s.degree
+    newton_tol = min(1e-3 * tol, 1e-8)
+    lengths: list[float] = []
+    pieces: list[Array] = []
+    start = x / scale
+    t, first = 0.0, True
+    slope = _slope(stepper, start)
+    h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
+    previous: tuple[Array, float] | None = None
+    while True:
+        if t >= max_time:  # at rest for ever, or as good as
+            breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+            w = np.array(pieces) * np.tile(scale, d + 1)
+            return Segment(mode, "", t, breaks / breaks[-1], w, start * scale), mode
+        if len(pieces) >= max_intervals:
+            raise MarchFailure(f"mode {mode!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
+        guess = _predict(s, previous, start, h)
+        solved = stepper(start, guess, h, newton_tol)
+        if solved is None and previous is not None:
+            solved = stepper(start, np.tile(start, d), h, newton_tol)
+        error = np.inf if solved is None else _last_mode(s, start, solved[0])
+        if error > 4 * tol:
+            h *= 0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d))
+            if h < SMALLEST_STEP * max(t, 1.0):
+                raise MarchFailure(f"mode {mode!r}: the step size vanished at {t:.6g} s")
+            continue
+        assert solved is not None
+        stages, end = solved
+        ahead = start + 1e-6 * h * slope if first else None
+        try:
+            crossing = _first_crossing(system.exits[mode], stepper, start, stages, end, ahead)
+        except _TooLong:
+            h *= 0.5
+            if h < SMALLEST_STEP * max(t, 1.0):
+                raise MarchFailure(f"mode {mode!r}: an exit grazes zero at {t:.6g} s") from None
+            continue
+        if crossing is not None:
+            located = _locate(*crossing, stepper, start, stages, h, newton_tol)
+            if located is None:
+                h *= 0.5
+                if h < SMALLEST_STEP * max(t, 1.0):
+                    raise MarchFailure(f"mode {mode!r}: exit {crossing[0].event.name!r} cannot be located")
+                continue
+            h, stages, end = located
+        pieces.append(np.concatenate([start, stages]))
+        lengths.append(h)
+        t += h
+        if crossing is not None:
+            breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+            w = np.array(pieces) * np.tile(scale, d + 1)
+            segment = Segment(mode, crossing[0].event.name, t, breaks / breaks[-1], w, end * scale)
+            return segment, crossing[0].successor(segment.end, p)
+        previous, start, first = (pieces[-1], h), end, False
+        h = min(h * min(5.0, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max_time)
+
+
+def _slope(stepper: _Stepper, x: Array) -> Array:
+    """f(x), scaled: minus d(node row)/dT of an interval whose stages all sit at x."""
+    n, d = x.size, stepper.scheme.degree
+    block = stepper.function(
+        np.tile(x, d + 1), stepper.no_next, 0.0, 1.0, stepper.sign, stepper.p, stepper.no_dp, stepper.scale
+    )[0]
+    return -block[n * (d + 1) + 1, n * d :]
+
+
+def _predict(s: Scheme, previous: tuple[Array, float] | None, start: Array, h: float) -> Array:
+    """Stages extrapolated from the previous interval; constant where that reaches too far."""
+    d, n = s.degree, start.size
+    if previous is None or h > 2.5 * previous[1]:
+        return np.tile(start, d)
+    w, last = previous
+    return (s.interpolation(1 + s.stages * (h / last)) @ w.reshape(d + 1, n)).ravel()
+
+
+def _last_mode(s: Scheme, start: Array, stages: Array) -> float:
+    return float(np.max(np.abs(s.last_mode @ np.concatenate([start, stages]).reshape(s.degree + 1, -1))))
+
+
+def _first_crossing(
+    exits: tuple[Exit, ...], stepper: _Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
+) -> tuple[Exit, float] | None:
+    """The exit whose event is beyond zero earliest, with the watched local time (0..1] where it is.
+
+    `ahead` is a state just after `start` on the first interval of a mode, which starts on its last event:
+    it tells the side of that zero on which the mode begins.
+    """
+    p = stepper.p
+    s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
+    points = np.vstack([s.interpolation(_WATCH[:-1]) @ w, end[None]]).T * stepper.scale[:, None]
+    found: tuple[int, Exit] | None = None
+    for way_out in exits:
+
+        def value(states: Array, way_out: Exit = way_out) -> Array:
+            return way_out.direction * np.asarray(way_out.event.function(states, 0.0, p), float)
+
+        h = value(points)
+        inside = h[0] < 0
+        if ahead is not None and abs(h[0]) <= ON_EVENT:
+            begins = float(value(ahead * stepper.scale)) - h[0]
+            inside = begins < 0 if begins != 0 else h[1] < 0
+        # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
+        # a shorter interval can tell.  The end of the interval is exact.
+        stray = np.full(h.size, RESOLUTION * abs(float(s.last_mode @ value((w * stepper.scale).T))))
+        stray[-1] = 0.0
+        if inside and np.any((h > EXCURSION) & (h <= stray)):
+            raise _TooLong
+        beyond = np.flatnonzero(h[1:] > stray[1:])
+        if inside and beyond.size and (found is None or beyond[0] < found[0]):
+            found = (int(beyond[0]), way_out)
+    return None if found is None else (found[1], float(_WATCH[found[0] + 1]))
+
+
+def _locate(
+    way_out: Exit, beyond: float, stepper: _Stepper, start: Array, stages: Array, h: float, newton_tol: float
+) -> tuple[float, Array, Array] | None:
+    """Interval length at which the event vanishes at its end: Illinois iteration on true intervals."""
+    s = stepper.scheme
+
+    def value(state: Array) -> float:
+        return way_out.direction * float(way_out.event.function(state * stepper.scale, 0.0, stepper.p))
+
+    w = np.concatenate([start, stages]).reshape(s.degree + 1, -1)
+    inside = beyond - (_WATCH[1] - _WATCH[0])
+    low, high = inside, beyond
+    f_low = min(value((s.interpolation(np.array([inside])) @ w)[0]), 0.0)
+    f_high = value((s.interpolation(np.array([beyond])) @ w)[0])
+    theta = beyond
+    for _ in range(60):
+        theta = high - f_high * (high - low) / (f_high - f_low) if f_low < 0 < f_high else (low + high) / 2
+        guess = (s.interpolation(s.stages * theta) @ w).ravel()
+        solved = stepper(start, guess, theta * h, newton_tol)
+        if solved is None:
+            return None
+        f = value(solved[1])
+        if abs(f) <= EVENT_TOLERANCE or high - low < 1e-15:
+            break
+        if f > 0:
+            high, f_high = theta, f
+            f_low *= 0.5
+        else:
+            low, f_low = theta, f
+            f_high *= 0.5
+    # A crossing that true intervals do not confirm was an artefact of too long an interval.
+    return (theta * h, solved[0], solved[1]) if abs(f) <= EVENT_LIMIT else None

@@ -1,0 +1,206 @@
+"""Error of a collocation solution, and the mesh that makes it as small as asked for.
+
+The error of what the user reads (period, amplitude) is found with an adjoint.  Halve every interval, put
+the solution u on the refined mesh by interpolation, and let r_e be what the refined equations leave
+there, stages eliminated.  With J^T psi = c for the linear functional q = c . y of the node system,
+
+    q(exact) - q(u) = sum_e psi_e . r_e,
+
+to first order in an error that the refined mesh makes 2^(2d) times smaller.  The sum is the error
+estimate; its terms say which interval is to blame and place the next mesh.  An interval far up-stream
+of an unstable direction weighs exactly as much as it matters, which no local monitor can know.
+
+A second measure keeps the solution itself presentable between the nodes: the last Legendre coefficient
+of each interval in units of the state scale, bounded by `SHAPE`.
+
+Symbols: n states, d stages, N intervals, E elements, P phases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .collocation import lagrange
+from .transcription import Linearisation, Setting, Transcription, transcribe
+
+Array = np.ndarray
+
+SHAPE = 1e-3
+"""Largest last Legendre coefficient: the polynomial inside an interval is then good to about 1e-4."""
+SAFETY = 0.1
+"""The next mesh aims at this part of the tolerance."""
+ROUNDING = 4 * np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Error estimates of one solution.
+
+    Attributes
+    ----------
+    period, amplitude : relative errors, with sign (exact minus computed) in `period_signed`.
+    indicators : (N,) relative error of period or amplitude that each interval is to blame for.
+    shape : (N,) last Legendre coefficients in units of the scale.
+    """
+
+    period: float
+    amplitude: float
+    indicators: Array
+    shape: Array
+
+    @property
+    def error(self) -> float:
+        """The larger of the two relative errors."""
+        return max(self.period, self.amplitude)
+
+
+def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
+    """Interval boundaries (N_k + 1,) of each collocated phase, from the (N,) fractions."""
+    out = []
+    for k, count in enumerate(t.counts):
+        if count:
+            edges = np.concatenate([[0.0], np.cumsum(fractions[t.phase_intervals(k)])])
+            out.append(edges / edges[-1])
+    return out
+
+
+def transfer(
+    t: Transcription, u: Array, fractions: Array, breaks: list[Array], target: Transcription | None = None
+) -> tuple[Transcription, Array, Array]:
+    """Put a solution on another mesh by its own collocation polynomials.
+
+    Parameters
+    ----------
+    breaks : new boundaries of each collocated phase.
+    target : the transcription to use; default the one of the same cycle and scheme.
+
+    Returns
+    -------
+    (transcription, u, fractions) on the new mesh.
+    """
+    counts, supply = [], iter(breaks)
+    for count in t.counts:
+        counts.append(next(supply).size - 1 if count else 0)
+    new = target or transcribe(t.cycle, tuple(counts), t.degree, t.kind)
+    old_w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+    old_nodes = t.nodes_of(u)
+    w = np.empty((new.intervals, new.degree + 1, new.n))
+    nodes = np.empty((new.elements + 1, new.n))
+    nodes[new.closed_elements] = old_nodes[t.closed_elements]
+    nodes[-1] = old_nodes[-1]
+    old_breaks = phase_breaks(t, fractions)
+    j = 0
+    for k, count in enumerate(t.counts):
+        if not count:
+            continue
+        old, fresh = old_breaks[j], breaks[j]
+        times = fresh[:-1, None] + np.diff(fresh)[:, None] * new.scheme.points
+        w[new.phase_intervals(k)] = _evaluate(t, old_w[t.phase_intervals(k)], old, times)
+        j += 1
+    nodes[new.interval_elements] = w[:, 0]
+    # A phase starts where the one before it ended, exactly: interpolation must not move an event.
+    starts_old = np.concatenate([[0], t.phase_end])
+    starts_new = np.concatenate([[0], new.phase_end])
+    nodes[starts_new] = old_nodes[starts_old]
+    u_new = new.pack(w.reshape(new.intervals, -1), nodes, t.durations_of(u))
+    return new, u_new, np.concatenate([np.diff(b) for b in breaks])
+
+
+def _evaluate(t: Transcription, w: Array, breaks: Array, times: Array) -> Array:
+    """States (*times.shape, n) of one phase at phase fractions `times`, from its intervals (N_k, d + 1, n)."""
+    flat = times.ravel()
+    i = np.clip(np.searchsorted(breaks, flat, side="right") - 1, 0, len(w) - 1)
+    local = (flat - breaks[i]) / (breaks[i + 1] - breaks[i])
+    matrix = t.scheme.interpolation(local)
+    return np.einsum("kj,kjn->kn", matrix, w[i]).reshape(*times.shape, t.n)
+
+
+def halved(breaks: list[Array]) -> list[Array]:
+    """Boundaries with every interval cut in two."""
+    return [np.sort(np.concatenate([b, (b[1:] + b[:-1]) / 2])) for b in breaks]
+
+
+def halved_where(t: Transcription, fractions: Array, where: Array) -> list[Array]:
+    """Boundaries with the intervals of the mask `where` (N,) cut in two."""
+    out = []
+    for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
+        middle = ((b[1:] + b[:-1]) / 2)[where[t.phase_intervals(k)]]
+        out.append(np.sort(np.concatenate([b, middle])))
+    return out
+
+
+def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
+    """(largest |first state| over the phase ends, its place among the (P + 1) phase-end nodes)."""
+    ends = np.concatenate([[0], t.phase_end])
+    values = np.abs(t.nodes_of(u)[ends, 0])
+    best = int(np.argmax(values))
+    return float(values[best]), best
+
+
+def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | None = None) -> Estimate:
+    """Error estimates of a converged solution u.
+
+    Parameters
+    ----------
+    border : border row under which the solution was computed; default lambda fixed.
+    """
+    fine, u_fine, fractions = transfer(t, u, setting.fractions, halved(phase_breaks(t, setting.fractions)))
+    lin = fine.linearise(u_fine, Setting(fractions, setting.p, setting.scale, setting.dp))
+    system = fine.system
+    row = system.border(parameter=1.0) if border is None else border
+    matrix = lin.matrix(row)
+    rhs = lin.rhs()
+    E, n, P = fine.elements, fine.n, fine.phases
+    amplitude, place = amplitude_row(fine, u_fine)
+    goals = np.zeros((2, system.size))
+    goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(fine.durations_of(u_fine)))
+    node = np.concatenate([[0], fine.phase_end])[place]
+    goals[1, node * n] = 1 / amplitude
+    per_element = np.empty((2, E))
+    errors = np.empty(2)
+    for g in range(2):
+        psi = system.solve_transposed(matrix, goals[g])
+        terms = psi * rhs
+        per_element[g] = terms[: E * n].reshape(E, n).sum(axis=1)
+        floor = ROUNDING * float(np.linalg.norm(psi[: E * n]))
+        errors[g] = abs(float(terms.sum())) + floor
+    blame = np.max(np.abs(per_element), axis=0)[fine.interval_elements].reshape(-1, 2).sum(axis=1)
+    return Estimate(float(errors[0]), float(errors[1]), blame, shape(t, u))
+
+
+def shape(t: Transcription, u: Array) -> Array:
+    """(N,) last Legendre coefficient of every interval, in units of the state scale."""
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+    return np.max(np.abs(np.einsum("j,ijn->in", t.scheme.last_mode, w)), axis=1)
+
+
+def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float) -> list[Array]:
+    """The boundaries of the next mesh: place and number of intervals for the tolerance.
+
+    The blame of an interval behaves like h^(order + 1): its length is changed by the power that would
+    bring it to its share of the tolerance, by at most 4 at a time when it shrinks and 10 when it grows.
+    """
+    power = 1.0 / (t.scheme.order + 1)
+    share = SAFETY * tol / t.intervals
+    wanted = np.maximum(
+        (e.indicators / share) ** power,
+        (e.shape / SHAPE) ** (1.0 / t.degree),
+    )
+    wanted = np.clip(wanted, 0.1, 4.0)
+    out = []
+    for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
+        out.append(_redistribute(b, wanted[t.phase_intervals(k)]))
+    return out
+
+
+def _redistribute(breaks: Array, wanted: Array) -> Array:
+    """Boundaries with `wanted[i]` intervals in place of interval i.
+
+    No grading between neighbours: the stub that an event leaves at the end of a march is a thousand times
+    shorter than its neighbour, and grading would fill the phase with stubs.
+    """
+    load = np.concatenate([[0.0], np.cumsum(wanted)])
+    count = max(1, int(np.ceil(load[-1] - 1e-9)))
+    return np.interp(np.linspace(0, load[-1], count + 1), load, breaks)

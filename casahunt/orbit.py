@@ -1,0 +1,240 @@
+"""A computed hunting cycle as data: arcs, period, amplitude, error estimate, status, multipliers.
+
+An `Orbit` is frozen numpy in physical units and knows everything needed to go on from it: the servo, the
+gain, the phase sequence, the mesh and the stages.  Multipliers are computed when they are read.
+
+Symbols: n states, d stages, N intervals of an arc, m sample points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from . import floquet
+from .collocation import Kind, scheme
+from .cycle import Cycle
+from .errors import Status
+from .hunting import Model, Signature, hunting_cycle
+from .mesh import Estimate, amplitude_row, halved, phase_breaks, transfer
+from .servo import PARAMETERS, Servo
+from .solve import Solution, newton
+from .transcription import Setting, Transcription, transcribe
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """One phase of an orbit.
+
+    Attributes
+    ----------
+    mode, event : names of the phase's mode and of the event at its end.
+    duration : [s].
+    breaks : (N + 1,) interval boundaries as fractions of the duration.
+    states : (N, d + 1, n) start and stages of each interval; (1, 1, n) for a closed-form phase.
+    end : (n,) state at the end.
+    """
+
+    mode: str
+    event: str
+    duration: float
+    breaks: Array
+    states: Array
+    end: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A hunting cycle.  States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+
+    Attributes
+    ----------
+    model, servo, gain : the problem.
+    half : computed on the half cycle x(t + T/2) = -x(t).
+    degree, kind : collocation scheme.
+    arcs : the phases of the half (or full) cycle.
+    period : [s], of the full cycle.
+    amplitude : max |x1| [rad].
+    period_error, amplitude_error : estimated relative errors.
+    status : how the computation ended; only a CONVERGED orbit is to be trusted.
+    solver, iterations, unknowns, residual : what the last solve did.
+    wall_s : time from the request to the result [s].
+    """
+
+    model: Model
+    servo: Servo
+    gain: float
+    half: bool
+    degree: int
+    kind: Kind
+    arcs: tuple[Arc, ...]
+    period: float
+    amplitude: float
+    period_error: float
+    amplitude_error: float
+    status: Status
+    solver: str
+    iterations: int
+    unknowns: int
+    residual: float
+    wall_s: float
+    scale: Array = field(repr=False)
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated relative error of period and amplitude, the larger of the two."""
+        return max(self.period_error, self.amplitude_error)
+
+    @property
+    def signature(self) -> Signature:
+        """((mode, event), ...) of the computed phases."""
+        return tuple((arc.mode, arc.event) for arc in self.arcs)
+
+    @property
+    def cycle(self) -> Cycle:
+        """The boundary value problem that this orbit solves."""
+        signature = self.signature
+        return hunting_cycle(
+            self.model, signature if self.half else signature[: len(signature) // 2], half=self.half
+        )
+
+    @cached_property
+    def multipliers(self) -> floquet.Multipliers:
+        """Floquet multipliers, computed at the first reading on the mesh with every interval halved."""
+        t, u, setting = unknowns_of(self)
+        fine, u_fine, fractions = transfer(t, u, setting.fractions, halved(phase_breaks(t, setting.fractions)))
+        fine_setting = Setting(fractions, setting.p, setting.scale, setting.dp)
+        solution = newton(fine, u_fine, fine_setting, max_iterations=6)
+        if solution.status.ok:
+            return floquet.multipliers(fine, solution.u, fine_setting)
+        return floquet.multipliers(t, u, setting)
+
+    @property
+    def half_multiplier(self) -> float:
+        """The leading nontrivial multiplier mu of the half-period map (real part); see floquet.py."""
+        leading = self.multipliers.leading
+        return leading.real if self.half else float("nan")
+
+    @property
+    def stable(self) -> bool:
+        """All nontrivial Floquet multipliers inside the unit circle."""
+        return self.multipliers.stable
+
+    def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
+        """The full period, dense where the motion is fast.
+
+        Returns
+        -------
+        times : (m,) [s] from the start of the first phase, increasing.
+        states : (n, m).
+        """
+        s = scheme(self.degree, self.kind)
+        tau = np.linspace(0, 1, per_interval, endpoint=False)
+        matrix = s.interpolation(tau)
+        cycle = self.cycle
+        times, states, start = [], [], 0.0
+        for arc, phase in zip(self.arcs, cycle.phases, strict=True):
+            lengths = np.diff(arc.breaks)
+            if phase.mode.flow is None:
+                times.append((start + arc.duration * (arc.breaks[:-1, None] + lengths[:, None] * tau)).ravel())
+                states.append(np.einsum("kj,ijn->ikn", matrix, arc.states).reshape(-1, arc.end.size))
+            else:
+                times.append(start + arc.duration * tau)
+                p = self.servo.parameters(self.gain)
+                flow = phase.mode.flow
+                states.append(
+                    np.array([np.array(flow(arc.states[0, 0], arc.duration * x, p)).ravel() for x in tau])
+                )
+            start += arc.duration
+        times.append(np.array([start]))
+        states.append(self.arcs[-1].end[None])
+        t_half, x_half = np.concatenate(times), np.concatenate(states)
+        if cycle.repeats == 2:  # x(t + T/2) = S^-1 x(t), an involution
+            t_half = np.concatenate([t_half, t_half[1:] + start])
+            x_half = np.concatenate([x_half, x_half[1:] @ np.linalg.inv(cycle.closure).T])
+        return t_half, x_half.T
+
+
+def setting_of(servo: Servo, gain: float, fractions: Array, scale: Array, vary: str = "gain") -> Setting:
+    """The numbers of a solve; lambda moves the parameter `vary`."""
+    dp = np.zeros(len(PARAMETERS))
+    dp[PARAMETERS.index(vary)] = 1.0
+    return Setting(fractions, servo.parameters(gain), scale, dp)
+
+
+def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
+    """The transcription, unknowns and setting that `orbit` solves."""
+    cycle = orbit.cycle
+    counts = tuple(
+        0 if phase.mode.flow is not None else len(arc.states)
+        for arc, phase in zip(orbit.arcs, cycle.phases, strict=True)
+    )
+    t = transcribe(cycle, counts, orbit.degree, orbit.kind)
+    nodes = np.vstack([*(arc.states[:, 0] for arc in orbit.arcs), orbit.arcs[-1].end])
+    collocated = [arc for arc, count in zip(orbit.arcs, counts, strict=True) if count]
+    w = np.concatenate([arc.states for arc in collocated])
+    durations = np.array([arc.duration for arc in orbit.arcs])
+    u = t.pack((w / orbit.scale).reshape(t.intervals, -1), nodes / orbit.scale, durations)
+    fractions = np.concatenate([np.diff(arc.breaks) for arc in collocated])
+    return t, u, setting_of(orbit.servo, orbit.gain, fractions, orbit.scale)
+
+
+def orbit_of(
+    t: Transcription,
+    solution: Solution,
+    setting: Setting,
+    estimate: Estimate,
+    *,
+    model: Model,
+    servo: Servo,
+    gain: float,
+    status: Status,
+    solver: str,
+    iterations: int,
+    wall_s: float,
+) -> Orbit:
+    """The orbit of a solution."""
+    u = solution.u
+    nodes = t.nodes_of(u) * setting.scale
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
+    durations = t.durations_of(u)
+    breaks = iter(phase_breaks(t, setting.fractions))
+    arcs, start = [], 0
+    for k, phase in enumerate(t.cycle.phases):
+        end = t.phase_end[k]
+        collocated = t.counts[k] > 0
+        arcs.append(
+            Arc(
+                phase.mode.name,
+                phase.end.name,
+                float(durations[k]),
+                next(breaks) if collocated else np.array([0.0, 1.0]),
+                w[t.phase_intervals(k)].copy() if collocated else nodes[start][None, None],
+                nodes[end].copy(),
+            )
+        )
+        start = end
+    return Orbit(
+        model=model,
+        servo=servo,
+        gain=gain,
+        half=t.cycle.repeats == 2,
+        degree=t.degree,
+        kind=t.kind,
+        arcs=tuple(arcs),
+        period=float(np.sum(durations)) * t.cycle.repeats,
+        amplitude=amplitude_row(t, u)[0] * float(setting.scale[0]),
+        period_error=estimate.period,
+        amplitude_error=estimate.amplitude,
+        status=status,
+        solver=solver,
+        iterations=iterations,
+        unknowns=t.size,
+        residual=solution.residual,
+        wall_s=wall_s,
+        scale=setting.scale.copy(),
+    )

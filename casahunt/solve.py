@@ -1,0 +1,183 @@
+"""The only place that runs a solver: Newton and IPOPT on the same square system.
+
+Newton works on the condensed node system (transcription.py).  IPOPT gets f = 0, the equations as
+constraints, `jac_g` placed by permutation and an empty `hess_lag`, which is legitimate: the problem is
+square, so the multipliers are zero.  What either returns is checked with numpy: finite, small residual,
+close to where it started.  IPOPT's own "success" is not an answer; its point is polished by Newton.
+
+Steps and residuals are measured in units of the state scale; durations relative to themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from .errors import Status
+from .transcription import Linearisation, Setting, Transcription
+
+Array = np.ndarray
+Solver = Literal["ipopt", "newton"]
+
+STEP_TOLERANCE = 1e-9
+"""A Newton step below this leaves an error of its square."""
+RESIDUAL_LIMIT = 1e-8
+"""Largest residual of an accepted solution, after the last step."""
+LARGEST_MOVE = 2.0
+"""An accepted solution lies within this of its guess, in scaled units."""
+
+IPOPT_OPTIONS = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-9,
+    "ipopt.constr_viol_tol": 1e-10,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.max_iter": 60,
+    "ipopt.bound_relax_factor": 0.0,
+    "ipopt.linear_solver": "mumps",
+    "print_time": False,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver found.
+
+    Attributes
+    ----------
+    u : (size,) unknowns, meaningful only where status.ok.
+    parameter : lambda, zero unless a border row let it move.
+    status, iterations : how it ended.
+    residual : largest residual at u, scaled.
+    linearisation : the equations linearised at the last iterate before u.
+    """
+
+    u: Array
+    parameter: float
+    status: Status
+    iterations: int
+    residual: float
+    linearisation: Linearisation | None
+
+
+def newton(
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    *,
+    border: Array | None = None,
+    parameter: float = 0.0,
+    max_iterations: int = 12,
+    largest_move: float = LARGEST_MOVE,
+) -> Solution:
+    """Newton's method from u.
+
+    Parameters
+    ----------
+    border : border row (transcription.NodeSystem.border) orthogonal to the correction; default holds
+        lambda fixed.
+    parameter : lambda at the start; the equations are taken at p + lambda dp.
+    """
+    row = t.system.border(parameter=1.0) if border is None else border
+    start, lam = u, parameter
+    u = u.copy()
+    lin: Linearisation | None = None
+    last = np.inf
+    for iteration in range(1, max_iterations + 1):
+        try:
+            lin = t.linearise(u, setting.moved(lam))
+        except np.linalg.LinAlgError:
+            return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
+        if not lin.finite():
+            return Solution(u, lam, Status.NOT_FINITE, iteration, np.inf, None)
+        du, _, dlam = lin.step(row)
+        size = _size(t, u, du)
+        if not np.isfinite(size):
+            return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
+        u += du
+        lam += dlam
+        if size <= STEP_TOLERANCE:
+            residual = t.linearise(u, setting.moved(lam)).residual_norm() if size > 1e-12 else lin.residual_norm()
+            return Solution(u, lam, _verdict(t, start, u, residual, largest_move), iteration, residual, lin)
+        if size > 1e3 or (iteration > 3 and size > 2 * last):
+            break
+        if np.any(t.durations_of(u) <= 0):
+            return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)
+        last = size
+    return Solution(u, lam, Status.NOT_CONVERGED, iteration, np.inf, lin)
+
+
+def _size(t: Transcription, u: Array, du: Array) -> float:
+    """Largest update: states as they are (scaled), durations relative; NaN stays NaN."""
+    relative = np.abs(du[-t.phases :]) / np.maximum(np.abs(u[-t.phases :]), 1e-300)
+    return float(np.maximum(np.max(np.abs(du[: -t.phases])), np.max(relative)))
+
+
+def _verdict(t: Transcription, start: Array, u: Array, residual: float, largest_move: float) -> Status:
+    if not np.isfinite(u).all() or not np.isfinite(residual):
+        return Status.NOT_FINITE
+    if residual > RESIDUAL_LIMIT:
+        return Status.NOT_CONVERGED
+    if np.any(t.durations_of(u) <= 0):
+        return Status.INADMISSIBLE
+    if float(np.max(np.abs(t.nodes_of(u) - t.nodes_of(start)))) > largest_move:
+        return Status.FAR_FROM_GUESS
+    return Status.CONVERGED
+
+
+@lru_cache(maxsize=8)
+def _ipopt_solver(t: Transcription) -> ca.Function:
+    symbols, residual, jacobian = t.expressions()
+    u = symbols["u"]
+    parameters = ca.vertcat(symbols["fractions"], symbols["p"], symbols["scale"])
+    f = ca.MX(0)
+    jac_g = ca.Function("jac_g", [u, parameters], [residual, jacobian], ["x", "p"], ["g", "jac"])
+    none = ca.MX(t.size, t.size)
+    hess_lag = ca.Function(
+        "hess_lag",
+        [u, parameters, ca.MX.sym("lam_f"), ca.MX.sym("lam_g", t.size)],
+        [ca.triu(none)],
+        ["x", "p", "lam_f", "lam_g"],
+        ["hess_gamma_x_x"],
+    )
+    problem = {"x": u, "p": parameters, "f": f, "g": residual}
+    return ca.nlpsol("hunt", "ipopt", problem, IPOPT_OPTIONS | {"jac_g": jac_g, "hess_lag": hess_lag})
+
+
+def ipopt(
+    t: Transcription, u: Array, setting: Setting, *, largest_move: float = LARGEST_MOVE
+) -> Solution:
+    """Solve the square system with IPOPT, durations kept positive, then polish and check with Newton."""
+    solver = _ipopt_solver(t)
+    lower = np.full(t.size, -np.inf)
+    lower[-t.phases :] = 0.0
+    found = solver(
+        x0=u,
+        p=np.concatenate([setting.fractions, setting.p, setting.scale]),
+        lbx=lower,
+        lbg=0.0,
+        ubg=0.0,
+    )
+    stats = solver.stats()
+    iterations = int(stats["iter_count"])
+    point = np.array(found["x"]).ravel()
+    if not np.isfinite(point).all():
+        return Solution(point, 0.0, Status.NOT_FINITE, iterations, np.inf, None)
+    if not stats["success"]:
+        return Solution(point, 0.0, Status.NOT_CONVERGED, iterations, np.inf, None)
+    polished = newton(t, point, setting, max_iterations=4, largest_move=1e-2)
+    if not polished.status.ok:
+        return Solution(point, 0.0, polished.status, iterations, polished.residual, None)
+    status = _verdict(t, u, polished.u, polished.residual, largest_move)
+    return Solution(
+        polished.u, 0.0, status, iterations + polished.iterations, polished.residual, polished.linearisation
+    )
+
+
+def solve(t: Transcription, u: Array, setting: Setting, *, solver: Solver = "ipopt") -> Solution:
+    """Solve at fixed parameters with the named solver."""
+    return ipopt(t, u, setting) if solver == "ipopt" else newton(t, u, setting)
