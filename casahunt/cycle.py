@@ -51,6 +51,7 @@ class Mode:
     flow : closed-form solution, or None where the phase must be collocated.
     admissible : condition that must be >= -slack all along the phase, or None.
     slack : violation that is still no other motion.
+    smooth : the field has no kink along the phase.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Mode:
     flow: Flow | None = None
     admissible: Admissible | None = None
     slack: float = 0.0
+    smooth: bool = True
 
 
 @dataclass(frozen=True)

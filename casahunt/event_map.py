@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .collocation import Kind
+from .adapt import SCHEMES
 from .hunting import LUGRE, SWITCH, Model, motor_torque
 from .march import MarchFailure, Segment, march
 from .servo import Servo
@@ -34,8 +35,6 @@ NEAR_FOLD = 0.4
 PATIENCE = 1e6
 """Longest half period looked for, in units of the controller's times."""
 MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
-SCHEMES: dict[str, tuple[int, Kind]] = {"switch": (8, "gauss"), "lugre": (7, "radau")}
-"""Default collocation scheme of each model: Gauss for the smooth slip, Radau IIA for the stiff bristle."""
 
 
 @dataclass(frozen=True, eq=False)

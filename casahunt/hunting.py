@@ -209,7 +209,7 @@ _SLIP = {
 _SLIDE = {
     name: Mode(name, lugre_slide, sign, admissible=_slides_forward, slack=10 * WEAK)
     for name, sign in (("slide+", 1.0), ("slide-", -1.0))
-} | {"slide": Mode("slide", lugre_slide, 0.0)}
+} | {"slide": Mode("slide", lugre_slide, 0.0, smooth=False)}
 
 SWITCH = System(
     "switch",

@@ -29,6 +29,8 @@ Array = np.ndarray
 
 SHAPE = 1e-3
 """Largest last Legendre coefficient: the polynomial inside an interval is then good to about 1e-4."""
+KINK_POWER = 1 / 3
+"""In a mode with a kink the blame of an interval falls no faster than h^3."""
 SAFETY = 0.1
 """The next mesh aims at this part of the tolerance."""
 ROUNDING = 4 * np.finfo(float).eps
@@ -40,20 +42,22 @@ class Estimate:
 
     Attributes
     ----------
-    period, amplitude : relative errors, with sign (exact minus computed) in `period_signed`.
-    indicators : (N,) relative error of period or amplitude that each interval is to blame for.
+    period, amplitude : relative errors.
+    parameter : absolute error of lambda under a border row; 0 where it is held fixed.
+    indicators : (N,) relative error of period, amplitude or parameter that each interval is to blame for.
     shape : (N,) last Legendre coefficients in units of the scale.
     """
 
     period: float
     amplitude: float
+    parameter: float
     indicators: Array
     shape: Array
 
     @property
     def error(self) -> float:
         """The larger of the two relative errors."""
-        return max(self.period, self.amplitude)
+        return float(np.maximum(self.period, self.amplitude))
 
 
 def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
@@ -117,6 +121,14 @@ def _evaluate(t: Transcription, w: Array, breaks: Array, times: Array) -> Array:
     return np.einsum("kj,kjn->kn", matrix, w[i]).reshape(*times.shape, t.n)
 
 
+def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, times: Array) -> Array:
+    """Scaled states (m, n) of a collocated phase at the fractions `times` (m,) of its duration."""
+    collocated = [k for k, count in enumerate(t.counts) if count]
+    breaks = phase_breaks(t, fractions)[collocated.index(phase)]
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[t.phase_intervals(phase)]
+    return _evaluate(t, w, breaks, times)
+
+
 def halved(breaks: list[Array]) -> list[Array]:
     """Boundaries with every interval cut in two."""
     return [np.sort(np.concatenate([b, (b[1:] + b[:-1]) / 2])) for b in breaks]
@@ -145,6 +157,8 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
     Parameters
     ----------
     border : border row under which the solution was computed; default lambda fixed.
+
+    Period and amplitude are those of the full cycle and max |x1|; relative errors do not care.
     """
     fine, u_fine, fractions = transfer(t, u, setting.fractions, halved(phase_breaks(t, setting.fractions)))
     lin = fine.linearise(u_fine, Setting(fractions, setting.p, setting.scale, setting.dp))
@@ -154,20 +168,22 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
     rhs = lin.rhs()
     E, n, P = fine.elements, fine.n, fine.phases
     amplitude, place = amplitude_row(fine, u_fine)
-    goals = np.zeros((2, system.size))
+    goals = np.zeros((2 if border is None else 3, system.size))
     goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(fine.durations_of(u_fine)))
     node = np.concatenate([[0], fine.phase_end])[place]
     goals[1, node * n] = 1 / amplitude
-    per_element = np.empty((2, E))
-    errors = np.empty(2)
-    for g in range(2):
+    if border is not None:
+        goals[2, -1] = 1.0
+    per_element = np.empty((len(goals), E))
+    errors = np.zeros(3)
+    for g in range(len(goals)):
         psi = system.solve_transposed(matrix, goals[g])
         terms = psi * rhs
         per_element[g] = terms[: E * n].reshape(E, n).sum(axis=1)
         floor = ROUNDING * float(np.linalg.norm(psi[: E * n]))
         errors[g] = abs(float(terms.sum())) + floor
     blame = np.max(np.abs(per_element), axis=0)[fine.interval_elements].reshape(-1, 2).sum(axis=1)
-    return Estimate(float(errors[0]), float(errors[1]), blame, shape(t, u))
+    return Estimate(float(errors[0]), float(errors[1]), float(errors[2]), blame, shape(t, u))
 
 
 def shape(t: Transcription, u: Array) -> Array:
@@ -182,7 +198,8 @@ def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float) -
     The blame of an interval behaves like h^(order + 1): its length is changed by the power that would
     bring it to its share of the tolerance, by at most 4 at a time when it shrinks and 10 when it grows.
     """
-    power = 1.0 / (t.scheme.order + 1)
+    smooth = np.array([t.cycle.phases[k].mode.smooth for k in t.phase_of[t.interval_elements]])
+    power = np.where(smooth, 1.0 / (t.scheme.order + 1), KINK_POWER)
     share = SAFETY * tol / t.intervals
     wanted = np.maximum(
         (e.indicators / share) ** power,

@@ -8,7 +8,7 @@ Symbols: n states, d stages, N intervals of an arc, m sample points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from .collocation import Kind, scheme
 from .cycle import Cycle
 from .errors import Status
 from .hunting import Model, Signature, hunting_cycle
-from .mesh import Estimate, amplitude_row, halved, phase_breaks, transfer
+from .mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
 from .servo import PARAMETERS, Servo
 from .solve import Solution, newton
 from .transcription import Setting, Transcription, transcribe
@@ -104,14 +104,8 @@ class Orbit:
 
     @cached_property
     def multipliers(self) -> floquet.Multipliers:
-        """Floquet multipliers, computed at the first reading on the mesh with every interval halved."""
-        t, u, setting = unknowns_of(self)
-        fine, u_fine, fractions = transfer(t, u, setting.fractions, halved(phase_breaks(t, setting.fractions)))
-        fine_setting = Setting(fractions, setting.p, setting.scale, setting.dp)
-        solution = newton(fine, u_fine, fine_setting, max_iterations=6)
-        if solution.status.ok:
-            return floquet.multipliers(fine, solution.u, fine_setting)
-        return floquet.multipliers(t, u, setting)
+        """Floquet multipliers, computed at the first reading on a mesh that is made for them."""
+        return refined_multipliers(*unknowns_of(self))
 
     @property
     def half_multiplier(self) -> float:
@@ -159,11 +153,43 @@ class Orbit:
         return t_half, x_half.T
 
 
-def setting_of(servo: Servo, gain: float, fractions: Array, scale: Array, vary: str = "gain") -> Setting:
-    """The numbers of a solve; lambda moves the parameter `vary`."""
+MULTIPLIER_TOLERANCE = 1e-9
+"""Error of the period on the mesh on which multipliers are computed."""
+HEALTHY = 1e-8
+"""Trivial multipliers nearer to 1 than this need no finer mesh."""
+MORE_HALVINGS = 2
+
+
+def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet.Multipliers:
+    """Multipliers on a mesh made for them: finer than the orbit's, until the trivial one is 1.
+
+    They depend on the whole linearised flow, which converges later than period and amplitude.
+    """
+    e = estimate(t, u, setting)
+    best: floquet.Multipliers | None = None
+    breaks = phase_breaks(t, setting.fractions)
+    if e.error > MULTIPLIER_TOLERANCE:
+        breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
+    for _ in range(1 + MORE_HALVINGS):
+        t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
+        setting = replace(setting, fractions=fractions)
+        solution = newton(t, u, setting, max_iterations=6)
+        if not solution.status.ok:
+            break
+        u, breaks = solution.u, phase_breaks(t, fractions)
+        found = floquet.multipliers(t, u, setting)
+        if best is None or found.trivial_error < best.trivial_error:
+            best = found
+        if best.trivial_error < HEALTHY:
+            break
+    return best or floquet.multipliers(t, u, setting)
+
+
+def direction_of(vary: str) -> Array:
+    """Direction dp in parameter space that moves the parameter `vary` (a name of servo.PARAMETERS)."""
     dp = np.zeros(len(PARAMETERS))
     dp[PARAMETERS.index(vary)] = 1.0
-    return Setting(fractions, servo.parameters(gain), scale, dp)
+    return dp
 
 
 def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
@@ -180,7 +206,7 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     durations = np.array([arc.duration for arc in orbit.arcs])
     u = t.pack((w / orbit.scale).reshape(t.intervals, -1), nodes / orbit.scale, durations)
     fractions = np.concatenate([np.diff(arc.breaks) for arc in collocated])
-    return t, u, setting_of(orbit.servo, orbit.gain, fractions, orbit.scale)
+    return t, u, Setting(fractions, orbit.servo.parameters(orbit.gain), orbit.scale, direction_of("gain"))
 
 
 def orbit_of(

@@ -1,0 +1,179 @@
+"""Solve, estimate the error, place the mesh anew, check the phases, until the tolerance holds.
+
+    solve -> judge ------------> estimate -> within tol and clear? -> done
+      ^        | not a motion       | no
+      |        v                    v
+      +-- next phase sequence   better mesh --> Newton --+
+      +--------------------------------------------------+
+
+The loop works at a fixed parameter, or with the parameter free under a border row (continuation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .admissibility import judge
+from .checks import require
+from .collocation import Kind
+from .errors import InputError, Status
+from .hunting import Model
+from .mesh import Estimate, better_breaks, estimate, halved_where, transfer
+from .resequence import Start, next_sequence
+from .solve import Solution, Solver, newton, solve
+from .transcription import Setting, Transcription
+
+Array = np.ndarray
+
+SCHEMES: dict[str, tuple[int, Kind]] = {"switch": (8, "gauss"), "lugre": (7, "radau")}
+"""Default collocation scheme of each model: Gauss for the smooth slip, Radau IIA for the stiff bristle."""
+TOLERANCE_RANGE = (1e-12, 1e-2)
+"""Reachable tolerances: rounding below, meaningless meshes above."""
+MAX_INTERVALS = 3000
+MAX_ROUNDS = 16
+MAX_SEQUENCES = 5
+
+
+@dataclass(frozen=True)
+class Options:
+    """How orbits are computed; holds no problem data.
+
+    Attributes
+    ----------
+    tol : relative tolerance of period and amplitude.
+    solver : "ipopt" or "newton" for first solves; Newton corrects after a change of mesh.
+    degree, kind : collocation scheme; None for the default of the model.
+    half : exploit the symmetry x(t + T/2) = -x(t).
+    """
+
+    tol: float = 1e-6
+    solver: Solver = "ipopt"
+    degree: int | None = None
+    kind: Kind | None = None
+    half: bool = True
+
+    def __post_init__(self) -> None:
+        low, high = TOLERANCE_RANGE
+        if not low <= require("tol", self.tol) <= high:
+            raise InputError(f"tol = {self.tol:g}: must lie between {low:g} and {high:g}")
+
+    def scheme_of(self, model: Model) -> tuple[int, Kind]:
+        """(degree, kind) for a model."""
+        degree, kind = SCHEMES[model]
+        return self.degree or degree, self.kind or kind
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """An orbit in the solver's terms.
+
+    Attributes
+    ----------
+    t, solution, setting, estimate : transcription, its solution, the numbers, the error.
+    status : verdict.
+    iterations : total over all meshes.
+    note : what is special about it, in words.
+    """
+
+    t: Transcription
+    solution: Solution
+    setting: Setting
+    estimate: Estimate | None
+    status: Status
+    iterations: int
+    note: str = ""
+
+    def complaint(self) -> str:
+        """The advice of the status with the note."""
+        return self.status.advice + (f" ({self.note})" if self.note else "")
+
+
+def solve_adaptively(
+    model: Model,
+    start: Start,
+    options: Options,
+    *,
+    solver: Solver,
+    border: Array | None = None,
+) -> Solved:
+    """Solve from `start` and adapt mesh and phase sequence until the tolerance holds.
+
+    Parameters
+    ----------
+    start : transcription, unknowns and setting.
+    solver : for the first solve; Newton after that, IPOPT where Newton fails at a fixed parameter.
+    border : weights (n + 1,) of the first node and of lambda; the correction is orthogonal to them and
+        lambda is free.  None holds lambda at zero.
+    """
+    t, u, setting = start
+    iterations, sequences = 0, 0
+    accepted: Solved | None = None
+    solution = _correct(t, u, setting, border, solver, 0.0)
+    for _ in range(MAX_ROUNDS):
+        iterations += solution.iterations
+        if not solution.status.ok:
+            return accepted or Solved(t, solution, setting, None, solution.status, iterations)
+        verdict = judge(t, solution.u, setting.moved(solution.parameter))
+        if verdict.violated:
+            sequences += 1
+            found = None
+            if sequences <= MAX_SEQUENCES:
+                starts = next_sequence(model, t, solution.u, setting.moved(solution.parameter), verdict.phase)
+                found = _first_converging(starts, setting, border, solution.parameter)
+            if found is None:
+                return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
+            t, setting, solution = found
+            accepted = None
+            continue
+        e = estimate(t, solution.u, setting.moved(solution.parameter), border=_row(t, border))
+        if not np.isfinite(e.error):
+            return Solved(t, solution, setting, None, Status.NOT_FINITE, iterations)
+        if e.error <= options.tol and verdict.admissible:
+            return Solved(t, solution, setting, e, Status.CONVERGED, iterations)
+        accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations)
+        if e.error <= options.tol:
+            breaks = halved_where(t, setting.fractions, verdict.unclear)
+        else:
+            breaks = better_breaks(t, setting.fractions, e, options.tol)
+        if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
+            return accepted
+        t, u, fractions = transfer(t, solution.u, setting.fractions, breaks)
+        setting = replace(setting, fractions=fractions)
+        solution = _correct(t, u, setting, border, "newton", solution.parameter)
+    return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
+
+
+def _row(t: Transcription, border: Array | None) -> Array | None:
+    """The border row of the node system with weights on the first node and on lambda alone."""
+    if border is None:
+        return None
+    nodes = np.zeros((t.phases + 1, t.n))
+    nodes[0] = border[:-1]
+    return t.system.border(nodes=nodes, parameter=float(border[-1]))
+
+
+def _correct(
+    t: Transcription, u: Array, setting: Setting, border: Array | None, solver: Solver, parameter: float
+) -> Solution:
+    if border is not None:
+        return newton(t, u, setting, border=_row(t, border), parameter=parameter)
+    solution = solve(t, u, setting, solver=solver)
+    if not solution.status.ok:
+        again = solve(t, u, setting, solver="ipopt" if solver == "newton" else "newton")
+        if again.status.ok:
+            return again
+    return solution
+
+
+def _first_converging(
+    starts: list[Start], setting: Setting, border: Array | None, parameter: float
+) -> tuple[Transcription, Setting, Solution] | None:
+    """The first of several starting points from which Newton converges."""
+    for t, u, moved in starts:
+        fresh = replace(moved, p=setting.p)
+        solution = newton(t, u, fresh, border=_row(t, border), parameter=parameter)
+        if solution.status.ok:
+            return t, fresh, solution
+    return None

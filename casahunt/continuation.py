@@ -1,0 +1,363 @@
+"""Following a branch of hunting cycles in one servo parameter, the gain first.
+
+The curve is {(x_0, lambda)}: the whole orbit is a function of its first node x_0, and the parameter is
+p = p_here (1 + lambda), moved relative to where it stands.  A step of length ds:
+
+    tangent     J (du, dlambda) = 0 with |dx_0|^2 + dlambda^2 = 1, oriented forwards
+    predictor   u + ds du + ds^2 curvature, durations multiplied rather than added, lambda + ds dlambda
+    corrector   Newton on the equations under  tangent . (x_0 - predicted, lambda - predicted) = 0
+    adaptation  mesh, phase sequence and error estimate (adapt.py), under the same row
+
+x_0 is measured in units of the state scale, which follows the orbit.  The durations, which run from
+milliseconds to half an hour, take no part in the length: they would decide every step and say nothing.
+The step grows and shrinks with the Newton iterations and with the angle between successive tangents.
+
+`walk` rounds folds.  `walk_naturally` holds the parameter fixed in the corrector; it ends at a fold.
+Both are generators of orbits: stop one when you like, go on later from the last two orbits.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .adapt import Options, Solved, solve_adaptively
+from .checks import known
+from .errors import NoOrbit
+from .mesh import phase_breaks, transfer
+from .orbit import Orbit, direction_of, orbit_of, unknowns_of
+from .resequence import merge_vanishing
+from .servo import PARAMETERS, Servo
+from .transcription import Setting, Transcription
+
+Array = np.ndarray
+
+FIRST_STEP = 0.05
+LARGEST_STEP = 0.5
+SMALLEST_STEP = 1e-6
+EASY_ITERATIONS = 5  # Newton iterations at which the step is left as it is
+LARGEST_ANGLE = 0.35  # rad, between successive tangents
+NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point of the curve in the solver's terms.
+
+    Attributes
+    ----------
+    t, u, setting : transcription, unknowns and numbers, with p at this point and dp = p e.
+    row : (n + 1,) unit tangent in (x_0, lambda).
+    du : (size,) derivative of u by arclength.
+    curvature : (size,) second derivative, from the tangent of the point before; None at the first point
+        and after a change of the phase sequence.
+    """
+
+    t: Transcription
+    u: Array
+    setting: Setting
+    row: Array
+    du: Array
+    curvature: Array | None = None
+
+
+def value_of(servo: Servo, gain: float, vary: str) -> float:
+    """Value of the parameter `vary`, a name of servo.PARAMETERS."""
+    return float(servo.parameters(gain)[PARAMETERS.index(vary)])
+
+
+def with_value(servo: Servo, gain: float, vary: str, value: float) -> tuple[Servo, float]:
+    """(servo, gain) with the parameter `vary` set."""
+    return (servo, value) if vary == "gain" else (servo.replace(**{vary: value}), gain)
+
+
+def parameter_value(orbit: Orbit, vary: str) -> float:
+    """Value of the parameter `vary` at an orbit."""
+    return value_of(orbit.servo, orbit.gain, vary)
+
+
+def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:
+    """The curve at an orbit, with its tangent.
+
+    Parameters
+    ----------
+    like : (n + 1,) direction to go on in; the tangent makes an acute angle with it.
+    sense : where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
+    """
+    t, u, setting = unknowns_of(orbit)
+    return _point(t, u, setting, vary, like=like, sense=sense)
+
+
+def _point(
+    t: Transcription, u: Array, setting: Setting, vary: str, *, like: Array | None, sense: float = 1.0
+) -> Point:
+    t, u, setting = _rescaled(t, u, setting)
+    index = PARAMETERS.index(vary)
+    setting = replace(setting, dp=direction_of(vary) * setting.p[index])
+    lin = t.linearise(u, setting)
+    trial = np.append(np.zeros(t.n), 1.0) if like is None else like
+    du, y = lin.tangent(_border(t, trial))
+    if not np.isfinite(y).all():  # exactly at a fold the trial row lambda = 1 is singular
+        trial = np.append(np.ones(t.n), 0.0)
+        du, y = lin.tangent(_border(t, trial))
+    row = np.append(y[: t.n], y[-1])
+    length = float(np.linalg.norm(row))
+    row, du = row / length, du / length
+    turn = float(row @ like) if like is not None else row[-1] * sense
+    return Point(t, u, setting, row if turn >= 0 else -row, du if turn >= 0 else -du)
+
+
+def _border(t: Transcription, weights: Array) -> Array:
+    nodes = np.zeros((t.phases + 1, t.n))
+    nodes[0] = weights[:-1]
+    return t.system.border(nodes=nodes, parameter=float(weights[-1]))
+
+
+def _rescaled(t: Transcription, u: Array, setting: Setting) -> tuple[Transcription, Array, Setting]:
+    """The same point with the state scale taken from it."""
+    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0)
+    factor = np.maximum(np.maximum(w, np.abs(t.nodes_of(u)).max(axis=0)), 1e-12)
+    fresh = u.copy()
+    t.intervals_of(fresh)[:] /= np.tile(factor, t.degree + 1)
+    fresh[t.node_index] = u[t.node_index] / factor
+    return t, fresh, replace(setting, scale=setting.scale * factor)
+
+
+def predict(point: Point, ds: float) -> tuple[Array, float]:
+    """(u, lambda) a length ds further on; durations are multiplied, so that they stay positive."""
+    t = point.t
+    rate = point.du + (0.5 * ds * point.curvature if point.curvature is not None else 0.0)
+    u = point.u + ds * rate
+    T, dT = t.durations_of(point.u), t.durations_of(rate)
+    t.durations_of(u)[:] = T * np.exp(np.clip(ds * dT / T, -1.0, 1.0))
+    return u, float(ds * point.row[-1])
+
+
+def walk(
+    start: Orbit,
+    *,
+    vary: str = "gain",
+    low: float,
+    high: float,
+    sense: float = 1.0,
+    previous: Orbit | None = None,
+    options: Options | None = None,
+    first_step: float = FIRST_STEP,
+    largest_step: float = LARGEST_STEP,
+    max_points: int = 2000,
+) -> Iterator[Orbit]:
+    """Orbits along the branch through `start`, by pseudo-arclength, until the parameter leaves [low, high].
+
+    Parameters
+    ----------
+    start : a converged orbit; it is not yielded again.
+    vary : name of the parameter (servo.PARAMETERS).
+    low, high : range of the parameter; the last orbit lies on the bound.
+    sense : +1 to start towards larger, -1 towards smaller values.
+    previous : the orbit before `start` on the branch, to go on in its direction; overrides `sense`.
+    first_step, largest_step : arclength.
+
+    Returns
+    -------
+    Iterator of converged orbits.  The generator's return value is the sentence that says why it ended.
+
+    Raises
+    ------
+    InputError : unknown parameter name.
+    """
+    known("parameter", vary, PARAMETERS)
+    options = options or Options(tol=max(start.error_estimate, 1e-6))
+    like = None if previous is None else _secant(previous, start, vary)
+    point = curve_point(start, vary, like=like, sense=sense)
+    ds, last = first_step, start
+    for _ in range(max_points):
+        outcome = _step(point, last, vary, ds, low, high, options)
+        while isinstance(outcome, str):
+            ds *= 0.4
+            if ds < SMALLEST_STEP:
+                return f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
+            outcome = _step(point, last, vary, ds, low, high, options)
+        orbit, solved, reached = outcome
+        yield orbit
+        if reached:
+            return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
+        following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=_carry(point, solved))
+        following = replace(following, curvature=_curvature(point, following, _distance(point, solved)))
+        angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
+        effort = EASY_ITERATIONS / max(solved.solution.iterations, 1)
+        ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), largest_step)
+        point, last = following, orbit
+    return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+
+
+def _setting_at(solved: Solved) -> Setting:
+    return solved.setting.moved(solved.solution.parameter)
+
+
+def _secant(before: Orbit, after: Orbit, vary: str) -> Array:
+    """Direction from one orbit to the next in (x_0, lambda), in the scale of the second."""
+    x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / after.scale
+    here, there = parameter_value(after, vary), parameter_value(before, vary)
+    return np.append(x, (here - there) / here)
+
+
+def _carry(point: Point, solved: Solved) -> Array:
+    """The old tangent in the units of the new point."""
+    factor = point.setting.scale / solved.setting.scale
+    return np.append(point.row[:-1] * factor, point.row[-1])
+
+
+def _cosine(before: Point, after: Point) -> float:
+    factor = before.setting.scale / after.setting.scale
+    carried = np.append(before.row[:-1] * factor, before.row[-1])
+    return float(carried @ after.row / np.linalg.norm(carried))
+
+
+def _distance(point: Point, solved: Solved) -> float:
+    """Arclength between two points, along the tangent of the first."""
+    x = solved.t.nodes_of(solved.solution.u)[0] * solved.setting.scale / point.setting.scale
+    p, here = _setting_at(solved).p, point.setting.p
+    i = int(np.argmax(np.abs(point.setting.dp)))
+    return float(np.linalg.norm(np.append(x - point.t.nodes_of(point.u)[0], p[i] / here[i] - 1)))
+
+
+def _curvature(before: Point, after: Point, distance: float) -> Array | None:
+    """Change of du per arclength, on the mesh of `after`; None where the phases are not the same."""
+    if before.t.cycle is not after.t.cycle or distance == 0:
+        return None
+    du = before.du
+    same = before.t is after.t and np.array_equal(before.setting.fractions, after.setting.fractions)
+    if not same:
+        breaks = phase_breaks(after.t, after.setting.fractions)
+        _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=after.t)
+    factor = before.setting.scale / after.setting.scale
+    du = du.copy()
+    w, nodes = after.t.intervals_of(du), after.t.nodes_of(du)
+    w *= np.tile(factor, after.t.degree + 1)
+    du[after.t.node_index] = nodes * factor
+    return (after.du - du) / distance
+
+
+def _step(
+    point: Point, last: Orbit, vary: str, ds: float, low: float, high: float, options: Options
+) -> tuple[Orbit, Solved, bool] | str:
+    """One step of length ds: (orbit, solved, whether a bound is reached), or what went wrong."""
+    began = time.perf_counter()
+    here = parameter_value(last, vary)
+    u, lam = predict(point, ds)
+    reached = not low <= here * (1 + lam) <= high
+    if reached:  # land on the bound: shorten the step and hold the parameter there
+        bound = high if here * (1 + lam) > high else low
+        target = bound / here - 1
+        ds *= target / lam
+        u, lam = predict(point, ds)
+        setting = point.setting.moved(target)
+        solved = solve_adaptively(last.model, (point.t, u, setting), options, solver="newton")
+        value = bound
+    else:
+        setting = point.setting.moved(lam)
+        solved = solve_adaptively(last.model, (point.t, u, setting), options, solver="newton", border=point.row)
+        if not solved.status.ok:
+            # A pair of reversals may be about to vanish, where these equations fold over: step across.
+            merged = merge_vanishing(last.model, point.t, u, setting)
+            if merged is not None:
+                solved = solve_adaptively(last.model, merged, options, solver="newton", border=point.row)
+        value = here * (1 + lam + solved.solution.parameter)
+    if not solved.status.ok or solved.estimate is None:
+        return solved.complaint()
+    if not low * (1 - 1e-12) <= value <= high * (1 + 1e-12):
+        return "the corrector left the range"
+    jump = solved.t.nodes_of(solved.solution.u)[0] * solved.setting.scale / point.setting.scale - (
+        point.t.nodes_of(point.u)[0]
+    )
+    moved = np.append(jump, value / here - 1)
+    if not 0.3 * ds < float(moved @ point.row) or np.linalg.norm(moved) > 3 * ds:
+        return "the corrector went to another part of the curve"
+    servo, gain = with_value(last.servo, last.gain, vary, value)
+    orbit = orbit_of(
+        solved.t, solved.solution, solved.setting, solved.estimate,
+        model=last.model, servo=servo, gain=gain, status=solved.status, solver="newton",
+        iterations=solved.iterations, wall_s=time.perf_counter() - began,
+    )  # fmt: skip
+    return orbit, solved, reached
+
+
+def walk_naturally(
+    start: Orbit,
+    *,
+    vary: str = "gain",
+    low: float,
+    high: float,
+    sense: float = 1.0,
+    options: Options | None = None,
+    first_step: float = FIRST_STEP,
+    largest_step: float = LARGEST_STEP,
+    max_points: int = 2000,
+) -> Iterator[Orbit]:
+    """Orbits at prescribed parameter values, warm-started, until the range or the branch ends.
+
+    The arguments are those of `walk`; steps are relative changes of the parameter.  At a fold no smaller
+    step helps and the generator returns the sentence that says so.
+    """
+    known("parameter", vary, PARAMETERS)
+    options = options or Options(tol=max(start.error_estimate, 1e-6))
+    last, step = start, first_step
+    for _ in range(max_points):
+        here = parameter_value(last, vary)
+        point = curve_point(last, vary, sense=sense)
+        if abs(point.row[-1]) < 1e-4:
+            return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
+        while True:
+            value = min(max(here * (1 + sense * step), low), high)
+            orbit = _natural_step(point, last, vary, value, options)
+            if not isinstance(orbit, str):
+                break
+            step *= 0.4
+            if step < NATURAL_SMALLEST_STEP:
+                return (
+                    f"the branch ends at {vary} = {here:.8g}: no cycle follows within a relative step of {step:.1g} "
+                    f"(half multiplier {last.half_multiplier:.3g}; +1 is a fold): {orbit}"
+                )
+        yield orbit
+        last = orbit
+        if value in (low, high):
+            return f"{vary} reached {value:.6g}, the end of the range"
+        step = min(step * float(np.clip(EASY_ITERATIONS / max(orbit.iterations, 1), 0.5, 2.0)), largest_step)
+    return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+
+
+def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: Options) -> Orbit | str:
+    began = time.perf_counter()
+    here = parameter_value(last, vary)
+    target = value / here - 1
+    u, _ = predict(point, target / point.row[-1])
+    solved = solve_adaptively(
+        last.model, (point.t, u, point.setting.moved(target)), options, solver=options.solver
+    )
+    if not solved.status.ok or solved.estimate is None:
+        return solved.complaint()
+    servo, gain = with_value(last.servo, last.gain, vary, value)
+    orbit = orbit_of(
+        solved.t, solved.solution, solved.setting, solved.estimate,
+        model=last.model, servo=servo, gain=gain, status=solved.status, solver=options.solver,
+        iterations=solved.iterations, wall_s=time.perf_counter() - began,
+    )  # fmt: skip
+    after = curve_point(orbit, vary, like=_secant(last, orbit, vary))
+    if after.row[-1] * (value - here) <= 0:
+        return "the solver converged to the other side of the fold"
+    return orbit
+
+
+def run(generator: Iterator[Orbit]) -> tuple[list[Orbit], str]:
+    """All orbits of a walk and the sentence with which it ended."""
+    orbits: list[Orbit] = []
+    while True:
+        try:
+            orbits.append(next(generator))
+        except StopIteration as end:
+            return orbits, str(end.value or "")
+        except NoOrbit as error:
+            return orbits, str(error)

@@ -1,0 +1,239 @@
+"""The next admissible phase sequence, where the one at hand has stopped being a motion.
+
+Along a branch phases are born and die: a Switch slip ends with more torque than friction holds and slips
+back without sticking; a LuGre ring-down gains or loses a pair of reversals.  Given a root of the
+equations of the wrong sequence, or the moment where a phase has shrunk to nothing, these functions build
+a starting point for the right one.  All return None where they have nothing to offer.
+
+    remarch           follow the real motion for half a cycle and take the phases that it has (Switch)
+    split_reversals   put phase boundaries where x2 changes sign inside a LuGre phase
+    merge_vanishing   take out a LuGre phase that has shrunk to nothing, with its pair of reversals
+    soften            leave the kink |x2| unsplit in one LuGre phase, for reversals that graze zero
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .collocation import Kind
+from .hunting import SYSTEMS, Model, Signature, hunting_cycle, mirrored, softened
+from .march import MarchFailure, Segment, march
+from .mesh import evaluate_phase, phase_breaks
+from .transcription import Setting, Transcription, transcribe
+
+Array = np.ndarray
+Start = tuple[Transcription, Array, Setting]
+
+FINE = 65  # points per interval at which x2 is searched for changes of sign
+
+
+def half_signature(t: Transcription) -> Signature:
+    """Phase sequence of the half cycle that the cycle of `t` is made of."""
+    signature = t.cycle.signature
+    return signature if t.cycle.repeats == 2 else signature[: len(signature) // 2]
+
+
+def next_sequence(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> list[Start]:
+    """Starting points for other phase sequences, most promising first; `phase` is where this one fails."""
+    if model == "switch":
+        found = [remarch(model, t, u, setting)]
+    else:
+        found = [
+            split_reversals(model, t, u, setting, phase),
+            merge_vanishing(model, t, u, setting),
+            soften(model, t, u, setting, phase),
+        ]
+    return [start for start in found if start is not None]
+
+
+def from_segments(
+    model: Model, segments: list[Segment], p: Array, dp: Array, *, degree: int, kind: Kind, half: bool
+) -> Start:
+    """Transcription, unknowns and setting of a marched half cycle (with its mirror image for a full one).
+
+    A march that starts with negative velocity is mirrored first, so that every cycle starts its phase
+    sequence with the positive slip.
+    """
+    n = segments[0].end.size
+    signature = tuple((s.mode, s.event) for s in segments)
+    sign = 1.0
+    if signature[0][0].endswith("-"):
+        signature, sign = mirrored(signature), -1.0
+    cycle = hunting_cycle(model, signature, half=half)
+    passes = (sign,) if half else (sign, -sign)
+    counts, w, nodes, fractions, durations = [], [], [], [], []
+    for factor in passes:
+        for segment in segments:
+            collocated = SYSTEMS[model].modes[segment.mode].flow is None
+            counts.append(len(segment.w) if collocated else 0)
+            durations.append(segment.duration)
+            nodes.append(factor * segment.w[:, :n])
+            if collocated:
+                w.append(factor * segment.w)
+                fractions.append(np.diff(segment.breaks))
+    nodes.append(passes[-1] * segments[-1].end[None])
+    t = transcribe(cycle, tuple(counts), degree, kind)
+    all_w, all_nodes = np.vstack(w), np.vstack(nodes)
+    scale = np.max(np.abs(np.vstack([all_nodes, all_w.reshape(-1, n)])), axis=0)
+    u = t.pack(all_w / np.tile(scale, degree + 1), all_nodes / scale, np.array(durations))
+    return t, u, Setting(np.concatenate(fractions), p, scale, dp)
+
+
+def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
+    """The phases that the motion from the start of u really has in half a cycle."""
+    x = t.nodes_of(u)[0] * setting.scale
+    try:
+        segments = march(
+            SYSTEMS[model], t.cycle.phases[0].mode.name, x, setting.p, scale=setting.scale,
+            until=lambda s: s.mode == "stick" if model == "switch" else s.event == "centre",
+            tol=1e-5, degree=t.degree, kind=t.kind,
+        )  # fmt: skip
+    except MarchFailure:
+        return None
+    if segments[-1].event == "" or tuple((s.mode, s.event) for s in segments) == half_signature(t):
+        return None
+    half = t.cycle.repeats == 2
+    return from_segments(model, segments, setting.p, setting.dp, degree=t.degree, kind=t.kind, half=half)
+
+
+def split_reversals(
+    model: Model, t: Transcription, u: Array, setting: Setting, phase: int
+) -> Start | None:
+    """Phase boundaries where x2 changes sign inside a slide; the polynomials stay what they are."""
+    half = half_signature(t)
+    length = len(half)
+    mode, event = half[phase % length]
+    if mode not in ("slide+", "slide-"):
+        return None
+    cuts = _sign_changes(t, u, setting, phase)
+    if cuts.size == 0 or cuts.size % 2:
+        return None
+    other = "slide-" if mode == "slide+" else "slide+"
+    modes = [mode if i % 2 == 0 else other for i in range(cuts.size + 1)]
+    pieces = tuple((m, "reversal") for m in modes[:-1]) + ((modes[-1], event),)
+    k = phase % length
+    signature = half[:k] + pieces + half[k + 1 :]
+    where = [k] if t.cycle.repeats == 2 else [k, k + length]
+    return _rebuild(model, t, u, setting, signature, {j: cuts for j in where})
+
+
+def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> Array:
+    """Fractions of the phase at which x2 changes sign strictly inside it."""
+    breaks = _breaks_of(t, setting, phase)
+    times = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, FINE)).ravel()
+    x2 = evaluate_phase(t, u, setting.fractions, phase, times)[:, 1]
+    sign = -1.0 if t.cycle.phases[phase].mode.name == "slide-" else 1.0
+    backwards = sign * x2 < 0
+    # The ends of the phase are zeros of x2 themselves, up to rounding.
+    top = float(np.max(np.abs(x2)))
+    backwards &= np.abs(x2) > 1e-14 * top
+    edges = np.flatnonzero(np.diff(backwards.astype(int)))
+    cuts = []
+    for i in edges:
+        a, b = times[i], times[i + 1]
+        fa, fb = x2[i], x2[i + 1]
+        cuts.append(a - fa * (b - a) / (fb - fa) if fb != fa else (a + b) / 2)
+    return np.array([c for c in cuts if 0 < c < 1])
+
+
+def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
+    """Take out the shortest inner slide with its two reversals: three phases become one."""
+    if model == "switch":
+        return None
+    half = half_signature(t)
+    length = len(half)
+    durations = t.durations_of(u)
+    candidates = [
+        k for k in range(1, length - 1)
+        if half[k][0] in ("slide+", "slide-") and half[k - 1][0] == half[k + 1][0]
+        and half[k - 1][1] == half[k][1] == "reversal"
+    ]  # fmt: skip
+    if not candidates:
+        return None
+    k = min(candidates, key=lambda j: durations[j])
+    if durations[k] > 0.5 * float(np.median(durations[:length])):
+        return None
+    signature = half[: k - 1] + (half[k + 1],) + half[k + 2 :]
+    return _rebuild_merged(model, t, u, setting, signature, k, length)
+
+
+def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
+    """The same unknowns for the sequence with the kink left unsplit in `phase` (hunting.softened)."""
+    half = half_signature(t)
+    softer = softened(half, phase % len(half))
+    if softer is None:
+        return None
+    cycle = hunting_cycle(model, softer, half=t.cycle.repeats == 2)
+    return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
+
+
+# Rebuilding the unknowns for another sequence: every phase as (start, stages) of its intervals -----------
+
+
+def _breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
+    collocated = [k for k, count in enumerate(t.counts) if count]
+    return phase_breaks(t, setting.fractions)[collocated.index(phase)]
+
+
+def _phase_data(t: Transcription, u: Array, setting: Setting, phase: int, a: float, b: float) -> tuple[Array, Array]:
+    """(breaks in 0..1, w (N, R)) of the part a..b (fractions) of a phase, from its own polynomials."""
+    breaks = _breaks_of(t, setting, phase)
+    inner = breaks[(breaks > a + 1e-3 * (b - a)) & (breaks < b - 1e-3 * (b - a))]
+    part = np.concatenate([[a], inner, [b]])
+    times = part[:-1, None] + np.diff(part)[:, None] * t.scheme.points
+    w = evaluate_phase(t, u, setting.fractions, phase, times.ravel())
+    return (part - a) / (b - a), w.reshape(part.size - 1, -1)
+
+
+def _assemble(
+    model: Model,
+    t: Transcription,
+    setting: Setting,
+    signature: Signature,
+    parts: list[tuple[Array, Array, float]],
+    end: Array,
+) -> Start:
+    """Unknowns from (breaks, w, duration) of every phase, all scaled."""
+    cycle = hunting_cycle(model, signature, half=t.cycle.repeats == 2)
+    new = transcribe(cycle, tuple(len(w) for _, w, _ in parts), t.degree, t.kind)
+    w = np.vstack([w for _, w, _ in parts])
+    nodes = np.vstack([w[:, : t.n], end[None]])
+    u = new.pack(w, nodes, np.array([duration for _, _, duration in parts]))
+    fractions = np.concatenate([np.diff(breaks) for breaks, _, _ in parts])
+    return new, u, replace(setting, fractions=fractions)
+
+
+def _rebuild(
+    model: Model, t: Transcription, u: Array, setting: Setting, signature: Signature, cuts: dict[int, Array]
+) -> Start:
+    durations = t.durations_of(u)
+    parts = []
+    for k in range(t.phases):
+        edges = np.concatenate([[0.0], cuts.get(k, np.zeros(0)), [1.0]])
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            parts.append((*_phase_data(t, u, setting, k, a, b), float((b - a) * durations[k])))
+    return _assemble(model, t, setting, signature, parts, t.nodes_of(u)[-1])
+
+
+def _rebuild_merged(
+    model: Model, t: Transcription, u: Array, setting: Setting, signature: Signature, k: int, length: int
+) -> Start:
+    durations = t.durations_of(u)
+    parts = []
+    j = 0
+    while j < t.phases:
+        if j % length == k - 1:
+            spans = [max(float(durations[i]), 0.0) for i in (j, j + 1, j + 2)]
+            total = sum(spans)
+            pieces = [_phase_data(t, u, setting, i, 0.0, 1.0) for i in (j, j + 1, j + 2)]
+            # The middle piece may have a negative duration: its states are dropped, its time is nothing.
+            kept = [(p, s, o) for p, s, o in zip(pieces, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if s > 0]
+            breaks = np.concatenate([[0.0], *[(o + s * p[0][1:]) / total for p, s, o in kept]])
+            parts.append((breaks, np.vstack([p[1] for p, _, _ in kept]), total))
+            j += 3
+        else:
+            parts.append((*_phase_data(t, u, setting, j, 0.0, 1.0), float(durations[j])))
+            j += 1
+    return _assemble(model, t, setting, signature, parts, t.nodes_of(u)[-1])
