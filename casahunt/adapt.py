@@ -20,7 +20,7 @@ from .checks import require
 from .collocation import Kind
 from .errors import InputError, Status
 from .hunting import Model
-from .mesh import Estimate, better_breaks, estimate, halved_where, transfer
+from .mesh import Estimate, better_breaks, estimate, quartered_where, transfer
 from .resequence import Start, next_sequence
 from .solve import Solution, Solver, newton, solve
 from .transcription import Setting, Transcription
@@ -97,6 +97,7 @@ def solve_adaptively(
     *,
     solver: Solver,
     border: Array | None = None,
+    soft: bool = True,
 ) -> Solved:
     """Solve from `start` and adapt mesh and phase sequence until the tolerance holds.
 
@@ -106,6 +107,7 @@ def solve_adaptively(
     solver : for the first solve; Newton after that, IPOPT where Newton fails at a fixed parameter.
     border : weights (n + 1,) of the first node and of lambda; the correction is orthogonal to them and
         lambda is free.  None holds lambda at zero.
+    soft : allow unsplit kinks as the last resort (resequence.soften).
     """
     t, u, setting = start
     iterations, sequences = 0, 0
@@ -120,7 +122,8 @@ def solve_adaptively(
             sequences += 1
             found = None
             if sequences <= MAX_SEQUENCES:
-                starts = next_sequence(model, t, solution.u, setting.moved(solution.parameter), verdict.phase)
+                moved = setting.moved(solution.parameter)
+                starts = next_sequence(model, t, solution.u, moved, verdict.phase, soft=soft)
                 found = _first_converging(starts, setting, border, solution.parameter)
             if found is None:
                 return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
@@ -134,7 +137,7 @@ def solve_adaptively(
             return Solved(t, solution, setting, e, Status.CONVERGED, iterations)
         accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations)
         if e.error <= options.tol:
-            breaks = halved_where(t, setting.fractions, verdict.unclear)
+            breaks = quartered_where(t, setting.fractions, verdict.unclear)
         else:
             breaks = better_breaks(t, setting.fractions, e, options.tol)
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:

@@ -5,7 +5,11 @@ torque than friction can, a phase of negative duration.  Every mode states a con
 below minus its slack all along its phase; it is evaluated at the nodes and stages of every interval and
 interpolated densely between them.
 Inside an interval the polynomial is known to a few times the last Legendre coefficient of the condition:
-a violation beyond that is a wrong root, one within it is unclear and asks for a shorter interval.
+a violation beyond that is a wrong root; a value that is not clear of zero by as much asks for a shorter
+interval.  Without that an interval can step over a whole ring-down and see nothing of it.
+
+A phase begins and ends where its condition vanishes by definition.  There the condition is divided by the
+distance from that end, so that what must be clear of zero is its slope.
 """
 
 from __future__ import annotations
@@ -15,7 +19,9 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import legendre
 
+from .collocation import Scheme
 from .cycle import Admissible
 from .transcription import Setting, Transcription
 
@@ -24,6 +30,7 @@ Array = np.ndarray
 RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
 NOISE = 1e-10
+AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 _BETWEEN = np.linspace(0, 1, 33)
 
 
@@ -71,6 +78,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             inside = w[t.phase_intervals(k)]
             values = np.array(f(inside.reshape(-1, t.n).T, setting.p, mode.sign)).reshape(inside.shape[:2])
             resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
+            unclear[t.phase_intervals(k)] = _not_clear(t.scheme, values, mode.slack)
             values = values @ t.scheme.interpolation(_BETWEEN).T
         else:
             start = t.phase_end[k] - 1
@@ -82,5 +90,28 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
                 f"phase {k + 1} is no {mode.name}: its condition falls to {values.min():.3g}", k, unclear
             )
         if t.counts[k]:
-            unclear[t.phase_intervals(k)] = lowest < 0
+            unclear[t.phase_intervals(k)] |= lowest < 0
     return Verdict("", -1, unclear)
+
+
+def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
+    """(N,) True where the condition (N, d + 1) at start and stages is not clear of zero by its resolution."""
+    size = float(np.max(np.abs(values)))
+    out = np.zeros(len(values), dtype=bool)
+    ends = values @ s.interpolation(np.array([1.0]))[0]
+    zero_start = np.abs(values[:, 0]) <= AT_ZERO * size
+    zero_end = np.abs(ends) <= AT_ZERO * size
+    zero_start[1:], zero_end[:-1] = False, False
+    for starts in (False, True):
+        for stops in (False, True):
+            chosen = (zero_start == starts) & (zero_end == stops)
+            if not chosen.any():
+                continue
+            keep = np.ones(s.points.size, dtype=bool)
+            keep[0] = not starts
+            keep &= ~((s.points == 1.0) & stops)
+            tau = s.points[keep]
+            slope = values[chosen][:, keep] / (tau if starts else 1.0) / (1 - tau if stops else 1.0)
+            top = np.linalg.inv(legendre.legvander(2 * tau - 1, tau.size - 1))[-1]
+            out[chosen] = slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
+    return out

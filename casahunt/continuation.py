@@ -27,9 +27,10 @@ import numpy as np
 from .adapt import Options, Solved, solve_adaptively
 from .checks import known
 from .errors import NoOrbit
+from .hunting import Model
 from .mesh import phase_breaks, transfer
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
-from .resequence import merge_vanishing
+from .resequence import harden, merge_vanishing
 from .servo import PARAMETERS, Servo
 from .transcription import Setting, Transcription
 
@@ -38,6 +39,7 @@ Array = np.ndarray
 FIRST_STEP = 0.05
 LARGEST_STEP = 0.5
 SMALLEST_STEP = 1e-6
+SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
 EASY_ITERATIONS = 5  # Newton iterations at which the step is left as it is
 LARGEST_ANGLE = 0.35  # rad, between successive tangents
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
@@ -174,12 +176,12 @@ def walk(
     point = curve_point(start, vary, like=like, sense=sense)
     ds, last = first_step, start
     for _ in range(max_points):
-        outcome = _step(point, last, vary, ds, low, high, options)
+        outcome = step_along(point, last, vary, ds, low, high, options)
         while isinstance(outcome, str):
             ds *= 0.4
             if ds < SMALLEST_STEP:
                 return f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
-            outcome = _step(point, last, vary, ds, low, high, options)
+            outcome = step_along(point, last, vary, ds, low, high, options)
         orbit, solved, reached = outcome
         yield orbit
         if reached:
@@ -241,31 +243,26 @@ def _curvature(before: Point, after: Point, distance: float) -> Array | None:
     return (after.du - du) / distance
 
 
-def _step(
+def step_along(
     point: Point, last: Orbit, vary: str, ds: float, low: float, high: float, options: Options
 ) -> tuple[Orbit, Solved, bool] | str:
-    """One step of length ds: (orbit, solved, whether a bound is reached), or what went wrong."""
+    """One corrected step of length ds from `point`, the curve at the orbit `last`.
+
+    Returns
+    -------
+    (orbit, solved, whether a bound of [low, high] is reached), or a sentence about what went wrong.
+    """
     began = time.perf_counter()
     here = parameter_value(last, vary)
     u, lam = predict(point, ds)
     reached = not low <= here * (1 + lam) <= high
+    bound = high if here * (1 + lam) > high else low
     if reached:  # land on the bound: shorten the step and hold the parameter there
-        bound = high if here * (1 + lam) > high else low
-        target = bound / here - 1
-        ds *= target / lam
+        ds *= (bound / here - 1) / lam
         u, lam = predict(point, ds)
-        setting = point.setting.moved(target)
-        solved = solve_adaptively(last.model, (point.t, u, setting), options, solver="newton")
-        value = bound
-    else:
-        setting = point.setting.moved(lam)
-        solved = solve_adaptively(last.model, (point.t, u, setting), options, solver="newton", border=point.row)
-        if not solved.status.ok:
-            # A pair of reversals may be about to vanish, where these equations fold over: step across.
-            merged = merge_vanishing(last.model, point.t, u, setting)
-            if merged is not None:
-                solved = solve_adaptively(last.model, merged, options, solver="newton", border=point.row)
-        value = here * (1 + lam + solved.solution.parameter)
+        lam = bound / here - 1
+    solved = _corrected(point, u, lam, last.model, None if reached else point.row, ds, options)
+    value = bound if reached else here * (1 + lam + solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     if not low * (1 - 1e-12) <= value <= high * (1 + 1e-12):
@@ -312,7 +309,7 @@ def walk_naturally(
             return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
         while True:
             value = min(max(here * (1 + sense * step), low), high)
-            orbit = _natural_step(point, last, vary, value, options)
+            orbit = _naturalstep_along(point, last, vary, value, options)
             if not isinstance(orbit, str):
                 break
             step *= 0.4
@@ -349,6 +346,28 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
     if after.row[-1] * (value - here) <= 0:
         return "the solver converged to the other side of the fold"
     return orbit
+
+
+def _corrected(
+    point: Point, u: Array, lam: float, model: Model, border: Array | None, ds: float, options: Options
+) -> Solved:
+    """The corrector from a predicted point, across changes of the phase sequence.
+
+    In turn: the sequence at hand, with unsplit phases given their sign again; without the pair of reversals
+    that is about to vanish, where the equations fold over; and, on short steps only, with kinks unsplit.
+    """
+    setting = point.setting.moved(lam)
+    start = (point.t, u, setting)
+    starts = [harden(model, *start) or start, merge_vanishing(model, *start)]
+    solved: Solved | None = None
+    for candidate in starts:
+        if candidate is not None:
+            solved = solve_adaptively(model, candidate, options, solver="newton", border=border, soft=False)
+            if solved.status.ok:
+                return solved
+    if ds < SOFT_STEP or solved is None:
+        return solve_adaptively(model, start, options, solver="newton", border=border)
+    return solved
 
 
 def run(generator: Iterator[Orbit]) -> tuple[list[Orbit], str]:

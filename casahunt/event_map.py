@@ -13,7 +13,7 @@ without any help from the user, and, when P(a) < a all over the scanned range, t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,8 @@ SECTION = 0.9
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
 """Scanned stick positions, in units of Fs/kp, where the proportional torque equals static friction."""
+LOCAL = 0.05
+"""Width in log a over which a difference quotient counts as a slope."""
 NEAR_FOLD = 0.4
 """Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
 PATIENCE = 1e6
@@ -46,11 +48,14 @@ class HalfCycle:
     start : a [rad].
     position : P(a) [rad], positive on the far side; 0 where the servo comes to rest for good.
     segments : the motion between two corresponding points, as phases of a half cycle.
+    slope : d log(P/a) / d log a there, where a search has found it out; nan elsewhere.  0 at a fold,
+        negative at a stable fixed point.
     """
 
     start: float
     position: float
     segments: list[Segment]
+    slope: float = float("nan")
 
     @property
     def ratio(self) -> float:
@@ -252,7 +257,7 @@ def near_stable(model: Model, servo: Servo, gain: float, a: float) -> HalfCycle 
         y = float(np.log(run.ratio))
         slope = -1.5 if previous is None or previous[0] == x else (y - previous[1]) / (x - previous[0])
         if abs(y) < 5e-3 and previous is not None:
-            return run if slope < 0 else None
+            return replace(run, slope=slope) if slope < 0 else None
         if slope >= -0.1:
             return None
         previous = (x, y)
@@ -313,4 +318,7 @@ def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = F
             below = run
         if abs(run.ratio - 1) < abs(best.ratio - 1):
             best = run
-    return best
+    width = np.log(above.start / below.start)
+    if not 0 < abs(width) < LOCAL:
+        return best
+    return replace(best, slope=float(np.log(max(above.ratio, 1e-3) / max(below.ratio, 1e-3)) / width))

@@ -9,40 +9,43 @@ inner fixed point.  Where the map shows that there is none, the error says what 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Literal
-
-import numpy as np
 
 from .adapt import SCHEMES, Options, Solved, solve_adaptively
 from .checks import known, require
+from .continuation import walk
 from .errors import NoOrbit, Status
 from .event_map import HalfCycle, half_cycle, near_stable, scan
 from .hunting import MODELS, Model
-from .orbit import Orbit, direction_of, orbit_of
+from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import from_segments
 from .servo import Servo
 
-Array = np.ndarray
 BranchName = Literal["stable", "unstable"]
+CLEARLY_STABLE = -0.2
+"""Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
+LOWER_GAINS = (0.95, 0.7)
+"""Parts of the gain from which a cycle is sought by walking up, where the scan found none."""
+WALK_TOLERANCE = 1e-5
+"""The way round the fold needs no more accuracy than this; its end is computed to the tolerance."""
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
 
 
-def starting_half_cycle(
-    servo: Servo, model: Model, gain: float, branch: BranchName
-) -> tuple[HalfCycle | None, str]:
-    """(a half cycle close to the wanted orbit or None, the evidence of the scan in words).
+def starting_half_cycle(servo: Servo, model: Model, gain: float) -> tuple[HalfCycle | None, str]:
+    """(a half cycle close to the stable orbit or None, the evidence of the scan in words).
 
     The LuGre cycle mostly lies close to the Switch cycle, whose map costs a tenth; the full LuGre scan is
     for servos where that short cut does not lead to a stable fixed point.
     """
-    if model == "lugre" and branch == "stable":
+    if model == "lugre":
         rigid = scan("switch", servo, gain)
         if rigid.upper is not None:
             start = near_stable(model, servo, gain, rigid.upper.start)
             if start is not None:
                 return start, ""
-    seen = scan(model, servo, gain, want_lower=branch == "unstable")
-    return (seen.upper if branch == "stable" else seen.lower), seen.sentence()
+    seen = scan(model, servo, gain)
+    return seen.upper, seen.sentence()
 
 
 def find_orbit(
@@ -74,9 +77,67 @@ def find_orbit(
     options = options or Options()
     check_problem(servo, model, gain)
     known("branch", branch, BRANCHES)
-    start, evidence = starting_half_cycle(servo, model, gain, branch)
+    if branch == "unstable":
+        return replace(_round_the_fold(servo, model, gain, options), wall_s=time.perf_counter() - began)
+    start, evidence = starting_half_cycle(servo, model, gain)
     if start is None:
-        raise NoOrbit(f"no hunting limit cycle ({branch} branch) of the {model} servo at gain {gain:g}: {evidence}")
+        orbit = _from_below(servo, model, gain, options, evidence)
+    else:
+        orbit = _solved_from(start, servo, model, gain, options, "the stable hunting cycle")
+        # Far from the fold the slope of the map tells the branch; close to it the solver can slip over.
+        if not start.slope < CLEARLY_STABLE and orbit.multipliers.leading.real > 1:
+            orbit = _other_side(orbit, options)
+    return replace(orbit, wall_s=time.perf_counter() - began)
+
+
+def _from_below(servo: Servo, model: Model, gain: float, options: Options, evidence: str) -> Orbit:
+    """The stable cycle at `gain` by walking up from a lower gain; NoOrbit with the evidence where none is met.
+
+    Just below a fold the fixed points of the map are too close for a scan; a walk tells on which side of
+    the fold the gain lies.
+    """
+    nothing = f"no hunting limit cycle of the {model} servo at gain {gain:g}"
+    for factor in LOWER_GAINS:
+        start, _ = starting_half_cycle(servo, model, factor * gain)
+        if start is None:
+            continue
+        try:
+            first = _solved_from(start, servo, model, factor * gain, options, "a stable hunting cycle")
+        except NoOrbit:
+            continue
+        last = first
+        for orbit in walk(first, low=first.gain * (1 - 1e-9), high=gain, options=options):
+            last = orbit
+            if orbit.gain == gain:
+                return orbit if orbit.multipliers.leading.real <= 1 else _other_side(orbit, options)
+            if orbit.gain < first.gain or orbit.amplitude < first.amplitude / 10:
+                break
+        raise NoOrbit(
+            f"{nothing}: the branch of cycles, followed up from gain {first.gain:g}, turns back in a fold before it "
+            f"gets there; {evidence}" if last is not first else f"{nothing}: {evidence}"
+        )
+    raise NoOrbit(f"{nothing}: {evidence}")
+
+
+def _other_side(orbit: Orbit, options: Options) -> Orbit:
+    """The cycle at the same gain on the other side of the fold next to it."""
+    last = orbit
+    for following in walk(orbit, low=orbit.gain, high=orbit.gain * 2, options=options, first_step=1e-3):
+        last = following
+    if last.gain != orbit.gain or last is orbit:
+        raise NoOrbit(
+            f"the cycle of the {orbit.model} servo at gain {orbit.gain:g} on this side of the fold was not computed: the "
+            f"solver converged to the other one (half multiplier {orbit.half_multiplier:.4g}); the gain is very "
+            "close to the fold, where the two merge",
+            Status.FAR_FROM_GUESS,
+        )
+    return last
+
+
+def _solved_from(
+    start: HalfCycle, servo: Servo, model: Model, gain: float, options: Options, what: str
+) -> Orbit:
+    began = time.perf_counter()
     degree, kind = options.scheme_of(model)
     if (degree, kind) != SCHEMES[model]:
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
@@ -85,21 +146,56 @@ def find_orbit(
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
     solved = solve_adaptively(model, first, options, solver=options.solver)
-    orbit = finished(solved, model, servo, gain, options, began, f"the {branch} hunting cycle")
-    if orbit.stable != (branch == "stable") and _wrong_branch(orbit, branch):
+    return finished(solved, model, servo, gain, options, began, what)
+
+
+def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
+    """The unstable cycle at `gain`: from the stable one at the same gain up to the fold and down again.
+
+    Multipliers of 1e5 and more leave no other way that is sure; where the stable cycle is out of reach,
+    the inner fixed point of the event map is tried.
+    """
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    try:
+        stable = find_orbit(servo, model, gain, options=rough)
+    except NoOrbit as error:
+        if error.status is None:  # the scan says that there is no cycle at all
+            raise
+        return _inner_fixed_point(servo, model, gain, options)
+    last = stable
+    for orbit in walk(stable, low=gain, high=gain * 1e9, options=rough):
+        last = orbit
+    if last is stable or last.gain != gain or last.amplitude >= stable.amplitude:
+        return _inner_fixed_point(servo, model, gain, options)
+    orbit = refined(last, options)
+    if orbit.multipliers.leading.real <= 1:
         raise NoOrbit(
-            f"the {branch} hunting cycle of the {model} servo at gain {gain:g} was not computed: the solver "
-            f"converged to the other branch (half multiplier {orbit.half_multiplier:.4g}); the gain is close to the "
-            "fold, where the two cycles merge",
+            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the branch leads round "
+            f"a fold to a cycle with the half multiplier {orbit.half_multiplier:.4g}",
             Status.FAR_FROM_GUESS,
         )
     return orbit
 
 
-def _wrong_branch(orbit: Orbit, branch: BranchName) -> bool:
-    """A multiplier beyond +1 belongs to the unstable branch; one beyond -1 to a broken symmetry."""
-    beyond_fold = orbit.multipliers.leading.real > 1
-    return beyond_fold if branch == "stable" else not beyond_fold
+def refined(orbit: Orbit, options: Options) -> Orbit:
+    """The same orbit to another tolerance."""
+    began = time.perf_counter()
+    solved = solve_adaptively(orbit.model, unknowns_of(orbit), options, solver="newton")
+    return finished(solved, orbit.model, orbit.servo, orbit.gain, options, began, "the hunting cycle")
+
+
+def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
+    seen = scan(model, servo, gain, want_lower=True)
+    if seen.lower is None:
+        raise NoOrbit(f"no unstable hunting limit cycle of the {model} servo at gain {gain:g}: {seen.sentence()}")
+    orbit = _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle")
+    if orbit.multipliers.leading.real <= 1:
+        raise NoOrbit(
+            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the solver "
+            f"converged to a cycle with the half multiplier {orbit.half_multiplier:.4g}",
+            Status.FAR_FROM_GUESS,
+        )
+    return orbit
 
 
 def check_problem(servo: Servo, model: Model, gain: float) -> None:

@@ -56,8 +56,8 @@ class Estimate:
 
     @property
     def error(self) -> float:
-        """The larger of the two relative errors."""
-        return float(np.maximum(self.period, self.amplitude))
+        """The largest of the errors."""
+        return float(np.max([self.period, self.amplitude, self.parameter]))
 
 
 def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
@@ -134,12 +134,13 @@ def halved(breaks: list[Array]) -> list[Array]:
     return [np.sort(np.concatenate([b, (b[1:] + b[:-1]) / 2])) for b in breaks]
 
 
-def halved_where(t: Transcription, fractions: Array, where: Array) -> list[Array]:
-    """Boundaries with the intervals of the mask `where` (N,) cut in two."""
+def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Array]:
+    """Boundaries with the intervals of the mask `where` (N,) cut in four."""
     out = []
     for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
-        middle = ((b[1:] + b[:-1]) / 2)[where[t.phase_intervals(k)]]
-        out.append(np.sort(np.concatenate([b, middle])))
+        chosen = np.flatnonzero(where[t.phase_intervals(k)])
+        inner = b[chosen, None] + np.diff(b)[chosen, None] * np.array([0.25, 0.5, 0.75])
+        out.append(np.sort(np.concatenate([b, inner.ravel()])))
     return out
 
 

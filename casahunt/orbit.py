@@ -60,6 +60,8 @@ class Orbit:
     period : [s], of the full cycle.
     amplitude : max |x1| [rad].
     period_error, amplitude_error : estimated relative errors.
+    parameter_error : estimated relative error of the varied parameter itself, for points of a branch that
+        were computed with it free, such as a fold; 0 where it was given.
     status : how the computation ended; only a CONVERGED orbit is to be trusted.
     solver, iterations, unknowns, residual : what the last solve did.
     wall_s : time from the request to the result [s].
@@ -76,6 +78,7 @@ class Orbit:
     amplitude: float
     period_error: float
     amplitude_error: float
+    parameter_error: float
     status: Status
     solver: str
     iterations: int
@@ -86,8 +89,8 @@ class Orbit:
 
     @property
     def error_estimate(self) -> float:
-        """Estimated relative error of period and amplitude, the larger of the two."""
-        return max(self.period_error, self.amplitude_error)
+        """Estimated relative error of period, amplitude and (where it was free) parameter: the largest."""
+        return max(self.period_error, self.amplitude_error, self.parameter_error)
 
     @property
     def signature(self) -> Signature:
@@ -256,6 +259,7 @@ def orbit_of(
         amplitude=amplitude_row(t, u)[0] * float(setting.scale[0]),
         period_error=estimate.period,
         amplitude_error=estimate.amplitude,
+        parameter_error=estimate.parameter,
         status=status,
         solver=solver,
         iterations=iterations,

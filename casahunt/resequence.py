@@ -8,6 +8,7 @@ a starting point for the right one.  All return None where they have nothing to 
     remarch           follow the real motion for half a cycle and take the phases that it has (Switch)
     split_reversals   put phase boundaries where x2 changes sign inside a LuGre phase
     merge_vanishing   take out a LuGre phase that has shrunk to nothing, with its pair of reversals
+    harden            the opposite of soften, once the grazing is past
     soften            leave the kink |x2| unsplit in one LuGre phase, for reversals that graze zero
 """
 
@@ -35,15 +36,20 @@ def half_signature(t: Transcription) -> Signature:
     return signature if t.cycle.repeats == 2 else signature[: len(signature) // 2]
 
 
-def next_sequence(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> list[Start]:
-    """Starting points for other phase sequences, most promising first; `phase` is where this one fails."""
+def next_sequence(
+    model: Model, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool
+) -> list[Start]:
+    """Starting points for other phase sequences, most promising first; `phase` is where this one fails.
+
+    `soft` allows phases with the kink unsplit, the last resort: they converge everywhere, but slowly.
+    """
     if model == "switch":
         found = [remarch(model, t, u, setting)]
     else:
         found = [
             split_reversals(model, t, u, setting, phase),
             merge_vanishing(model, t, u, setting),
-            soften(model, t, u, setting, phase),
+            soften(model, t, u, setting, phase) if soft else None,
         ]
     return [start for start in found if start is not None]
 
@@ -166,6 +172,20 @@ def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: in
     if softer is None:
         return None
     cycle = hunting_cycle(model, softer, half=t.cycle.repeats == 2)
+    return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
+
+
+def harden(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
+    """The same unknowns with every unsplit phase given the sign that x2 mostly has in it."""
+    half = half_signature(t)
+    if all(mode != "slide" for mode, _ in half):
+        return None
+    signature = []
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+    for k, (mode, event) in enumerate(half):
+        forward = float(np.sum(w[t.phase_intervals(k), :, 1])) > 0
+        signature.append((mode if mode != "slide" else ("slide+" if forward else "slide-"), event))
+    cycle = hunting_cycle(model, tuple(signature), half=t.cycle.repeats == 2)
     return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
 
 

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from .errors import Status
+from .nlp import graphs, lagrangian_hessian
 from .transcription import Linearisation, Setting, Transcription
 
 Array = np.ndarray
@@ -130,44 +131,49 @@ def _verdict(t: Transcription, start: Array, u: Array, residual: float, largest_
 
 
 @lru_cache(maxsize=8)
-def _ipopt_solver(t: Transcription) -> ca.Function:
-    symbols, residual, jacobian = t.expressions()
-    u = symbols["u"]
-    parameters = ca.vertcat(symbols["fractions"], symbols["p"], symbols["scale"])
-    f = ca.MX(0)
-    jac_g = ca.Function("jac_g", [u, parameters], [residual, jacobian], ["x", "p"], ["g", "jac"])
-    none = ca.MX(t.size, t.size)
+def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Function:
+    """IPOPT on z = (u, lambda): any root with lambda fixed, or the largest lambda."""
+    g = graphs(t)
+    fold = goal == "fold"
+    jac_g = ca.Function("jac_g", [g.z, g.data], [g.residual, g.jacobian], ["x", "p"], ["g", "jac"])
+    hessian = lagrangian_hessian(t) if fold else ca.MX(t.size + 1, t.size + 1)
     hess_lag = ca.Function(
-        "hess_lag",
-        [u, parameters, ca.MX.sym("lam_f"), ca.MX.sym("lam_g", t.size)],
-        [ca.triu(none)],
-        ["x", "p", "lam_f", "lam_g"],
-        ["hess_gamma_x_x"],
+        "hess_lag", [g.z, g.data, ca.MX.sym("lam_f"), g.nu], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"]
     )
-    problem = {"x": u, "p": parameters, "f": f, "g": residual}
-    return ca.nlpsol("hunt", "ipopt", problem, IPOPT_OPTIONS | {"jac_g": jac_g, "hess_lag": hess_lag})
+    problem = {"x": g.z, "p": g.data, "f": -g.z[t.size] if fold else ca.MX(0), "g": g.residual}
+    return ca.nlpsol(goal, "ipopt", problem, IPOPT_OPTIONS | {"jac_g": jac_g, "hess_lag": hess_lag})
+
+
+def _run_ipopt(
+    t: Transcription, goal: Literal["root", "fold"], u: Array, setting: Setting, freedom: float
+) -> tuple[Array, Array, bool, int]:
+    """(z, multipliers, IPOPT's own verdict, iterations); durations are kept positive, |lambda| <= freedom."""
+    solver = _ipopt_solver(t, goal)
+    lower, upper = np.full(t.size + 1, -np.inf), np.full(t.size + 1, np.inf)
+    lower[t.size - t.phases : t.size] = 0.0
+    lower[-1], upper[-1] = -freedom, freedom
+    found = solver(
+        x0=np.append(u, 0.0),
+        p=np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale]),
+        lbx=lower,
+        ubx=upper,
+        lbg=0.0,
+        ubg=0.0,
+    )
+    stats = solver.stats()
+    z, multipliers = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
+    return z, multipliers, bool(stats["success"]), int(stats["iter_count"])
 
 
 def ipopt(
     t: Transcription, u: Array, setting: Setting, *, largest_move: float = LARGEST_MOVE
 ) -> Solution:
     """Solve the square system with IPOPT, durations kept positive, then polish and check with Newton."""
-    solver = _ipopt_solver(t)
-    lower = np.full(t.size, -np.inf)
-    lower[-t.phases :] = 0.0
-    found = solver(
-        x0=u,
-        p=np.concatenate([setting.fractions, setting.p, setting.scale]),
-        lbx=lower,
-        lbg=0.0,
-        ubg=0.0,
-    )
-    stats = solver.stats()
-    iterations = int(stats["iter_count"])
-    point = np.array(found["x"]).ravel()
+    z, _, success, iterations = _run_ipopt(t, "root", u, setting, 0.0)
+    point = z[:-1]
     if not np.isfinite(point).all():
         return Solution(point, 0.0, Status.NOT_FINITE, iterations, np.inf, None)
-    if not stats["success"]:
+    if not success:
         return Solution(point, 0.0, Status.NOT_CONVERGED, iterations, np.inf, None)
     polished = newton(t, point, setting, max_iterations=4, largest_move=1e-2)
     if not polished.status.ok:
@@ -181,3 +187,35 @@ def ipopt(
 def solve(t: Transcription, u: Array, setting: Setting, *, solver: Solver = "ipopt") -> Solution:
     """Solve at fixed parameters with the named solver."""
     return ipopt(t, u, setting) if solver == "ipopt" else newton(t, u, setting)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """The largest parameter on a branch, from the optimisation problem.
+
+    Attributes
+    ----------
+    u, parameter : unknowns and lambda at the maximum.
+    multipliers : (size,) IPOPT's multipliers of the equations: the adjoint of the fold,
+        d lambda / d q = - multipliers . dG/dq for every parameter q.
+    status, iterations : how it ended.
+    """
+
+    u: Array
+    parameter: float
+    multipliers: Array
+    status: Status
+    iterations: int
+
+
+def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.1) -> Maximum:
+    """Maximise lambda subject to the equations, with IPOPT and the exact Hessian, from a point near the fold."""
+    z, multipliers, success, iterations = _run_ipopt(t, "fold", u, setting, freedom)
+    if not (np.isfinite(z).all() and np.isfinite(multipliers).all()):
+        status = Status.NOT_FINITE
+    elif not success or abs(z[-1]) >= 0.999 * freedom:
+        status = Status.NOT_CONVERGED
+    else:
+        residual = t.linearise(z[:-1], setting.moved(float(z[-1]))).residual_norm()
+        status = Status.CONVERGED if residual < RESIDUAL_LIMIT else Status.NOT_CONVERGED
+    return Maximum(z[:-1], float(z[-1]), multipliers, status, iterations)

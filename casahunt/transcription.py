@@ -43,7 +43,7 @@ import numpy as np
 
 from .collocation import Kind, scheme
 from .cycle import Cycle, Field
-from .interval import interval_function, interval_map
+from .interval import interval_map
 
 Array = np.ndarray
 
@@ -129,7 +129,7 @@ class Transcription:
         fields: dict[Field, list[int]] = {}
         for i, e in enumerate(self.interval_elements):
             fields.setdefault(self.cycle.phases[phase_of[e]].mode.field, []).append(i)
-        self._groups = [(f, np.array(members)) for f, members in fields.items()]
+        self.groups = [(f, np.array(members)) for f, members in fields.items()]
 
     # Layout ------------------------------------------------------------------------------------------
 
@@ -170,14 +170,14 @@ class Transcription:
         w = self.intervals_of(u)
         duration = T[self.phase_of[self.interval_elements]]
         x_next = nodes[self.interval_elements + 1]
-        if len(self._groups) == 1:
-            field = self._groups[0][0]
+        if len(self.groups) == 1:
+            field = self.groups[0][0]
             block = self._map(field, self.intervals)(
                 w, x_next, duration, setting.fractions, self.signs, setting.p, setting.dp, setting.scale
             )
         else:
             block = np.empty((self.intervals, rows + 3, rows))
-            for field, members in self._groups:
+            for field, members in self.groups:
                 block[members] = self._map(field, members.size)(
                     w[members], x_next[members], duration[members], setting.fractions[members],
                     self.signs[members], setting.p, setting.dp, setting.scale,
@@ -211,86 +211,6 @@ class Transcription:
     def _map(self, field: Field, count: int):  # noqa: ANN202 - an IntervalMap
         return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
 
-    def expressions(self) -> tuple[dict[str, ca.MX], ca.MX, ca.MX]:
-        """The same equations as CasADi graphs, for IPOPT.
-
-        Returns
-        -------
-        symbols : {"u", "fractions", "p", "scale"}.
-        residual : (size,) in the order of the module docstring.
-        jacobian : (size, size) sparse; the interval blocks are computed by the mapped interval function
-            and placed by a fixed permutation, so building it costs nothing like differentiating it.
-        """
-        n, N, R, P = self.n, self.intervals, self.rows, self.phases
-        u, h = ca.MX.sym("u", self.size), ca.MX.sym("fractions", N)
-        p, scale = ca.MX.sym("p", len(self.cycle.parameters)), ca.MX.sym("scale", n)
-        no_dp = ca.DM.zeros(len(self.cycle.parameters))
-        T = u[self.size - P :]
-        node = lambda e: u[self.node_index[e].ravel().tolist()]  # noqa: E731
-        residual, triplets, values = [], [], []
-        for field, members in self._groups:
-            elements = self.interval_elements[members]
-            unknown = (members[:, None] * R + np.arange(R)).ravel()
-            x_next = self.node_index[elements + 1]
-            phase = self.phase_of[elements]
-            function = interval_function(field, n, len(self.cycle.parameters), self.degree, self.kind)
-            block = function.map("intervals", "serial", members.size, [5, 6, 7], [])(
-                ca.reshape(u[unknown.tolist()], R, members.size),
-                ca.reshape(u[x_next.ravel().tolist()], n, members.size),
-                T[phase.tolist()].T, h[members.tolist()].T, ca.DM(self.signs[members]).T, p, no_dp, scale,
-            )  # fmt: skip
-            row = members[:, None, None] * R + np.arange(R)[None, None, :]
-            column = np.empty((members.size, R + 3, 1), dtype=int)
-            column[:, 1 : R + 1, 0] = members[:, None] * R + np.arange(R)
-            column[:, R + 1, 0] = self.size - P + phase
-            rows, columns = np.broadcast_arrays(row, column)
-            used = np.zeros(rows.shape, dtype=bool)
-            used[:, 1 : R + 2] = True
-            triplets.append((rows[used], columns[used]))
-            values.append(ca.vec(block)[np.flatnonzero(used.ravel()).tolist()])
-            triplets.append((row[:, 0, R - n :].ravel(), x_next.ravel()))
-            values.append(ca.DM.ones(members.size * n))
-            residual.append((row[:, 0].ravel(), ca.vec(block)[(np.arange(members.size)[:, None] * (R + 3) * R + np.arange(R)).ravel().tolist()]))
-        order = np.concatenate([rows for rows, _ in residual])
-        parts = [ca.vertcat(*[value for _, value in residual])[np.argsort(order).tolist()]]
-        joints = _joint_function(self.cycle)
-        flow, events = joints(
-            ca.reshape(node(self.closed_elements), n, self.closed),
-            ca.reshape(node(self.phase_end), n, P),
-            T, p, no_dp, scale,
-        )  # fmt: skip
-        first = N * R
-        closed_phase = self.phase_of[self.closed_elements]
-        for i, e in enumerate(self.closed_elements):
-            rows = first + i * n + np.arange(n)
-            start = i * (n + 3)
-            parts.append(node(e + 1) - flow[:, start])
-            triplets.append((rows, self.node_index[e + 1]))
-            values.append(ca.DM.ones(n))
-            columns = np.append(self.node_index[e], self.size - P + closed_phase[i])
-            triplets.append((np.tile(rows, n + 1), np.repeat(columns, n)))
-            values.append(-ca.vec(flow[:, start + 1 : start + n + 2]))
-        first += self.closed * n
-        S = ca.MX(ca.DM(self.cycle.closure)) * (1 / scale @ scale.T)
-        parts.append(node(0) - S @ node(self.elements))
-        triplets.append((first + np.arange(n), self.node_index[0]))
-        values.append(ca.DM.ones(n))
-        triplets.append((first + np.tile(np.arange(n), n), np.repeat(self.node_index[-1], n)))
-        values.append(-ca.vec(S))
-        first += n
-        parts.append(events[:, 0])
-        for k in range(P):
-            columns = np.append(self.node_index[self.phase_end[k]], self.size - P + k)
-            triplets.append((np.full(n + 1, first + k), columns))
-            values.append(events[k, 1 : n + 2].T)
-        row_list = np.concatenate([r for r, _ in triplets])
-        column_list = np.concatenate([c for _, c in triplets])
-        sparsity, mapping = ca.Sparsity.triplet(
-            self.size, self.size, row_list.tolist(), column_list.tolist(), False
-        )
-        jacobian = ca.MX(sparsity, ca.vertcat(*[ca.MX(v) for v in values])[mapping])
-        return {"u": u, "fractions": h, "p": p, "scale": scale}, ca.vertcat(*parts), jacobian
-
 
 @lru_cache(maxsize=64)
 def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
@@ -309,7 +229,12 @@ class Joints:
     events: Array
 
 
-def _joint_function(cycle: Cycle) -> ca.Function:
+def joint_function(cycle: Cycle) -> ca.Function:
+    """Closed-form flows and events with their derivatives, from scaled states.
+
+    Inputs: start nodes v (n, M) of the closed-form phases, phase-end nodes (n, P), durations T (P), p, dp,
+    scale.  Outputs: flows (n, M (n + 3)) and events (P, n + 3); columns value, d/dx, d/dT, d/d lambda.
+    """
     n, P = len(cycle.states), len(cycle.phases)
     closed = [k for k, phase in enumerate(cycle.phases) if phase.mode.flow is not None]
     v, ends = ca.SX.sym("v", n, len(closed)), ca.SX.sym("ends", n, P)
@@ -336,11 +261,11 @@ def _joint_function(cycle: Cycle) -> ca.Function:
 
 
 class _joint_map:
-    """`_joint_function` through fixed buffers; results are copies."""
+    """`joint_function` through fixed buffers; results are copies."""
 
     def __init__(self, cycle: Cycle) -> None:
         n, P = len(cycle.states), len(cycle.phases)
-        function = _joint_function(cycle)
+        function = joint_function(cycle)
         closed = function.size2_in(0)
         np_ = len(cycle.parameters)
         self._in = [np.zeros((closed, n)), np.zeros((P, n)), np.zeros(P), np.zeros(np_), np.zeros(np_), np.zeros(n)]

@@ -15,13 +15,18 @@ The cycle is the same circle.  On it omega dt = (1 - e cos theta) dtheta, hence 
 
     omega t = theta - e sin theta
 
-and again T = 2 pi/omega.  The clock q changes neither the paths nor the period, and the shear makes the
-matrix of the Poincare map no more than triangular, so the multipliers are the same, too.
+and again T = 2 pi/omega.  The multipliers are the same, too: dr/dtheta has no q in it, and its slope on the
+cycle is -2 mu/omega whatever the shear.
 
-Why the variant.  On the uniform circle every interval makes the same error by symmetry, and a scheme may be
-better than its order there: the leading error of Radau is a change of radius, which the attraction heals and
-the period does not see.  The shear turns errors of the radius into errors of the phase; the clock makes the
-intervals of a uniform mesh unequal in difficulty, as e = 0.5 varies the speed by a factor of three.
+Two clocks (`TWO_CLOCKS`): the field of `KEPLER` where y > 0, that of `UNIFORM` where y < 0.  Either half of
+the circle takes pi/omega, so period and multipliers stay as they are, while the speed jumps by the factor
+1/(1 + e) at theta = pi: a cycle of two phases with two fields, whose multiplier needs a saltation matrix.
+
+Why the variants.  On the uniform circle every interval makes the same error by symmetry, and a scheme may be
+better than its order there: the leading error of Radau IIA is a change of radius, which the attraction heals
+and the period does not see, so its period converges like h^(2d) instead of h^(2d-1).  The shear turns errors
+of the radius into errors of the phase; the clock makes the intervals of a uniform mesh unequal in difficulty,
+as the speed varies by the factor (1 + e)/(1 - e).
 
 Source: Kuznetsov, Elements of Applied Bifurcation Theory, section 3.4, for the normal form; the rest is
 derived above.
@@ -57,15 +62,23 @@ def _crosses_axis(x: Any, duration: Any, p: Any) -> Any:
     return x[1] / ca.sqrt(p[0])
 
 
-def _cycle(name: str, parameters: tuple[str, ...], field: Any) -> Cycle:
-    phase = Phase(Mode("turn", field), Event("y = 0", _crosses_axis))
-    return Cycle(name, ("x", "y"), parameters, (phase,), closure=np.eye(2), repeats=1)
+_AXIS = Event("y = 0", _crosses_axis)
+_PARAMETERS = ("mu", "omega", "shear", "e")
 
 
-UNIFORM = _cycle("Stuart-Landau cycle", ("mu", "omega"), uniform_field)
+def _cycle(name: str, parameters: tuple[str, ...], *modes: Mode) -> Cycle:
+    phases = tuple(Phase(mode, _AXIS) for mode in modes)
+    return Cycle(name, ("x", "y"), parameters, phases, closure=np.eye(2), repeats=1)
+
+
+UNIFORM = _cycle("Stuart-Landau cycle", _PARAMETERS[:2], Mode("turn", uniform_field))
 """The plain oscillator, from y = 0 once round."""
-KEPLER = _cycle("Stuart-Landau cycle on Kepler's clock", ("mu", "omega", "shear", "e"), kepler_field)
+KEPLER = _cycle("Stuart-Landau cycle on Kepler's clock", _PARAMETERS, Mode("turn", kepler_field))
 """The oscillator with shear and an uneven clock, from y = 0 once round."""
+TWO_CLOCKS = _cycle(
+    "Stuart-Landau cycle on two clocks", _PARAMETERS, Mode("upper", kepler_field), Mode("lower", uniform_field)
+)
+"""Two phases: Kepler's clock above y = 0, the uniform one below."""
 
 
 def period(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
@@ -79,9 +92,12 @@ def multiplier(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> f
 
 
 def states(times: np.ndarray, mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> np.ndarray:
-    """Exact states (2, m) on the cycle at times (m,), from (sqrt(mu), 0) at time 0; 0 <= e < 1."""
+    """Exact states (2, m) of `KEPLER` (of `UNIFORM` for e = 0) at times (m,), from (sqrt(mu), 0) at time 0.
+
+    0 <= e < 1.
+    """
     mean = omega * np.asarray(times, float)
     theta = mean + e * np.sin(mean)
-    for _ in range(20):  # Newton on Kepler's equation; converges from this start for e up to about 0.9
+    for _ in range(20):  # Newton on Kepler's equation; from this start it converges for e up to about 0.9
         theta = theta - (theta - e * np.sin(theta) - mean) / (1 - e * np.cos(theta))
     return np.sqrt(mu) * np.array([np.cos(theta), np.sin(theta)])

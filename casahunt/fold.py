@@ -1,0 +1,167 @@
+"""The cyclic fold: the largest gain at which the servo can hunt.
+
+Two ways that share nothing but the collocation equations:
+
+* along the branch: the point where the tangent has no parameter component (monitor.py), the mesh adapted
+  and the error of the gain estimated there by an adjoint;
+* as an optimisation problem: maximise lambda subject to the transcription, IPOPT with the exact Hessian.
+  Its multipliers are the adjoint of the fold, d gain/d q = -nu . dG/dq for every parameter q.
+
+`find_fold` does both from nothing but the servo and refuses where they disagree.  An extended system
+(J v = 0, |v| = 1) serves as a third opinion in the tests.
+
+The walk needs a gain at which the servo hunts.  The search starts at the gain below which the frictionless
+linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section 2), and goes up and
+down from there in factors of two.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .adapt import Options
+from .branch import SpecialPoint
+from .continuation import walk
+from .errors import InputError, NoOrbit, Status
+from .find import WALK_TOLERANCE, check_problem, find_orbit
+from .hunting import Model
+from .monitor import FOLD, crossings
+from .orbit import Orbit, direction_of, unknowns_of
+from .servo import Servo
+from .solve import Maximum, maximise_parameter
+
+Array = np.ndarray
+
+SEARCH_FACTORS = 12
+"""Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
+HIGHEST = 1e9
+"""Gain, in units of the first one, beyond which no fold is looked for."""
+AGREEMENT = 100.0
+"""The two folds may differ by this many tolerances before the result is refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A cyclic fold in the gain.
+
+    Attributes
+    ----------
+    orbit : the orbit at the fold.
+    gain : the fold gain.
+    gain_error : estimated relative error of the gain.
+    optimised_gain : the fold gain of the optimisation problem on the same mesh.
+    multipliers : (size,) IPOPT's multipliers of the collocation equations, the adjoint of the fold.
+    status, wall_s : as everywhere.
+    """
+
+    orbit: Orbit
+    gain: float
+    gain_error: float
+    optimised_gain: float
+    multipliers: Array
+    status: Status
+    wall_s: float
+
+    @property
+    def error_estimate(self) -> float:
+        """The largest estimated relative error of gain, amplitude and period."""
+        return max(self.gain_error, self.orbit.error_estimate)
+
+
+def routh_hurwitz_gain(servo: Servo) -> float:
+    """Gain above which the loop without friction is stable, J / (cm tau_d (tau_d + tau_i)); inf for no lead."""
+    lead, integral = servo.controller.lead_time, servo.controller.integral_time
+    if lead == 0:
+        return float("inf")
+    return servo.inertia / (servo.motor_gain * lead * (lead + integral))
+
+
+def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
+    """A stable hunting cycle at some gain.
+
+    Raises
+    ------
+    NoOrbit : none of the gains searched has one; says which were searched.
+    """
+    check_problem(servo, model, 1.0)
+    base = routh_hurwitz_gain(servo)
+    if not np.isfinite(base):
+        base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
+    tried: list[float] = []
+    for k in range(SEARCH_FACTORS + 1):
+        for factor in (2.0**k, 2.0**-k) if k else (1.0,):
+            tried.append(base * factor)
+            try:
+                return find_orbit(servo, model, base * factor, options=options)
+            except NoOrbit:
+                continue
+    raise NoOrbit(
+        f"no hunting limit cycle of the {model} servo found: {len(tried)} gains from {min(tried):.3g} to "
+        f"{max(tried):.3g} were scanned"
+    )
+
+
+def find_fold(servo: Servo, model: Model, *, options: Options | None = None, start: Orbit | None = None) -> Fold:
+    """The fold gain of a servo, from nothing but the servo.
+
+    Parameters
+    ----------
+    options : `tol` bounds the relative errors of gain, amplitude and period.
+    start : a stable orbit to walk from; default: searched for.
+
+    Raises
+    ------
+    NoOrbit : no cycle, no fold in range, or two answers that differ.
+    """
+    began = time.perf_counter()
+    options = options or Options()
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    first = start or find_any_orbit(servo, model, options=rough)
+    before, fold = first, None
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=rough)
+    ended = ""
+    while fold is None:
+        try:
+            after = next(steps)
+        except StopIteration as end:
+            ended = str(end.value)
+            break
+        special = crossings(before, after, vary="gain", monitors=(FOLD,), options=options)
+        fold = special[0] if special else None
+        before = after
+    if fold is None:
+        raise NoOrbit(f"no fold of the {model} servo was found above gain {first.gain:.6g}: {ended}")
+    return confirmed(fold, options, began)
+
+
+def confirmed(special: SpecialPoint, options: Options, began: float | None = None) -> Fold:
+    """A located fold, checked against the optimisation problem.
+
+    Raises
+    ------
+    InputError : the special point is no fold.
+    NoOrbit : the two fold gains differ by more than `AGREEMENT` tolerances.
+    """
+    if special.kind != FOLD.kind:
+        raise InputError(f"special point {special.kind!r}: must be a fold")
+    began = time.perf_counter() if began is None else began
+    orbit = special.orbit
+    best = optimum(orbit)
+    gain = orbit.gain * (1 + best.parameter)
+    if not best.status.ok or abs(best.parameter) > AGREEMENT * options.tol:
+        raise NoOrbit(
+            f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: the optimisation problem "
+            f"gives {gain:.10g} ({best.status.advice}); try another tolerance",
+            best.status,
+        )
+    error = max(orbit.parameter_error, abs(best.parameter))
+    return Fold(orbit, orbit.gain, error, gain, best.multipliers, orbit.status, time.perf_counter() - began)
+
+
+def optimum(orbit: Orbit) -> Maximum:
+    """The optimisation problem on the mesh of an orbit near the fold, gain relative to the orbit's."""
+    t, u, setting = unknowns_of(orbit)
+    return maximise_parameter(t, u, replace(setting, dp=direction_of("gain") * orbit.gain))

@@ -1,0 +1,165 @@
+"""Special points of a branch, located between two orbits and stored with what they mean.
+
+A monitor is a function of an orbit and of the curve's tangent there that changes sign at the special
+point.  Between two successive orbits where it does, the root is found in arclength by Illinois steps of
+true corrections, down to rounding of the function or to the precision that it can have:
+
+    fold               d lambda/d s = 0, the tangent's parameter component (multiplier mu = +1)
+    symmetry breaking  mu + 1 = 0
+    superstable        mu = 0
+    grazing            Switch: the stick before a breakaway shrinks to nothing, or |m| reaches Fs at a stop
+
+The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .adapt import Options
+from .branch import SpecialPoint
+from .continuation import Point, curve_point, parameter_value, step_along
+from .hunting import motor_torque
+from .orbit import Orbit
+
+Array = np.ndarray
+
+LOCATE_ROUNDS = 40
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """A function that changes sign at a special point.
+
+    Attributes
+    ----------
+    kind : name of the special point.
+    value : (orbit, point of the curve) -> number, of order one away from the special point.
+    meaning : sentence with {name} and {value} for the parameter and its value.
+    needs_multipliers : whether `value` reads multipliers, which cost as much as a few corrections.
+    tolerance : |value| at which the point counts as located.
+    """
+
+    kind: str
+    value: Callable[[Orbit, Point], float]
+    meaning: str
+    needs_multipliers: bool = False
+    tolerance: float = 1e-9
+
+
+def _fold_value(orbit: Orbit, point: Point) -> float:
+    return float(point.row[-1])
+
+
+def _margin_of_stick(orbit: Orbit, point: Point) -> float:
+    """(Fs - |m|)/Fs at the start of the shortest-lived stick; 1 where there is none."""
+    p = orbit.servo.parameters(orbit.gain)
+    static = orbit.servo.friction.static
+    margins = [1 - abs(float(motor_torque(arc.states[0, 0], p))) / static for arc in orbit.arcs if arc.mode == "stick"]
+    return min(margins, default=1.0)
+
+
+FOLD = Monitor(
+    "fold", _fold_value,
+    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; beyond it the servo does not hunt",
+)  # fmt: skip
+SYMMETRY_BREAKING = Monitor(
+    "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
+    "symmetry breaking at {name} = {value:.10g}: the symmetric cycle hands its stability to a pair of lopsided ones",
+    needs_multipliers=True,
+)  # fmt: skip
+SUPERSTABLE = Monitor(
+    "superstable", lambda orbit, point: orbit.half_multiplier,
+    "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
+    needs_multipliers=True,
+)  # fmt: skip
+GRAZING = Monitor(
+    "grazing", _margin_of_stick,
+    "grazing at {name} = {value:.10g}: the slip ends with |m| = Fs and the stick has no time to begin",
+)  # fmt: skip
+STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE, GRAZING)
+
+
+def crossings(
+    before: Orbit, after: Orbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
+) -> list[SpecialPoint]:
+    """The special points between two successive orbits of a walk."""
+    found = []
+    start: Point | None = None
+    end: Point | None = None
+    for monitor in monitors:
+        if start is None or end is None:
+            start = curve_point(before, vary, like=_towards(before, after, vary))
+            end = curve_point(after, vary, like=_towards(before, after, vary))
+        a, b = monitor.value(before, start), monitor.value(after, end)
+        if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
+            continue
+        orbit = locate(before, after, monitor, start, a, b, vary=vary, options=options)
+        if orbit is not None:
+            value = parameter_value(orbit, vary)
+            found.append(SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=value)))
+    return found
+
+
+def _towards(before: Orbit, after: Orbit, vary: str) -> Array:
+    """Direction from `before` to `after` in (x_0, lambda)."""
+    x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
+    here, there = parameter_value(before, vary), parameter_value(after, vary)
+    return np.append(x, there / here - 1)
+
+
+def locate(
+    before: Orbit, after: Orbit, monitor: Monitor, start: Point, a: float, b: float, *, vary: str, options: Options
+) -> Orbit | None:
+    """The orbit at which `monitor` vanishes, or None where no correction on the way converges.
+
+    Steps start at `before`; their length along its tangent is the unknown.
+    """
+    towards = _towards(before, after, vary)
+    low, high = 0.0, float(towards @ start.row)
+    f_low, f_high = a, b
+    best: tuple[float, Orbit] | None = None
+    side = 0
+    for _ in range(LOCATE_ROUNDS):
+        ds = high - f_high * (high - low) / (f_high - f_low)
+        if not low < ds < high:
+            ds = (low + high) / 2
+        outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
+        if isinstance(outcome, str):
+            return best[1] if best else None
+        orbit = outcome[0]
+        f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
+        if best is None or abs(f) < abs(best[0]):
+            best = (f, orbit)
+        if abs(f) <= monitor.tolerance or high - low <= 1e-13 * max(high, 1e-300):
+            break
+        if f * f_high > 0:
+            high, f_high = ds, f
+            f_low = f_low * 0.5 if side == 1 else f_low
+            side = 1
+        else:
+            low, f_low = ds, f
+            f_high = f_high * 0.5 if side == -1 else f_high
+            side = -1
+    return best[1] if best else None
+
+
+def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
+    """A monitor of the user's own: the points where `function(orbit)` changes sign."""
+    return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")
+
+
+__all__ = [
+    "FOLD",
+    "GRAZING",
+    "STANDARD",
+    "SUPERSTABLE",
+    "SYMMETRY_BREAKING",
+    "Monitor",
+    "crossings",
+    "locate",
+    "user_monitor",
+]
