@@ -19,7 +19,7 @@ from .admissibility import judge
 from .checks import require
 from .collocation import Kind
 from .errors import InputError, Status
-from .hunting import Model
+from .hunting import SCHEMES, Model
 from .mesh import Estimate, better_breaks, estimate, quartered_where, transfer
 from .resequence import Start, next_sequence
 from .solve import Solution, Solver, newton, solve
@@ -27,8 +27,6 @@ from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
-SCHEMES: dict[str, tuple[int, Kind]] = {"switch": (8, "gauss"), "lugre": (7, "radau")}
-"""Default collocation scheme of each model: Gauss for the smooth slip, Radau IIA for the stiff bristle."""
 TOLERANCE_RANGE = (1e-12, 1e-2)
 """Reachable tolerances: rounding below, meaningless meshes above."""
 MAX_INTERVALS = 3000
@@ -103,11 +101,19 @@ def solve_adaptively(
 
     Parameters
     ----------
-    start : transcription, unknowns and setting.
-    solver : for the first solve; Newton after that, IPOPT where Newton fails at a fixed parameter.
-    border : weights (n + 1,) of the first node and of lambda; the correction is orthogonal to them and
+    model
+        whose phase sequences are sought where one stops being a motion.
+    options
+        tolerance.
+    start
+        transcription, unknowns and setting.
+    solver
+        for the first solve; Newton after that, IPOPT where Newton fails at a fixed parameter.
+    border
+        weights (n + 1,) of the first node and of lambda; the correction is orthogonal to them and
         lambda is free.  None holds lambda at zero.
-    soft : allow unsplit kinks as the last resort (resequence.soften).
+    soft
+        allow unsplit kinks as the last resort (resequence.soften).
     """
     t, u, setting = start
     iterations, sequences = 0, 0

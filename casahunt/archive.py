@@ -173,7 +173,8 @@ def _read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
         raise InputError(f"{name} is an npz file, but not one of casahunt")
     if metadata.get("version") != VERSION:
-        raise InputError(f"{name} has the schema version {metadata.get('version')!r}; this program reads version {VERSION}")
+        found = metadata.get("version")
+        raise InputError(f"{name} has the schema version {found!r}; this program reads version {VERSION}")
     if metadata.get("kind") != kind:
         raise InputError(f"{name} holds a {metadata.get('kind')}, not a {kind}")
     if not np.isfinite(numbers).all():

@@ -49,10 +49,10 @@ def known(what: str, name: str, allowed: Iterable[str]) -> str:
     names = list(allowed)
     if name in names:
         return name
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    if not near:  # a right key in the wrong section
-        last = name.rsplit(".", 1)[-1]
-        near = difflib.get_close_matches(last, [n.rsplit(".", 1)[-1] for n in names], n=1, cutoff=0.6)
-        near = [n for n in names if near and n.rsplit(".", 1)[-1] == near[0]][:1]
+    # A misspelt key in the right section, or a right key in the wrong one; the shared section name would
+    # make every key of a section look alike, so the last parts are compared.
+    last = [n.rsplit(".", 1)[-1] for n in names]
+    ends = difflib.get_close_matches(name.rsplit(".", 1)[-1], last, n=1, cutoff=0.5)
+    near = [n for n, end in zip(names, last, strict=True) if ends and end == ends[0]][:1]
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(names)})")

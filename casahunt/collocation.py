@@ -15,7 +15,7 @@ Symbols: d stages, m evaluation points.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -67,7 +67,8 @@ class Scheme:
 
         Parameters
         ----------
-        tau : (m,) local times.
+        tau
+            (m,) local times.
 
         Returns
         -------
@@ -104,7 +105,7 @@ def _radau_stages(d: int) -> Array:
     return (roots + 1) / 2
 
 
-@lru_cache(maxsize=None)
+@cache
 def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
     """The collocation scheme of the given degree and kind.
 

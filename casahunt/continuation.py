@@ -19,7 +19,7 @@ Both are generators of orbits: stop one when you like, go on later from the last
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,8 +86,12 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
 
     Parameters
     ----------
-    like : (n + 1,) direction to go on in; the tangent makes an acute angle with it.
-    sense : where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
+    orbit, vary
+        a converged orbit and the name of the parameter.
+    like
+        (n + 1,) direction to go on in; the tangent makes an acute angle with it.
+    sense
+        where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
     """
     t, u, setting = unknowns_of(orbit)
     return _point(t, u, setting, vary, like=like, sense=sense)
@@ -150,17 +154,27 @@ def walk(
     first_step: float = FIRST_STEP,
     largest_step: float = LARGEST_STEP,
     max_points: int = 2000,
-) -> Iterator[Orbit]:
+) -> Generator[Orbit, None, str]:
     """Orbits along the branch through `start`, by pseudo-arclength, until the parameter leaves [low, high].
 
     Parameters
     ----------
-    start : a converged orbit; it is not yielded again.
-    vary : name of the parameter (servo.PARAMETERS).
-    low, high : range of the parameter; the last orbit lies on the bound.
-    sense : +1 to start towards larger, -1 towards smaller values.
-    previous : the orbit before `start` on the branch, to go on in its direction; overrides `sense`.
-    first_step, largest_step : arclength.
+    start
+        a converged orbit; it is not yielded again.
+    vary
+        name of the parameter (servo.PARAMETERS).
+    low, high
+        range of the parameter; the last orbit lies on the bound.
+    sense
+        +1 to start towards larger, -1 towards smaller values.
+    previous
+        the orbit before `start` on the branch, to go on in its direction; overrides `sense`.
+    options
+        tolerance; default that of the start.
+    first_step, largest_step
+        arclength.
+    max_points
+        give up after so many.
 
     Returns
     -------
@@ -293,7 +307,7 @@ def walk_naturally(
     first_step: float = FIRST_STEP,
     largest_step: float = LARGEST_STEP,
     max_points: int = 2000,
-) -> Iterator[Orbit]:
+) -> Generator[Orbit, None, str]:
     """Orbits at prescribed parameter values, warm-started, until the range or the branch ends.
 
     The arguments are those of `walk`; steps are relative changes of the parameter.  At a fold no smaller
@@ -309,7 +323,7 @@ def walk_naturally(
             return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
         while True:
             value = min(max(here * (1 + sense * step), low), high)
-            orbit = _naturalstep_along(point, last, vary, value, options)
+            orbit = _natural_step(point, last, vary, value, options)
             if not isinstance(orbit, str):
                 break
             step *= 0.4
@@ -370,7 +384,7 @@ def _corrected(
     return solved
 
 
-def run(generator: Iterator[Orbit]) -> tuple[list[Orbit], str]:
+def run(generator: Generator[Orbit, None, str]) -> tuple[list[Orbit], str]:
     """All orbits of a walk and the sentence with which it ended."""
     orbits: list[Orbit] = []
     while True:

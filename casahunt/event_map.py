@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .collocation import Kind
-from .adapt import SCHEMES
-from .hunting import LUGRE, SWITCH, Model, motor_torque
+from .hunting import LUGRE, SCHEMES, SWITCH, Model, motor_torque
 from .march import MarchFailure, Segment, march
 from .servo import Servo
 
@@ -64,14 +63,25 @@ class HalfCycle:
 
 
 def half_cycle(
-    model: Model, servo: Servo, gain: float, a: float, *, tol: float | None = None, degree: int = 0, kind: Kind = "gauss"
+    model: Model,
+    servo: Servo,
+    gain: float,
+    a: float,
+    *,
+    tol: float | None = None,
+    degree: int = 0,
+    kind: Kind = "gauss",
 ) -> HalfCycle:
     """Let the servo go from the stick position -a < 0 until it is stuck again.
 
     Parameters
     ----------
-    a : stick position [rad], > 0.
-    tol, degree, kind : of the march; defaults per model.
+    model, servo, gain
+        the problem.
+    a
+        stick position [rad], > 0.
+    tol, degree, kind
+        of the march; defaults per model.
 
     Raises
     ------
@@ -232,7 +242,9 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
             outside = min((r for r in seen if r.start > best.start), key=lambda r: r.start, default=None)
             inside = max((r for r in seen if r.start < best.start), key=lambda r: r.start, default=None)
     upper = _fixed_point(at, above, outside) if above is not None and outside is not None else None
-    lower = _fixed_point(at, above, inside, tight=True) if want_lower and above is not None and inside is not None else None
+    lower = None
+    if want_lower and above is not None and inside is not None:
+        lower = _fixed_point(at, above, inside, tight=True)
     return Scan(
         float(grid[-1]), float(grid[0]),
         best.ratio if best else float("nan"), best.start if best else float("nan"),

@@ -12,12 +12,12 @@ import time
 from dataclasses import replace
 from typing import Literal
 
-from .adapt import SCHEMES, Options, Solved, solve_adaptively
+from .adapt import Options, Solved, solve_adaptively
 from .checks import known, require
 from .continuation import walk
 from .errors import NoOrbit, Status
 from .event_map import HalfCycle, half_cycle, near_stable, scan
-from .hunting import MODELS, Model
+from .hunting import MODELS, SCHEMES, Model
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import from_segments
 from .servo import Servo
@@ -60,9 +60,12 @@ def find_orbit(
 
     Parameters
     ----------
-    servo, model, gain : the problem; gain > 0.
-    branch : the stable cycle, or the unstable one that bounds its basin.
-    options : tolerance and method.
+    servo, model, gain
+        the problem; gain > 0.
+    branch
+        the stable cycle, or the unstable one that bounds its basin.
+    options
+        tolerance and method.
 
     Returns
     -------
@@ -126,8 +129,8 @@ def _other_side(orbit: Orbit, options: Options) -> Orbit:
         last = following
     if last.gain != orbit.gain or last is orbit:
         raise NoOrbit(
-            f"the cycle of the {orbit.model} servo at gain {orbit.gain:g} on this side of the fold was not computed: the "
-            f"solver converged to the other one (half multiplier {orbit.half_multiplier:.4g}); the gain is very "
+            f"the cycle of the {orbit.model} servo at gain {orbit.gain:g} on this side of the fold was not computed: "
+            f"the solver converged to the other one (half multiplier {orbit.half_multiplier:.4g}); the gain is very "
             "close to the fold, where the two merge",
             Status.FAR_FROM_GUESS,
         )
@@ -170,8 +173,8 @@ def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -
     orbit = refined(last, options)
     if orbit.multipliers.leading.real <= 1:
         raise NoOrbit(
-            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the branch leads round "
-            f"a fold to a cycle with the half multiplier {orbit.half_multiplier:.4g}",
+            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the branch leads "
+            f"round a fold to a cycle with the half multiplier {orbit.half_multiplier:.4g}",
             Status.FAR_FROM_GUESS,
         )
     return orbit
@@ -214,7 +217,8 @@ def finished(
 ) -> Orbit:
     """The Orbit of a converged `Solved`, or NoOrbit with the advice."""
     if not solved.status.ok or solved.estimate is None:
-        raise NoOrbit(f"{what} of the {model} servo at gain {gain:g} was not computed: {solved.complaint()}", solved.status)
+        sentence = f"{what} of the {model} servo at gain {gain:g} was not computed: {solved.complaint()}"
+        raise NoOrbit(sentence, solved.status)
     return orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
         model=model, servo=servo, gain=gain, status=solved.status, solver=options.solver,

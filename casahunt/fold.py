@@ -109,8 +109,12 @@ def find_fold(servo: Servo, model: Model, *, options: Options | None = None, sta
 
     Parameters
     ----------
-    options : `tol` bounds the relative errors of gain, amplitude and period.
-    start : a stable orbit to walk from; default: searched for.
+    servo, model
+        the problem.
+    options
+        `tol` bounds the relative errors of gain, amplitude and period.
+    start
+        a stable orbit to walk from; default: searched for.
 
     Raises
     ------

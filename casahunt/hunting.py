@@ -30,12 +30,15 @@ from typing import Any, Literal, NamedTuple
 import casadi as ca
 import numpy as np
 
+from .collocation import Kind
 from .cycle import Cycle, Event, Mode, Phase
 from .friction import bristle_rate, stribeck
 from .servo import PARAMETERS
 
 Model = Literal["switch", "lugre"]
 MODELS: tuple[Model, ...] = ("switch", "lugre")
+SCHEMES: dict[str, tuple[int, Kind]] = {"switch": (8, "gauss"), "lugre": (7, "radau")}
+"""Default collocation degree and kind: Gauss for the smooth slip, Radau IIA for the stiff bristle."""
 
 
 WEAK = 1e-8
@@ -271,9 +274,12 @@ def hunting_cycle(model: Model, signature: Signature, *, half: bool = True) -> C
 
     Parameters
     ----------
-    model : "switch" or "lugre".
-    signature : phase sequence of half a period.
-    half : closed by x(T/2) = -x(0); False gives the full cycle, the sequence and its mirror image, closed
+    model
+        "switch" or "lugre".
+    signature
+        phase sequence of half a period.
+    half
+        closed by x(T/2) = -x(0); False gives the full cycle, the sequence and its mirror image, closed
         by x(T) = x(0).
     """
     system = SYSTEMS[model]

@@ -94,8 +94,8 @@ class IntervalMap:
             self._scale,
         )
         for i, array in enumerate(inputs):
-            self._buffer.set_arg(i, memoryview(array))
-        self._buffer.set_res(0, memoryview(self._block))
+            self._buffer.set_arg(i, array.data)
+        self._buffer.set_res(0, self._block.data)
 
     def __call__(
         self,

@@ -86,12 +86,24 @@ def march(
 
     Parameters
     ----------
-    x : (n,) initial state.
-    p : parameter vector.
-    scale : (n,) size of the states, for the tolerance.
-    tol : bound on the last Legendre coefficient of each interval, relative to `scale`.
-    max_time : stop there [s].
-    max_intervals : give up beyond.
+    system, mode
+        the hybrid system and the mode that it starts in.
+    until
+        called with every finished segment; True ends the march.
+    degree, kind
+        collocation scheme.
+    x
+        (n,) initial state.
+    p
+        parameter vector.
+    scale
+        (n,) size of the states, for the tolerance.
+    tol
+        bound on the last Legendre coefficient of each interval, relative to `scale`.
+    max_time
+        stop there [s].
+    max_intervals
+        give up beyond.
 
     Returns
     -------
@@ -197,7 +209,7 @@ def _collocated(
     max_time: float,
     max_intervals: int,
 ) -> tuple[Segment, str]:
-    s, scale, n = stepper.scheme, stepper.scale, x.size
+    s, scale = stepper.scheme, stepper.scale
     d = s.degree
     newton_tol = min(1e-3 * tol, 1e-8)
     lengths: list[float] = []
@@ -324,7 +336,8 @@ def _locate(
     low, high = inside, beyond
     f_low = min(value((s.interpolation(np.array([inside])) @ w)[0]), 0.0)
     f_high = value((s.interpolation(np.array([beyond])) @ w)[0])
-    theta = beyond
+    theta, f = beyond, f_high
+    solved: tuple[Array, Array] | None = None
     for _ in range(60):
         theta = high - f_high * (high - low) / (f_high - f_low) if f_low < 0 < f_high else (low + high) / 2
         guess = (s.interpolation(s.stages * theta) @ w).ravel()
@@ -341,4 +354,4 @@ def _locate(
             low, f_low = theta, f
             f_high *= 0.5
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
-    return (theta * h, solved[0], solved[1]) if abs(f) <= EVENT_LIMIT else None
+    return (theta * h, solved[0], solved[1]) if solved and abs(f) <= EVENT_LIMIT else None

@@ -22,8 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .collocation import lagrange
-from .transcription import Linearisation, Setting, Transcription, transcribe
+from .transcription import Setting, Transcription, transcribe
 
 Array = np.ndarray
 
@@ -77,8 +76,12 @@ def transfer(
 
     Parameters
     ----------
-    breaks : new boundaries of each collocated phase.
-    target : the transcription to use; default the one of the same cycle and scheme.
+    t, u, fractions
+        the solution and its mesh.
+    breaks
+        new boundaries of each collocated phase.
+    target
+        the transcription to use; default the one of the same cycle and scheme.
 
     Returns
     -------
@@ -157,7 +160,10 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
 
     Parameters
     ----------
-    border : border row under which the solution was computed; default lambda fixed.
+    t, u, setting
+        the solution.
+    border
+        border row under which the solution was computed; default lambda fixed.
 
     Period and amplitude are those of the full cycle and max |x1|; relative errors do not care.
     """

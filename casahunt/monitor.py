@@ -14,6 +14,7 @@ The parameter value of a fold is second order in the place on the curve: it come
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -28,6 +29,10 @@ from .orbit import Orbit
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
+MAX_FAILURES = 8
+ACCEPTED = 1e3
+"""A point counts as located within this many tolerances of its monitor; at a fold, whose gain is second
+order in that, within 1e-12."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +102,19 @@ def crossings(
         a, b = monitor.value(before, start), monitor.value(after, end)
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
             continue
-        orbit = locate(before, after, monitor, start, a, b, vary=vary, options=options)
-        if orbit is not None:
-            value = parameter_value(orbit, vary)
-            found.append(SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=value)))
-    return found
+        orbit = locate(before, after, monitor, vary=vary, options=options)
+        if orbit is None:  # from the other side: the steps are other ones
+            orbit = locate(after, before, monitor, vary=vary, options=options)
+        if orbit is None:
+            warnings.warn(
+                f"a special point ({monitor.kind}) lies between {vary} = {parameter_value(before, vary):.8g} and "
+                f"{parameter_value(after, vary):.8g}, but could not be located",
+                stacklevel=2,
+            )
+            continue
+        value = parameter_value(orbit, vary)
+        found.append(SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=value)))
+    return sorted(found, key=lambda s: float(np.dot(_towards(before, s.orbit, vary), _towards(before, after, vary))))
 
 
 def _towards(before: Orbit, after: Orbit, vary: str) -> Array:
@@ -111,25 +124,31 @@ def _towards(before: Orbit, after: Orbit, vary: str) -> Array:
     return np.append(x, there / here - 1)
 
 
-def locate(
-    before: Orbit, after: Orbit, monitor: Monitor, start: Point, a: float, b: float, *, vary: str, options: Options
-) -> Orbit | None:
-    """The orbit at which `monitor` vanishes, or None where no correction on the way converges.
+def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
+    """The orbit between two at which `monitor` vanishes, or None where the steps there do not converge.
 
     Steps start at `before`; their length along its tangent is the unknown.
     """
     towards = _towards(before, after, vary)
+    start = curve_point(before, vary, like=towards)
     low, high = 0.0, float(towards @ start.row)
-    f_low, f_high = a, b
+    f_low = monitor.value(before, start)
+    f_high = monitor.value(after, curve_point(after, vary, like=towards))
     best: tuple[float, Orbit] | None = None
-    side = 0
+    side, failures = 0, 0
     for _ in range(LOCATE_ROUNDS):
         ds = high - f_high * (high - low) / (f_high - f_low)
+        if failures:  # another length near by: mesh and phases may fall into place there
+            ds += (0.02 if failures % 2 else -0.02) * failures * (high - low)
         if not low < ds < high:
             ds = (low + high) / 2
         outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
         if isinstance(outcome, str):
-            return best[1] if best else None
+            failures += 1
+            if failures > MAX_FAILURES:
+                break
+            continue
+        failures = 0
         orbit = outcome[0]
         f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
         if best is None or abs(f) < abs(best[0]):
@@ -144,7 +163,7 @@ def locate(
             low, f_low = ds, f
             f_high = f_high * 0.5 if side == -1 else f_high
             side = -1
-    return best[1] if best else None
+    return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
 
 
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:

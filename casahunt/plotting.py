@@ -88,8 +88,10 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
 
     Parameters
     ----------
-    branches : one per model, as a rule.
-    equilibria : say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis.
+    branches
+        one per model, as a rule.
+    equilibria
+        say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis.
 
     Raises
     ------
@@ -125,7 +127,8 @@ def multipliers(branches: Sequence[Branch]) -> Figure:
 
     Parameters
     ----------
-    branches : one per model, as a rule.
+    branches
+        one per model, as a rule.
 
     Raises
     ------
@@ -162,7 +165,8 @@ def time_traces(orbits: Sequence[Orbit]) -> Figure:
 
     Parameters
     ----------
-    orbits : one or two, for instance both models at the same gain.
+    orbits
+        one or two, for instance both models at the same gain.
 
     Raises
     ------
@@ -203,7 +207,8 @@ def phase_portrait(orbits: Sequence[Orbit]) -> Figure:
 
     Parameters
     ----------
-    orbits : one or more.
+    orbits
+        one or more.
 
     Raises
     ------
@@ -535,8 +540,10 @@ def _rolled(times: Array, states: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    times : (m,) [s] of one period, both ends included.
-    states : (n, m).
+    times
+        (m,) [s] of one period, both ends included.
+    states
+        (n, m).
 
     Returns
     -------

@@ -79,9 +79,15 @@ def newton(
 
     Parameters
     ----------
-    border : border row (transcription.NodeSystem.border) orthogonal to the correction; default holds
+    t, u, setting
+        the equations and the starting point.
+    max_iterations, largest_move
+        when to give up, and how far from u a solution may lie.
+    border
+        border row (transcription.NodeSystem.border) orthogonal to the correction; default holds
         lambda fixed.
-    parameter : lambda at the start; the equations are taken at p + lambda dp.
+    parameter
+        lambda at the start; the equations are taken at p + lambda dp.
     """
     row = t.system.border(parameter=1.0) if border is None else border
     start, lam = u, parameter

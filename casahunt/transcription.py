@@ -43,7 +43,7 @@ import numpy as np
 
 from .collocation import Kind, scheme
 from .cycle import Cycle, Field
-from .interval import interval_map
+from .interval import IntervalMap, interval_map
 
 Array = np.ndarray
 
@@ -75,9 +75,12 @@ class Transcription:
 
     Parameters
     ----------
-    cycle : the cycle.
-    counts : intervals of each phase; 0 for a closed-form phase.
-    degree, kind : collocation scheme.
+    cycle
+        the cycle.
+    counts
+        intervals of each phase; 0 for a closed-form phase.
+    degree, kind
+        collocation scheme.
     """
 
     def __init__(self, cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> None:
@@ -94,7 +97,7 @@ class Transcription:
         self.elements = self.intervals + self.closed
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
-        self._joints = _joint_map(cycle)
+        self._joints = _JointMap(cycle)
         self.system = node_system(
             self.elements, n, tuple(self.phase_of), tuple(self.phase_end), cycle.closure.tobytes()
         )
@@ -208,7 +211,7 @@ class Transcription:
             eliminated=eliminated,
         )
 
-    def _map(self, field: Field, count: int):  # noqa: ANN202 - an IntervalMap
+    def _map(self, field: Field, count: int) -> IntervalMap:
         return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
 
 
@@ -260,7 +263,7 @@ def joint_function(cycle: Cycle) -> ca.Function:
     )
 
 
-class _joint_map:
+class _JointMap:
     """`joint_function` through fixed buffers; results are copies."""
 
     def __init__(self, cycle: Cycle) -> None:
@@ -273,10 +276,10 @@ class _joint_map:
         self._buffer, self._trigger = function.buffer()
         for i, array in enumerate(self._in):
             if array.size:
-                self._buffer.set_arg(i, memoryview(array))
+                self._buffer.set_arg(i, array.data)
         if closed:
-            self._buffer.set_res(0, memoryview(self._flow))
-        self._buffer.set_res(1, memoryview(self._events))
+            self._buffer.set_res(0, self._flow.data)
+        self._buffer.set_res(1, self._events.data)
 
     def __call__(self, v: Array, ends: Array, T: Array, p: Array, dp: Array, scale: Array) -> Joints:
         for store, value in zip(self._in, (v, ends, T, p, dp, scale), strict=True):
@@ -475,9 +478,9 @@ class _LinearSolve:
         function = ca.Function("solve", [A, b], [ca.solve(A.T if transposed else A, b, "qr", {})])
         self._nonzeros, self._rhs, self._out = np.zeros(sparsity.nnz()), np.zeros(size), np.zeros(size)
         self._buffer, self._trigger = function.buffer()
-        self._buffer.set_arg(0, memoryview(self._nonzeros))
-        self._buffer.set_arg(1, memoryview(self._rhs))
-        self._buffer.set_res(0, memoryview(self._out))
+        self._buffer.set_arg(0, self._nonzeros.data)
+        self._buffer.set_arg(1, self._rhs.data)
+        self._buffer.set_res(0, self._out.data)
 
     def __call__(self, nonzeros: Array, rhs: Array) -> Array:
         self._nonzeros[:] = nonzeros

@@ -1,0 +1,57 @@
+"""casahunt: will this servo hunt, and which gain makes it stop?
+
+Limit cycles of a position servo with dry friction and integral action, computed as multi-phase collocation
+boundary value problems (CasADi, IPOPT), followed in the controller gain round the fold where hunting ends.
+
+    >>> from casahunt import Servo, find_orbit, find_fold
+    >>> orbit = find_orbit(Servo(), "switch", 0.04)          # Table 1 of the report, gain K = 0.04
+    >>> orbit.amplitude, orbit.period, orbit.half_multiplier
+    >>> find_fold(Servo(), "switch").gain                    # no hunting above this gain
+"""
+
+from importlib.metadata import PackageNotFoundError, version
+
+from .adapt import Options
+from .archive import load_branch, load_orbit, save_branch, save_orbit
+from .branch import Branch, SpecialPoint
+from .continuation import walk, walk_naturally
+from .diagram import collect, diagram
+from .errors import InputError, NoOrbit, Status
+from .find import find_orbit
+from .floquet import Multipliers
+from .fold import Fold, find_fold
+from .friction import Friction
+from .orbit import Arc, Orbit
+from .servo import Controller, Servo, load
+
+try:
+    __version__ = version("casahunt")
+except PackageNotFoundError:  # run from a checkout that is not installed
+    __version__ = "0+uninstalled"
+
+__all__ = [
+    "Arc",
+    "Branch",
+    "Controller",
+    "Fold",
+    "Friction",
+    "InputError",
+    "Multipliers",
+    "NoOrbit",
+    "Options",
+    "Orbit",
+    "Servo",
+    "SpecialPoint",
+    "Status",
+    "collect",
+    "diagram",
+    "find_fold",
+    "find_orbit",
+    "load",
+    "load_branch",
+    "load_orbit",
+    "save_branch",
+    "save_orbit",
+    "walk",
+    "walk_naturally",
+]

@@ -1,0 +1,93 @@
+"""The bifurcation diagram of a servo: from a gain on the stable branch, round the fold, back to that gain.
+
+A generator, so that every point can be written down as soon as it is known; `collect` gathers a Branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from .adapt import Options
+from .branch import Branch, SpecialPoint
+from .continuation import LARGEST_STEP, walk
+from .find import find_orbit
+from .hunting import Model
+from .monitor import STANDARD, Monitor, crossings
+from .orbit import Orbit
+from .servo import Servo
+
+DEFAULT_START = 0.0321
+"""Gain at which the diagrams of the report start (its Routh-Hurwitz gain without friction)."""
+HIGHEST = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class DiagramPoint:
+    """An orbit of a diagram with the special points between the one before and this one."""
+
+    orbit: Orbit
+    special: tuple[SpecialPoint, ...]
+
+
+def diagram(
+    servo: Servo,
+    model: Model,
+    *,
+    start: float = DEFAULT_START,
+    options: Options | None = None,
+    monitors: tuple[Monitor, ...] = STANDARD,
+    largest_step: float = LARGEST_STEP,
+) -> Generator[DiagramPoint, None, str]:
+    """The points of the diagram, in order along the branch.
+
+    Parameters
+    ----------
+    servo, model, options
+        the problem and the tolerance.
+    largest_step
+        of the walk, in arclength.
+    start
+        gain at which the stable branch is entered and the unstable one is left.
+    monitors
+        special points to be located.
+
+    Returns
+    -------
+    Iterator; its return value is the sentence that says why the branch ends.
+
+    Raises
+    ------
+    InputError, NoOrbit : as `find_orbit` at the gain `start`.
+    """
+    options = options or Options()
+    first = find_orbit(servo, model, start, options=options)
+    yield DiagramPoint(first, ())
+    before = first
+    steps = walk(first, low=start, high=start * HIGHEST, options=options, largest_step=largest_step)
+    while True:
+        try:
+            after = next(steps)
+        except StopIteration as end:
+            return str(end.value)
+        found = crossings(before, after, vary="gain", monitors=monitors, options=options)
+        yield DiagramPoint(after, tuple(found))
+        before = after
+
+
+def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
+    """Run a diagram to its end."""
+    orbits: list[Orbit] = []
+    special: list[SpecialPoint] = []
+    ended = ""
+    while True:
+        try:
+            point = next(points)
+        except StopIteration as end:
+            ended = str(end.value)
+            break
+        orbits.append(point.orbit)
+        special += point.special
+    return Branch(model, servo, tuple(orbits), ended, tuple(special))
+
+
