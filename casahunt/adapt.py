@@ -20,7 +20,7 @@ from .checks import require
 from .collocation import Kind
 from .errors import InputError, Status
 from .hunting import SCHEMES, Model
-from .mesh import Estimate, better_breaks, estimate, quartered_where, transfer
+from .mesh import Estimate, better_breaks, estimate, halved, phase_breaks, quartered_where, transfer
 from .resequence import Start, next_sequence
 from .solve import Solution, Solver, newton, solve
 from .transcription import Setting, Transcription
@@ -148,10 +148,21 @@ def solve_adaptively(
             breaks = better_breaks(t, setting.fractions, e, options.tol)
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
             return accepted
-        t, u, fractions = transfer(t, solution.u, setting.fractions, breaks)
-        setting = replace(setting, fractions=fractions)
-        solution = _correct(t, u, setting, border, "newton", solution.parameter)
+        old = t, solution, setting
+        t, setting, solution = _on_mesh(*old, breaks, border)
+        if not solution.status.ok:
+            # A mesh that moves too much at once can lose the solution; cutting every interval cannot.
+            t, setting, solution = _on_mesh(*old, halved(phase_breaks(old[0], old[2].fractions)), border)
     return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
+
+
+def _on_mesh(
+    t: Transcription, solution: Solution, setting: Setting, breaks: list[Array], border: Array | None
+) -> tuple[Transcription, Setting, Solution]:
+    """The solution carried to another mesh and corrected there."""
+    t, u, fractions = transfer(t, solution.u, setting.fractions, breaks)
+    setting = replace(setting, fractions=fractions)
+    return t, setting, _correct(t, u, setting, border, "newton", solution.parameter)
 
 
 def _row(t: Transcription, border: Array | None) -> Array | None:

@@ -8,6 +8,9 @@ Inside an interval the polynomial is known to a few times the last Legendre coef
 a violation beyond that is a wrong root; a value that is not clear of zero by as much asks for a shorter
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.
 
+The same goes for an interval between whose points a feature of the field can hide, such as the Stribeck drop
+in a stop from a thousand vs: neither the equations nor the error estimate would ever see it (cycle.Mode).
+
 A phase begins and ends where its condition vanishes by definition.  There the condition is divided by the
 distance from that end, so that what must be clear of zero is its slope.
 """
@@ -22,7 +25,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from .collocation import Scheme
-from .cycle import Admissible
+from .cycle import Admissible, Feature
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -31,6 +34,7 @@ RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
 NOISE = 1e-10
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
+LARGEST_JUMP = 0.5  # of a mode's feature between neighbouring collocation points
 _BETWEEN = np.linspace(0, 1, 33)
 
 
@@ -69,6 +73,8 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     unclear = np.zeros(t.intervals, dtype=bool)
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
+        if t.counts[k] and mode.feature is not None:
+            unclear[t.phase_intervals(k)] |= _hides_feature(mode.feature, w[t.phase_intervals(k)], nodes, t, k, setting)
         if not durations[k] > 0:
             return Verdict(f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s", k, unclear)
         if mode.admissible is None:
@@ -92,6 +98,17 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
         if t.counts[k]:
             unclear[t.phase_intervals(k)] |= lowest < 0
     return Verdict("", -1, unclear)
+
+
+def hides(feature: Feature, points: Array, p: Array) -> Array:
+    """(N,) True where `feature` jumps between successive points (N, m, n) of an interval."""
+    values = np.asarray(feature(points.reshape(-1, points.shape[-1]).T, p), float).reshape(points.shape[:2])
+    return np.max(np.abs(np.diff(values, axis=1)), axis=1) > LARGEST_JUMP
+
+
+def _hides_feature(feature: Feature, w: Array, nodes: Array, t: Transcription, k: int, setting: Setting) -> Array:
+    ends = nodes[t.phase_end[k] - t.counts[k] + 1 : t.phase_end[k] + 1]
+    return hides(feature, np.concatenate([w, ends[:, None]], axis=1), setting.p)
 
 
 def _not_clear(s: Scheme, values: Array, slack: float) -> Array:

@@ -8,21 +8,28 @@ a damaged or foreign file.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import zipfile
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from .branch import Branch, SpecialPoint
+from .checks import require
+from .collocation import scheme
 from .errors import InputError, Status
+from .hunting import SYSTEMS
 from .orbit import Arc, Orbit
 from .servo import flatten, unflatten
 
 Array = np.ndarray
+T = TypeVar("T")
 
 SCHEMA = "casahunt"
 VERSION = 1
@@ -110,15 +117,26 @@ def _write(path: str | Path, kind: str, content: dict[str, Any], writer: _Writer
         "casadi": ca.__version__,
         **content,
     }
-    text = np.frombuffer(json.dumps(metadata).encode(), dtype=np.uint8)
+    numbers = writer.numbers()
+    try:
+        text = np.frombuffer(json.dumps(metadata, allow_nan=False).encode(), dtype=np.uint8)
+    except ValueError:
+        text = None
+    if text is None or not np.isfinite(numbers).all():
+        raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
+    if not path.parent.is_dir():
+        raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
     # Written beside and moved into place: an interrupt never leaves half a file under the final name.
     partial = path.with_name(path.name + ".partial")
     try:
         with partial.open("wb") as stream:
-            np.savez(stream, metadata=text, numbers=writer.numbers())
+            np.savez(stream, metadata=text, numbers=numbers)
         os.replace(partial, path)
     except OSError as error:
         raise InputError(f"cannot write {str(path)!r}: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):  # gone, unless something went wrong
+            partial.unlink()
 
 
 def load_orbit(path: str | Path) -> Orbit:
@@ -130,89 +148,134 @@ def load_orbit(path: str | Path) -> Orbit:
 def load_branch(path: str | Path) -> Branch:
     """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong."""
     metadata, numbers = _read(path, "branch")
-    return _checked(
-        path,
-        lambda: Branch(
-            model=metadata["model"],
-            servo=unflatten(metadata["servo"]),
-            orbits=tuple(_orbit(record, numbers) for record in metadata["orbits"]),
-            ended=str(metadata["ended"]),
-            special=tuple(
-                SpecialPoint(s["kind"], _orbit(s["orbit"], numbers), s["meaning"]) for s in metadata["special"]
-            ),
-        ),
-    )
+    return _checked(path, lambda: _branch(metadata, numbers))
 
 
-def _checked(path: str | Path, build: Any) -> Any:
+def _checked(path: str | Path, build: Callable[[], T]) -> T:
     try:
         return build()
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{str(path)!r} is damaged: its metadata and its numbers do not fit ({error!r})") from None
+    except KeyError as error:
+        what = f"{error} is missing or unknown"
+    except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        what = str(error)
+    raise InputError(f"{str(path)!r} is damaged: its metadata and its numbers do not fit ({what})")
 
 
 def _read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     name = repr(str(path))
     try:
-        with np.load(Path(path), allow_pickle=False) as file:
-            if not {"metadata", "numbers"} <= set(getattr(file, "files", ())):
-                raise InputError(f"{name} is an npz file, but not one of casahunt: it has no metadata")
-            text, numbers = bytes(file["metadata"]), np.asarray(file["numbers"], float)
-    except FileNotFoundError:
-        raise InputError(f"{name}: no such file") from None
-    except (OSError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{name} is damaged or no npz file: {error}") from None
+        with Path(path).open("rb") as stream:
+            if stream.read(2) != b"PK":  # every npz file is a zip file, and every zip file begins so
+                raise InputError(f"{name} is no npz file")
+            with zipfile.ZipFile(stream) as archive:
+                found = set(archive.namelist())
+                if not {"metadata.npy", "numbers.npy"} <= found:
+                    raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
+                text = _array(archive, "metadata", np.uint8).tobytes()
+                numbers = _array(archive, "numbers", np.float64)
     except InputError:
         raise
-    except (ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{name} is no npz file of casahunt: {error}") from None
+    except FileNotFoundError:
+        raise InputError(f"{name}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{name} cannot be read: {error.strerror or error}") from None
+    except Exception as error:  # whatever zipfile, zlib and numpy make of bytes that are not as they were written
+        raise InputError(f"{name} is damaged: {error}") from None
     try:
-        metadata = json.loads(text)
-    except ValueError:
+        metadata = json.loads(text, parse_constant=_not_a_number)
+    except (ValueError, RecursionError):
         raise InputError(f"{name} is damaged: its metadata are not JSON") from None
     if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
-        raise InputError(f"{name} is an npz file, but not one of casahunt")
+        raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: its metadata have another schema")
     if metadata.get("version") != VERSION:
-        found = metadata.get("version")
-        raise InputError(f"{name} has the schema version {found!r}; this program reads version {VERSION}")
+        version = metadata.get("version")
+        raise InputError(f"{name} has the schema version {version!r}; this program reads version {VERSION}")
     if metadata.get("kind") != kind:
-        raise InputError(f"{name} holds a {metadata.get('kind')}, not a {kind}")
+        raise InputError(f"{name} holds {_article(metadata.get('kind'))}, not {_article(kind)}")
     if not np.isfinite(numbers).all():
         raise InputError(f"{name} is damaged: it holds NaN or infinity")
     return metadata, numbers
 
 
-def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
-    def take(place: dict[str, Any]) -> Array:
-        size = int(np.prod(place["shape"]))
-        part = numbers[place["at"] : place["at"] + size]
-        return part.reshape(place["shape"]).copy()
+def _array(archive: zipfile.ZipFile, name: str, dtype: type) -> Array:
+    """One array of the file, its checksum verified before numpy sees it."""
+    array = np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+    if array.ndim != 1 or array.dtype != dtype:
+        raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
+    return array
 
-    arcs = tuple(
-        Arc(a["mode"], a["event"], float(a["duration"]), take(a["breaks"]), take(a["states"]), take(a["end"]))
-        for a in record["arcs"]
+
+def _not_a_number(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _article(kind: object) -> str:
+    return f"{'an' if str(kind)[:1] in 'aeiou' else 'a'} {kind}"
+
+
+def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
+    branch = Branch(
+        model=metadata["model"],
+        servo=unflatten(metadata["servo"]),
+        orbits=tuple(_orbit(record, numbers) for record in metadata["orbits"]),
+        ended=str(metadata["ended"]),
+        special=tuple(
+            SpecialPoint(str(s["kind"]), _orbit(s["orbit"], numbers), str(s["meaning"])) for s in metadata["special"]
+        ),
     )
+    others = [orbit.model for orbit in (*branch.orbits, *(s.orbit for s in branch.special))]
+    if any(model != branch.model for model in others):
+        raise ValueError("the branch holds orbits of another model")
+    return branch
+
+
+def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
+    def take(place: dict[str, Any], *shape: int) -> Array:
+        """The array at a place; -1 in `shape` stands for any length."""
+        at, found = place["at"], place["shape"]
+        if len(found) != len(shape) or any(n < 1 or m not in (-1, n) for n, m in zip(found, shape, strict=True)):
+            raise ValueError(f"an array has the shape {found}")
+        size = int(np.prod(found))
+        if not 0 <= at <= numbers.size - size:
+            raise ValueError(f"{numbers.size} numbers are not enough")
+        return numbers[at : at + size].reshape(found).copy()
+
+    n, degree, kind = len(SYSTEMS[record["model"]].states), int(record["degree"]), record["scheme"]
+    scheme(degree, kind)  # refuses what does not exist
+
+    def arc(a: dict[str, Any]) -> Arc:
+        breaks = take(a["breaks"], -1)
+        if breaks[0] != 0 or breaks[-1] != 1 or not (np.diff(breaks) > 0).all():
+            raise ValueError("the breaks of an arc do not run from 0 to 1")
+        closed_form = a["states"]["shape"][1:2] == [1]
+        states = take(a["states"], breaks.size - 1, 1 if closed_form else degree + 1, n)
+        return Arc(a["mode"], a["event"], float(a["duration"]), breaks, states, take(a["end"], n))
+
     orbit = Orbit(
         model=record["model"],
         servo=unflatten(record["servo"]),
-        gain=float(record["gain"]),
+        gain=require("gain", record["gain"], above=0),
         half=bool(record["half"]),
-        degree=int(record["degree"]),
-        kind=record["scheme"],
-        arcs=arcs,
+        degree=degree,
+        kind=kind,
+        arcs=tuple(arc(a) for a in record["arcs"]),
         period=float(record["period"]),
         amplitude=float(record["amplitude"]),
         period_error=float(record["period_error"]),
         amplitude_error=float(record["amplitude_error"]),
         parameter_error=float(record["parameter_error"]),
         status=Status[record["status"]],
-        solver=record["solver"],
+        solver=str(record["solver"]),
         iterations=int(record["iterations"]),
         unknowns=int(record["unknowns"]),
         residual=float(record["residual"]),
         wall_s=float(record["wall_s"]),
-        scale=take(record["scale"]),
+        scale=take(record["scale"], n),
     )
-    if len(orbit.cycle.phases) != len(arcs):
+    phases = orbit.cycle.phases
+    if len(phases) != len(orbit.arcs):
         raise ValueError("arcs and phase sequence differ")
+    for a, phase in zip(orbit.arcs, phases, strict=True):
+        if (phase.mode.flow is not None) != (a.states.shape[1] == 1):
+            raise ValueError(f"the arc {a.mode!r} has {a.states.shape[1]} states in an interval")
     return orbit

@@ -36,12 +36,18 @@ def require(
     x = number(key, value)
     named = f" ({unit})" if unit else ""
     if above is not None and not x > above:
-        raise InputError(f"{key} = {x:g}: must be greater than {above:g}{named}")
+        raise InputError(f"{key} = {shown(x)}: must be greater than {shown(above)}{named}")
     if at_least is not None and not x >= at_least:
-        raise InputError(f"{key} = {x:g}: must be at least {at_least:g}{named}")
+        raise InputError(f"{key} = {shown(x)}: must be at least {shown(at_least)}{named}")
     if at_most is not None and not x <= at_most:
-        raise InputError(f"{key} = {x:g}: must be at most {at_most:g}{named}")
+        raise InputError(f"{key} = {shown(x)}: must be at most {shown(at_most)}{named}")
     return x
+
+
+def shown(x: float) -> str:
+    """A number for a message: short where that is exact, so that no value seems to lie on its own bound."""
+    short = f"{x:g}"
+    return short if float(short) == x else repr(float(x))
 
 
 def known(what: str, name: str, allowed: Iterable[str]) -> str:
@@ -49,10 +55,12 @@ def known(what: str, name: str, allowed: Iterable[str]) -> str:
     names = list(allowed)
     if name in names:
         return name
+    if not isinstance(name, str):
+        raise InputError(f"{what} = {name!r}: must be one of {', '.join(names)}")
     # A misspelt key in the right section, or a right key in the wrong one; the shared section name would
-    # make every key of a section look alike, so the last parts are compared.
-    last = [n.rsplit(".", 1)[-1] for n in names]
-    ends = difflib.get_close_matches(name.rsplit(".", 1)[-1], last, n=1, cutoff=0.5)
+    # make every key of a section look alike, so the last parts are compared; so would the dashes of options.
+    last = [n.rsplit(".", 1)[-1].lstrip("-") for n in names]
+    ends = difflib.get_close_matches(name.rsplit(".", 1)[-1].lstrip("-").lower(), last, n=1, cutoff=0.5)
     near = [n for n, end in zip(names, last, strict=True) if ends and end == ends[0]][:1]
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(names)})")

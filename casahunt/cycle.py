@@ -39,6 +39,10 @@ Admissible = Callable[[Expression, Expression, Expression], Expression]
 """(x, p, sign) -> scalar, >= 0 where the mode is a motion of the system; of order one."""
 
 
+Feature = Callable[[Any, Any], Any]
+"""(x, p) -> scalar of order one; (n, m) and (p,) arrays to (m,)."""
+
+
 @dataclass(frozen=True)
 class Mode:
     """One smooth piece of the dynamics.
@@ -52,6 +56,9 @@ class Mode:
     admissible : condition that must be >= -slack all along the phase, or None.
     slack : violation that is still no other motion.
     smooth : the field has no kink along the phase.
+    feature : function (x, p) of the field that can hide between collocation points, of order one, or None;
+        works on numpy arrays (n, m).  A mesh on which it jumps by more than a half from one point to the next is
+        too coarse, however small its error estimate.
     """
 
     name: str
@@ -61,6 +68,7 @@ class Mode:
     admissible: Admissible | None = None
     slack: float = 0.0
     smooth: bool = True
+    feature: Feature | None = None
 
 
 @dataclass(frozen=True)

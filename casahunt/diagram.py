@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from .adapt import Options
 from .branch import Branch, SpecialPoint
-from .continuation import LARGEST_STEP, walk
+from .continuation import walk
 from .find import find_orbit
 from .hunting import Model
 from .monitor import STANDARD, Monitor, crossings
@@ -19,6 +19,8 @@ from .servo import Servo
 
 DEFAULT_START = 0.0321
 """Gain at which the diagrams of the report start (its Routh-Hurwitz gain without friction)."""
+DRAWING_STEP = 0.15
+"""Largest arclength between points: the solver could take three times as much, the eye could not."""
 HIGHEST = 1e9
 
 
@@ -37,7 +39,7 @@ def diagram(
     start: float = DEFAULT_START,
     options: Options | None = None,
     monitors: tuple[Monitor, ...] = STANDARD,
-    largest_step: float = LARGEST_STEP,
+    largest_step: float = DRAWING_STEP,
 ) -> Generator[DiagramPoint, None, str]:
     """The points of the diagram, in order along the branch.
 

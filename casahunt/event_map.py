@@ -29,6 +29,10 @@ SECTION = 0.9
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
 """Scanned stick positions, in units of Fs/kp, where the proportional torque equals static friction."""
+MOST_SLIPS = 12
+"""Slips in a row without a stick after which the swing is taken for what it has become."""
+THROWN_OUT = 3.0
+"""A servo that turns this many times farther out than it started is not followed further."""
 LOCAL = 0.05
 """Width in log a over which a difference quotient counts as a slope."""
 NEAR_FOLD = 0.4
@@ -45,7 +49,8 @@ class HalfCycle:
     Attributes
     ----------
     start : a [rad].
-    position : P(a) [rad], positive on the far side; 0 where the servo comes to rest for good.
+    position : P(a) [rad], positive on the far side; 0 where the servo comes to rest for good; the last
+        turning point |x1| of a servo that swings on without sticking.
     segments : the motion between two corresponding points, as phases of a half cycle.
     slope : d log(P/a) / d log a there, where a search has found it out; nan elsewhere.  0 at a fold,
         negative at a stable fixed point.
@@ -110,19 +115,28 @@ def patience(servo: Servo) -> float:
 
 def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
     kp, _, ki = servo.torque_gains(gain)
+    slips = 0
+
+    def stuck_or_tired(segment: Segment) -> bool:
+        nonlocal slips
+        slips += segment.event == "stop"
+        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * a
+        return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
+
     segments = march(
         SWITCH,
         "slip+",
         np.array([-a, 0.0, (kp * a - servo.friction.static) / ki]),
         servo.parameters(gain),
         scale=state_scale("switch", servo, gain, a),
-        until=lambda s: s.mode == "stick",
+        until=stuck_or_tired,
         tol=tol,
         degree=degree,
         kind=kind,
         max_time=patience(servo),
     )
-    return HalfCycle(a, float(segments[-1].end[0]), segments)
+    position = float(segments[-1].end[0])
+    return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
 
 
 def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
@@ -185,10 +199,19 @@ class Scan:
 
     def sentence(self) -> str:
         """The evidence in words."""
-        text = (
-            f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: the servo comes to rest at "
-            f"most at {self.best:.4g} times the distance it started from (at {self.best_at:.4g} rad)"
-        )
+        text = f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: "
+        if self.best >= 1:
+            text += (
+                f"motions grow (from {self.best_at:.4g} rad to {self.best:.4g} times that distance) and no stable "
+                "cycle bounds them, as with an unstable linear loop"
+            )
+        elif self.best > 0:
+            text += (
+                f"the servo comes to rest at most at {self.best:.4g} times the distance it started from "
+                f"(at {self.best_at:.4g} rad)"
+            )
+        else:
+            text += "the servo never gets across the set point"
         if self.failures:
             text += f"; {len(self.failures)} of the motions could not be computed"
         return text
@@ -223,10 +246,12 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
             continue
         seen.append(run)
         if above is None:
-            if run.ratio >= 1:
+            # Far out an unstable linear loop throws the servo out further: the stable fixed point lies
+            # where the ratio, coming from outside, has been below one before it exceeds it.
+            if run.ratio < 1:
+                outside = run
+            elif outside is not None:
                 above = run
-                if len(seen) > 1:
-                    outside = seen[-2]
                 if not want_lower:
                     break
         elif run.ratio < 1:
@@ -235,7 +260,7 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
         else:
             above = above if above.ratio >= run.ratio else run
     best = max(seen, key=lambda r: r.ratio, default=None)
-    if best is not None and above is None and best.ratio > NEAR_FOLD:
+    if best is not None and above is None and NEAR_FOLD < best.ratio < 1:
         best = _maximise(at, seen, best)
         if best.ratio >= 1:
             above = best

@@ -202,13 +202,15 @@ def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options
 
 
 def check_problem(servo: Servo, model: Model, gain: float) -> None:
-    """Raise InputError for an unknown model or a gain that is not positive, NoOrbit for pure Coulomb friction."""
+    """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction."""
     known("model", model, MODELS)
     require("gain", gain, above=0)
     if servo.friction.static == servo.friction.coulomb:
+        seen = scan(model, servo, gain)
         raise NoOrbit(
-            "no hunting limit cycle: static equals Coulomb friction, and without a Stribeck drop in the friction "
-            "curve the integral action cannot sustain an oscillation (Bisoffi et al.); no gain had to be scanned"
+            f"no hunting limit cycle of the {model} servo at any gain: static equals Coulomb friction, and without a "
+            "drop in the friction curve the integral action cannot sustain an oscillation (Bisoffi et al.); at gain "
+            f"{gain:g}, {seen.sentence()}"
         )
 
 

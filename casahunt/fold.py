@@ -86,10 +86,10 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     ------
     NoOrbit : none of the gains searched has one; says which were searched.
     """
-    check_problem(servo, model, 1.0)
     base = routh_hurwitz_gain(servo)
     if not np.isfinite(base):
         base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
+    check_problem(servo, model, base)
     tried: list[float] = []
     for k in range(SEARCH_FACTORS + 1):
         for factor in (2.0**k, 2.0**-k) if k else (1.0,):

@@ -128,6 +128,11 @@ def _slides_forward(x: Any, p: Any, sign: Any) -> Any:
     return sign * x[1] * ca.sqrt(q.sigma0 * q.J) / q.Fs
 
 
+def _stribeck_drop(x: Any, p: Any) -> Any:
+    """exp(-(x2/vs)^2), (n, m) -> (m,): invisible to an interval whose points all lie beyond a few vs."""
+    return np.exp(-((x[1] / _symbols(p).vs) ** 2))
+
+
 def _torque_below_static(x: Any, p: Any, sign: Any) -> Any:
     return 1 - ca.fabs(motor_torque(x, p)) / _symbols(p).Fs
 
@@ -206,13 +211,13 @@ def _always(name: str) -> Callable[[np.ndarray, np.ndarray], str]:
 
 
 _SLIP = {
-    name: Mode(name, switch_slip, sign, admissible=_moves_forward)
+    name: Mode(name, switch_slip, sign, admissible=_moves_forward, feature=_stribeck_drop)
     for name, sign in (("slip+", 1.0), ("slip-", -1.0))
 }
 _SLIDE = {
-    name: Mode(name, lugre_slide, sign, admissible=_slides_forward, slack=10 * WEAK)
+    name: Mode(name, lugre_slide, sign, admissible=_slides_forward, slack=10 * WEAK, feature=_stribeck_drop)
     for name, sign in (("slide+", 1.0), ("slide-", -1.0))
-} | {"slide": Mode("slide", lugre_slide, 0.0, smooth=False)}
+} | {"slide": Mode("slide", lugre_slide, 0.0, smooth=False, feature=_stribeck_drop)}
 
 SWITCH = System(
     "switch",

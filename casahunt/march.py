@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
 from .hunting import Exit, System
 from .interval import IntervalMap, interval_map
@@ -238,6 +239,12 @@ def _collocated(
             continue
         assert solved is not None
         stages, end = solved
+        feature = system.modes[mode].feature
+        if feature is not None:
+            points = np.concatenate([start, stages, end]).reshape(1, -1, x.size) * scale
+            if hides(feature, points, p)[0] and h > SMALLEST_STEP * max(t, 1.0) * 1e3:
+                h *= 0.5
+                continue
         ahead = start + 1e-6 * h * slope if first else None
         try:
             crossing = _first_crossing(system.exits[mode], stepper, start, stages, end, ahead)

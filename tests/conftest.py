@@ -1,0 +1,22 @@
+"""Shared orbits: computed once for all tests that only read them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from casahunt import Options, Orbit, find_orbit
+from problems import table1
+
+
+@cache
+def orbit_at(model: str, gain: float, branch: str = "stable", tol: float = 1e-9) -> Orbit:
+    """A cycle of the servo of Table 1."""
+    return find_orbit(table1.servo(), model, gain, branch=branch, options=Options(tol=tol))
+
+
+@pytest.fixture
+def orbit():
+    """The cached `orbit_at`."""
+    return orbit_at

@@ -1,0 +1,162 @@
+"""Orbits against values from outside: the reference table, and the Taylor engine for everything else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import taylor
+
+from casahunt import Options, Servo, find_orbit
+from problems import table1
+
+ROWS = [
+    (model, branch, row)
+    for model in ("switch", "lugre")
+    for branch in ("stable", "unstable")
+    for row in table1.REFERENCE[model][branch]
+]
+NAMES = [f"{model}-{branch}-{row['K']}" for model, branch, row in ROWS]
+
+# Demanded of the program at tolerance 1e-9.  One reference period (Switch, unstable, K = 0.4) is off by
+# 7e-9: the Taylor engine below and this program agree on 54.4040523, the table has 54.4040520.
+LIMITS = {
+    ("switch", "stable"): (1e-8, 1e-6),
+    ("lugre", "stable"): (1e-7, 1e-6),
+    ("switch", "unstable"): (1e-7, 1e-5),
+    ("lugre", "unstable"): (1e-7, 1e-4),
+}
+
+
+@pytest.mark.parametrize(("model", "branch", "row"), ROWS, ids=NAMES)
+def test_reference_rows(orbit, model, branch, row):
+    found = orbit(model, row["K"], branch)
+    size, multiplier = LIMITS[model, branch]
+    assert found.amplitude == pytest.approx(row["amplitude"], rel=size)
+    assert found.period == pytest.approx(row["period"], rel=size)
+    assert found.half_multiplier == pytest.approx(row["mu"], rel=multiplier)
+    assert found.stable == (branch == "stable")
+    assert found.multipliers.trivial_error < 1e-8
+
+
+@pytest.mark.parametrize(("model", "branch", "row"), ROWS, ids=NAMES)
+def test_reference_rows_at_the_default_tolerance(orbit, model, branch, row):
+    found = orbit(model, row["K"], branch, 1e-6)
+    assert found.amplitude == pytest.approx(row["amplitude"], rel=1e-6)
+    assert found.period == pytest.approx(row["period"], rel=1e-6)
+    assert found.half_multiplier == pytest.approx(row["mu"], rel=1e-6)
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize(("model", "branch", "row"), ROWS, ids=NAMES)
+def test_error_estimate_is_honest(orbit, model, branch, row, tol):
+    """True error at most 10 estimates; estimate at most 100 true errors, above what the table can tell."""
+    found = orbit(model, row["K"], branch, tol)
+    digits = 1e-8 if (model, branch, row["K"]) == ("switch", "unstable", 0.4) else 2e-9 if model == "switch" else 1e-10
+    true = max(abs(found.amplitude / row["amplitude"] - 1), abs(found.period / row["period"] - 1))
+    assert found.error_estimate <= tol
+    assert true <= 10 * found.error_estimate + digits
+    assert found.error_estimate <= 100 * (true + digits)
+
+
+def test_below_the_reports_bound(orbit):
+    """Hunting below K = 0.0321, where the report's linear bound says instability (design value, two programs)."""
+    found = orbit("switch", 0.02)
+    assert found.amplitude == pytest.approx(0.10586388, rel=1e-7)
+    assert found.period == pytest.approx(10.060780, rel=1e-7)
+
+
+OTHER_SERVOS = [
+    ({}, 0.3),
+    ({}, 0.005),
+    ({"friction.static": 0.50}, 0.35),
+    ({"friction.coulomb": 0.3}, 0.2),
+    ({"friction.stribeck_velocity": 0.03}, 0.1),
+    ({"friction.stribeck_velocity": 0.002}, 0.1),
+    ({"servo.inertia": 0.05}, 0.5),
+    ({"servo.inertia": 0.001}, 0.01),
+    ({"servo.motor_gain": 1.0}, 2.0),
+    ({"friction.viscous": 0.2}, 0.3),
+    ({"friction.viscous": 0.0}, 0.2),
+    ({"controller.integral_time": 0.12, "controller.lead_time": 0.25}, 0.2),
+    ({"controller.integral_time": 1.5, "controller.lead_time": 0.05}, 0.1),
+]
+
+
+@pytest.mark.parametrize(("changes", "gain"), OTHER_SERVOS)
+def test_other_switch_servos_against_taylor_series(changes, gain):
+    servo = Servo().replace(**changes)
+    found = find_orbit(servo, "switch", gain, options=Options(tol=1e-9))
+    amplitude, period = taylor.switch_cycle(servo, gain, found.amplitude)
+    assert found.amplitude == pytest.approx(amplitude, rel=5e-9)
+    assert found.period == pytest.approx(period, rel=5e-9)
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.4, 0.61])
+def test_unstable_switch_cycles_against_taylor_series(orbit, gain):
+    found = orbit("switch", gain, "unstable", 1e-10)
+    amplitude, period = taylor.switch_cycle(table1.servo(), gain, found.amplitude)
+    assert found.amplitude == pytest.approx(amplitude, rel=1e-9)
+    assert found.period == pytest.approx(period, rel=3e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "gain"),
+    [
+        ({}, 0.12),  # a pair of reversals is about to vanish
+        ({}, 0.5),
+        ({"friction.static": 0.50}, 0.3),
+        ({"friction.stiffness": 1e5, "friction.damping": 16.16}, 0.2),
+        ({"friction.damping": 0.0}, 0.1),  # a hundred reversals
+        ({"servo.inertia": 0.05}, 0.3),
+    ],
+)
+def test_lugre_orbits_close_in_taylor_series(changes, gain):
+    """The orbit's first state, followed for half a period by the other engine, returns mirrored."""
+    servo = Servo().replace(**changes)
+    found = find_orbit(servo, "lugre", gain, options=Options(tol=1e-9))
+    x0 = found.arcs[0].states[0, 0]
+    x, half_period, largest = taylor.lugre_half_cycle(servo, gain, x0.copy())
+    assert np.max(np.abs(x + x0) / found.scale) < 2e-8
+    assert 2 * half_period == pytest.approx(found.period, rel=2e-8)
+    assert largest == pytest.approx(found.amplitude, rel=2e-8)
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("gain", [0.04, 0.2, 0.6])
+def test_half_and_full_cycle_agree(orbit, model, gain):
+    half = orbit(model, gain)
+    full = find_orbit(table1.servo(), model, gain, options=Options(tol=1e-9, half=False))
+    assert full.amplitude == pytest.approx(half.amplitude, rel=2e-9)
+    assert full.period == pytest.approx(half.period, rel=2e-9)
+    assert full.multipliers.leading.real == pytest.approx(half.half_multiplier**2, rel=1e-6)
+    assert len(full.arcs) == 2 * len(half.arcs)
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_schemes_and_solvers_agree(orbit, model):
+    reference = orbit(model, 0.3, tol=1e-11)
+    for options in (
+        Options(tol=1e-10, solver="newton"),
+        Options(tol=1e-10, degree=5, kind="gauss"),
+        Options(tol=1e-10, degree=6, kind="radau"),
+        Options(tol=1e-10, degree=9, kind="gauss"),
+    ):
+        found = find_orbit(table1.servo(), model, 0.3, options=options)
+        assert found.amplitude == pytest.approx(reference.amplitude, rel=1e-9)
+        assert found.period == pytest.approx(reference.period, rel=1e-9)
+
+
+def test_ipopt_and_newton_give_the_same_orbit(orbit):
+    for model in ("switch", "lugre"):
+        by_ipopt = orbit(model, 0.3)
+        by_newton = find_orbit(table1.servo(), model, 0.3, options=Options(tol=1e-9, solver="newton"))
+        assert by_newton.unknowns > 0
+        assert by_newton.period == pytest.approx(by_ipopt.period, rel=1e-9)
+
+
+def test_reversal_without_stick():
+    """A high gain shape makes the slip overshoot so far that friction cannot hold: slip+ | slip- | stick."""
+    servo = Servo().replace(**{"friction.viscous": 0.0, "controller.lead_time": 0.05})
+    found = find_orbit(servo, "switch", 0.06, options=Options(tol=1e-9))
+    amplitude, period = taylor.switch_cycle(servo, 0.06, abs(found.arcs[0].states[0, 0, 0]))
+    assert found.period == pytest.approx(period, rel=5e-9)
