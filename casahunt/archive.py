@@ -164,23 +164,23 @@ def _checked(path: str | Path, build: Callable[[], T]) -> T:
 def _read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     name = repr(str(path))
     try:
-        with Path(path).open("rb") as stream:
-            if stream.read(2) != b"PK":  # every npz file is a zip file, and every zip file begins so
-                raise InputError(f"{name} is no npz file")
-            with zipfile.ZipFile(stream) as archive:
-                found = set(archive.namelist())
-                if not {"metadata.npy", "numbers.npy"} <= found:
-                    raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
-                text = _array(archive, "metadata", np.uint8).tobytes()
-                numbers = _array(archive, "numbers", np.float64)
-    except InputError:
-        raise
+        content = Path(path).read_bytes()
     except FileNotFoundError:
         raise InputError(f"{name}: no such file") from None
     except OSError as error:
         raise InputError(f"{name} cannot be read: {error.strerror or error}") from None
+    if not content.startswith(b"PK"):  # every npz file is a zip file, and every zip file begins so
+        raise InputError(f"{name} is no npz file")
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if not {"metadata.npy", "numbers.npy"} <= set(archive.namelist()):
+                raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
+            text = _array(archive, "metadata", np.uint8).tobytes()
+            numbers = _array(archive, "numbers", np.float64)
+    except InputError:
+        raise
     except Exception as error:  # whatever zipfile, zlib and numpy make of bytes that are not as they were written
-        raise InputError(f"{name} is damaged: {error}") from None
+        raise InputError(f"{name} is damaged: {str(error) or 'it ends too early'}") from None
     try:
         metadata = json.loads(text, parse_constant=_not_a_number)
     except (ValueError, RecursionError):
@@ -272,10 +272,13 @@ def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
         wall_s=float(record["wall_s"]),
         scale=take(record["scale"], n),
     )
-    phases = orbit.cycle.phases
-    if len(phases) != len(orbit.arcs):
-        raise ValueError("arcs and phase sequence differ")
-    for a, phase in zip(orbit.arcs, phases, strict=True):
+    cycle = orbit.cycle
+    if cycle.signature != orbit.signature:
+        raise ValueError("the arcs are not the phases of a cycle")
+    for a, phase in zip(orbit.arcs, cycle.phases, strict=True):
         if (phase.mode.flow is not None) != (a.states.shape[1] == 1):
             raise ValueError(f"the arc {a.mode!r} has {a.states.shape[1]} states in an interval")
+    period = cycle.repeats * sum(a.duration for a in orbit.arcs)
+    if not abs(period - orbit.period) <= 1e-9 * period:
+        raise ValueError("the durations of the arcs do not add up to the period")
     return orbit

@@ -200,7 +200,7 @@ def _writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | N
         return None
     target = Path(path)
     if target.suffix.lower() not in suffixes:
-        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(filter(None, (', '.join(suffixes[:-1]), suffixes[-1])))}")
+        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(suffixes)}")
     try:
         if not target.parent.is_dir():
             raise InputError(f"{key} = {path!r}: there is no folder {str(target.parent)!r}")

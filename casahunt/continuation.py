@@ -32,6 +32,7 @@ from .mesh import phase_breaks, transfer
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import harden, merge_vanishing
 from .servo import PARAMETERS, Servo
+from .solve import Solver
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -275,7 +276,7 @@ def step_along(
         ds *= (bound / here - 1) / lam
         u, lam = predict(point, ds)
         lam = bound / here - 1
-    solved = _corrected(point, u, lam, last.model, None if reached else point.row, ds, options)
+    solved = _corrected(point, u, lam, last.model, options, ds=ds, border=None if reached else point.row)
     value = bound if reached else here * (1 + lam + solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
@@ -344,10 +345,9 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
     began = time.perf_counter()
     here = parameter_value(last, vary)
     target = value / here - 1
-    u, _ = predict(point, target / point.row[-1])
-    solved = solve_adaptively(
-        last.model, (point.t, u, point.setting.moved(target)), options, solver=options.solver
-    )
+    ds = target / point.row[-1]
+    u, _ = predict(point, ds)
+    solved = _corrected(point, u, target, last.model, options, ds=ds, border=None, solver=options.solver)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     servo, gain = with_value(last.servo, last.gain, vary, value)
@@ -363,7 +363,15 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
 
 
 def _corrected(
-    point: Point, u: Array, lam: float, model: Model, border: Array | None, ds: float, options: Options
+    point: Point,
+    u: Array,
+    lam: float,
+    model: Model,
+    options: Options,
+    *,
+    ds: float,
+    border: Array | None,
+    solver: Solver = "newton",
 ) -> Solved:
     """The corrector from a predicted point, across changes of the phase sequence.
 
@@ -376,11 +384,11 @@ def _corrected(
     solved: Solved | None = None
     for candidate in starts:
         if candidate is not None:
-            solved = solve_adaptively(model, candidate, options, solver="newton", border=border, soft=False)
+            solved = solve_adaptively(model, candidate, options, solver=solver, border=border, soft=False)
             if solved.status.ok:
                 return solved
-    if ds < SOFT_STEP or solved is None:
-        return solve_adaptively(model, start, options, solver="newton", border=border)
+    if abs(ds) < SOFT_STEP or solved is None:
+        return solve_adaptively(model, start, options, solver=solver, border=border)
     return solved
 
 

@@ -33,8 +33,8 @@ MOST_SLIPS = 12
 """Slips in a row without a stick after which the swing is taken for what it has become."""
 THROWN_OUT = 3.0
 """A servo that turns this many times farther out than it started is not followed further."""
-LOCAL = 0.05
-"""Width in log a over which a difference quotient counts as a slope."""
+LOCAL = 0.005
+"""Width in log a of the difference quotient for the slope of the map."""
 NEAR_FOLD = 0.4
 """Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
 PATIENCE = 1e6
@@ -355,7 +355,7 @@ def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = F
             below = run
         if abs(run.ratio - 1) < abs(best.ratio - 1):
             best = run
-    width = np.log(above.start / below.start)
-    if not 0 < abs(width) < LOCAL:
+    beside = at(best.start * (1 + LOCAL))
+    if beside is None or min(beside.ratio, best.ratio) <= 0:
         return best
-    return replace(best, slope=float(np.log(max(above.ratio, 1e-3) / max(below.ratio, 1e-3)) / width))
+    return replace(best, slope=float(np.log(beside.ratio / best.ratio) / np.log1p(LOCAL)))

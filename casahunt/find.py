@@ -23,7 +23,7 @@ from .resequence import from_segments
 from .servo import Servo
 
 BranchName = Literal["stable", "unstable"]
-CLEARLY_STABLE = -0.2
+CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
 LOWER_GAINS = (0.95, 0.7)
 """Parts of the gain from which a cycle is sought by walking up, where the scan found none."""

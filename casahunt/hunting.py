@@ -165,12 +165,14 @@ BREAKAWAY_DOWN = Event("breakaway-", _torque_down)
 class Exit:
     """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
 
-    `successor` maps (x, p) at the crossing to the name of the next mode.
+    `successor` maps (x, p) at the crossing to the name of the next mode.  `mark` is True for an event that
+    is a phase boundary although the mode goes on.
     """
 
     event: Event
     direction: int
     successor: Callable[[np.ndarray, np.ndarray], str]
+    mark: bool = False
 
 
 @dataclass(frozen=True)
@@ -238,9 +240,9 @@ LUGRE = System(
     ("x1", "x2", "x3", "x4"),
     _SLIDE,
     {
-        "slide+": (Exit(REVERSAL, -1, _after_reversal), Exit(CENTRE, +1, _always("slide+"))),
-        "slide-": (Exit(REVERSAL, +1, _after_reversal), Exit(CENTRE, -1, _always("slide-"))),
-        "slide": (Exit(CENTRE, +1, _always("slide+")), Exit(CENTRE, -1, _always("slide-"))),
+        "slide+": (Exit(REVERSAL, -1, _after_reversal), Exit(CENTRE, +1, _always("slide+"), mark=True)),
+        "slide-": (Exit(REVERSAL, +1, _after_reversal), Exit(CENTRE, -1, _always("slide-"), mark=True)),
+        "slide": (Exit(CENTRE, +1, _always("slide+"), mark=True), Exit(CENTRE, -1, _always("slide-"), mark=True)),
     },
 )
 

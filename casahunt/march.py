@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
+from .cycle import Feature
 from .hunting import Exit, System
 from .interval import IntervalMap, interval_map
 
@@ -28,6 +30,7 @@ Array = np.ndarray
 NEWTON_LIMIT = 12
 SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the start
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
+ROUNDING = 1e-14
 EVENT_LIMIT = 1e-10  # an event counts as located
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
 RESOLUTION = 3.0  # a polynomial is known to this many times its last Legendre coefficient
@@ -173,6 +176,10 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
 class _Stepper:
     """One interval from x of length h: Newton on its stages."""
 
+    def scale_of(self, way_out: Exit) -> float:
+        """Size of an event in a motion of the size of the state scale."""
+        return abs(float(way_out.event.function(self.scale, 0.0, self.p)))
+
     def __init__(self, function: IntervalMap, s: Scheme, p: Array, scale: Array, sign: float) -> None:
         self.function, self.scheme, self.p, self.scale, self.sign = function, s, p, scale, sign
         self.no_dp, self.no_next = np.zeros(p.size), np.zeros(scale.size)
@@ -239,12 +246,6 @@ def _collocated(
             continue
         assert solved is not None
         stages, end = solved
-        feature = system.modes[mode].feature
-        if feature is not None:
-            points = np.concatenate([start, stages, end]).reshape(1, -1, x.size) * scale
-            if hides(feature, points, p)[0] and h > SMALLEST_STEP * max(t, 1.0) * 1e3:
-                h *= 0.5
-                continue
         ahead = start + 1e-6 * h * slope if first else None
         try:
             crossing = _first_crossing(system.exits[mode], stepper, start, stages, end, ahead)
@@ -254,23 +255,42 @@ def _collocated(
                 raise MarchFailure(f"mode {mode!r}: an exit grazes zero at {t:.6g} s") from None
             continue
         if crossing is not None:
-            located = _locate(*crossing, stepper, start, stages, h, newton_tol)
+            # A look at the polynomial saves locating an exit only to find that the interval hides something.
+            rough = s.interpolation(crossing[1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
+            hidden = _hidden(system.modes[mode].feature, start, rough[1:].ravel(), rough[-1], scale, p)
+            located = None if hidden else _locate(*crossing, stepper, start, stages, h, newton_tol)
             if located is None:
                 h *= 0.5
                 if h < SMALLEST_STEP * max(t, 1.0):
                     raise MarchFailure(f"mode {mode!r}: exit {crossing[0].event.name!r} cannot be located")
                 continue
-            h, stages, end = located
+            full, (h, stages, end) = h, located
+        if _hidden(system.modes[mode].feature, start, stages, end, scale, p):
+            # Whatever the step shows of the motion, it has stepped over something.
+            h = 0.5 * (full if crossing is not None else h)
+            if h < SMALLEST_STEP * max(t, 1.0):
+                raise MarchFailure(f"mode {mode!r}: the step size vanished at {t:.6g} s")
+            continue
         pieces.append(np.concatenate([start, stages]))
         lengths.append(h)
         t += h
         if crossing is not None:
-            breaks = np.concatenate([[0.0], np.cumsum(lengths)])
-            w = np.array(pieces) * np.tile(scale, d + 1)
-            segment = Segment(mode, crossing[0].event.name, t, breaks / breaks[-1], w, end * scale)
-            return segment, crossing[0].successor(segment.end, p)
-        previous, start, first = (pieces[-1], h), end, False
+            way_out = crossing[0]
+            successor = way_out.successor(end * scale, p)
+            # An event that leads back into its own mode was touched, not crossed: the motion goes on.
+            if successor != mode or way_out.mark:
+                breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+                w = np.array(pieces) * np.tile(scale, d + 1)
+                return Segment(mode, way_out.event.name, t, breaks / breaks[-1], w, end * scale), successor
+        previous, start, first = (pieces[-1], h), end, crossing is not None
         h = min(h * min(5.0, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max_time)
+
+
+def _hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:
+    if feature is None:
+        return False
+    points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * scale
+    return bool(hides(feature, points, p)[0])
 
 
 def _slope(stepper: _Stepper, x: Array) -> Array:
@@ -295,6 +315,12 @@ def _last_mode(s: Scheme, start: Array, stages: Array) -> float:
     return float(np.max(np.abs(s.last_mode @ np.concatenate([start, stages]).reshape(s.degree + 1, -1))))
 
 
+@lru_cache(maxsize=32)
+def _watch_matrix(degree: int, kind: Kind) -> Array:
+    """Interpolation to the watched local times but the last, which is the end."""
+    return scheme(degree, kind).interpolation(_WATCH[:-1])
+
+
 def _first_crossing(
     exits: tuple[Exit, ...], stepper: _Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
 ) -> tuple[Exit, float] | None:
@@ -305,7 +331,7 @@ def _first_crossing(
     """
     p = stepper.p
     s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
-    points = np.vstack([s.interpolation(_WATCH[:-1]) @ w, end[None]]).T * stepper.scale[:, None]
+    points = np.vstack([_watch_matrix(s.degree, s.kind) @ w, end[None]]).T * stepper.scale[:, None]
     found: tuple[int, Exit] | None = None
     for way_out in exits:
 
@@ -344,7 +370,10 @@ def _locate(
     f_low = min(value((s.interpolation(np.array([inside])) @ w)[0]), 0.0)
     f_high = value((s.interpolation(np.array([beyond])) @ w)[0])
     theta, f = beyond, f_high
+    # Rounding in the states keeps the event from vanishing better than this.
+    tolerance = max(EVENT_TOLERANCE, ROUNDING * max(abs(f_low), f_high, stepper.scale_of(way_out)))
     solved: tuple[Array, Array] | None = None
+    side = 0
     for _ in range(60):
         theta = high - f_high * (high - low) / (f_high - f_low) if f_low < 0 < f_high else (low + high) / 2
         guess = (s.interpolation(s.stages * theta) @ w).ravel()
@@ -352,13 +381,15 @@ def _locate(
         if solved is None:
             return None
         f = value(solved[1])
-        if abs(f) <= EVENT_TOLERANCE or high - low < 1e-15:
+        if abs(f) <= tolerance or high - low < 1e-15:
             break
         if f > 0:
             high, f_high = theta, f
-            f_low *= 0.5
+            f_low *= 0.5 if side > 0 else 1.0
+            side = 1
         else:
             low, f_low = theta, f
-            f_high *= 0.5
+            f_high *= 0.5 if side < 0 else 1.0
+            side = -1
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
     return (theta * h, solved[0], solved[1]) if solved and abs(f) <= EVENT_LIMIT else None

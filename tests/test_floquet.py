@@ -1,0 +1,75 @@
+"""Multipliers: two independent routes, the reference, and products that span many decades."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from casahunt import floquet
+from casahunt.orbit import unknowns_of
+from problems import table1
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("gain", [0.04, 0.3, 0.6])
+def test_collocation_blocks_and_casadi_integrators_agree(orbit, model, gain):
+    """Condensed blocks against the forward sensitivities of erk and rosenbrock, phase by phase."""
+    t, u, setting = unknowns_of(orbit(model, gain, tol=1e-11))
+    own = floquet.chain_multipliers(floquet.collocation_chain(t, u, setting), t.cycle.repeats)
+    other = floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
+    assert own.leading.real == pytest.approx(other.leading.real, rel=1e-6, abs=1e-9)
+    assert own.trivial_error < 1e-7
+    assert other.trivial_error < 1e-6
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_structure_of_the_multipliers(orbit, model):
+    """Switch {1, lambda, 0}, LuGre {1, lambda, ~0, ~0} (design.md of the equations; Filippov projection)."""
+    found = orbit(model, 0.3).multipliers
+    assert found.full[0] == pytest.approx(1, abs=1e-8)
+    assert found.full[1] == pytest.approx(found.leading**2)
+    assert np.abs(found.full[2:]).max() < 1e-10
+    assert found.stable and found.trusted
+
+
+def test_graded_products():
+    """A product that spans 24 decades, built from factors with known eigenvalues."""
+    rng = np.random.default_rng(0)
+    n, count = 4, 60
+    bases = [np.linalg.qr(rng.standard_normal((n, n)))[0] for _ in range(count)]
+    rates = np.array([10 ** (12 / count), 1.0, -(10 ** (-3 / count)), 10 ** (-12 / count)])
+    shear = np.triu(0.1 * rng.standard_normal((n, n)), 1)
+    factors = []
+    for k in range(count):
+        after = bases[(k + 1) % count]
+        factors.append(after @ (np.diag(rates) + shear) @ bases[k].T)
+    found = floquet.product_eigenvalues(factors)
+    exact = rates**count
+    assert np.abs(found) == pytest.approx(np.abs(exact), rel=1e-10)
+    assert np.sign(found.real)[:2] == pytest.approx(np.sign(exact)[:2])
+
+
+def test_sign_and_size_at_the_largest_multiplier(orbit):
+    """Next to K = 0.4 on the unstable branch lambda is 1e10; shooting codes stick near -1e6 there."""
+    for model in ("switch", "lugre"):
+        row = next(r for r in table1.REFERENCE[model]["unstable"] if r["K"] == 0.4)
+        found = orbit(model, 0.4, "unstable").multipliers
+        assert found.leading.real > 0
+        assert found.log10_leading == pytest.approx(np.log10(row["mu"]), abs=1e-6)
+        assert found.trivial_error < 1e-8
+
+
+def test_saltation_matrix():
+    """Fixed-time map through x = 1 with the velocity doubling there, worked out by hand."""
+    f_before, f_after, h = np.array([1.0, 0.0]), np.array([2.0, 0.0]), np.array([1.0, 0.0])
+    assert floquet.saltation(f_before, f_after, h) == pytest.approx(np.diag([2.0, 1.0]))
+
+
+def test_multipliers_are_computed_when_read(orbit, monkeypatch):
+    from casahunt import Options, Servo, find_orbit
+
+    calls = []
+    monkeypatch.setattr(floquet, "multipliers", lambda *a: calls.append(a))
+    for model in ("switch", "lugre"):
+        found = find_orbit(Servo(), model, 0.3, options=Options(tol=1e-6))
+        assert found.period > 0 and not calls

@@ -1,0 +1,139 @@
+"""Folds: the reference, the optimisation problem, the extended system, and exact symmetries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, find_fold
+from casahunt.fold import confirmed, find_any_orbit, routh_hurwitz_gain
+from casahunt.orbit import direction_of, unknowns_of
+from problems import table1
+
+
+@pytest.mark.parametrize(
+    ("model", "tol", "limit"),
+    [
+        ("switch", 1e-10, 1e-10),
+        ("switch", 1e-9, 1e-9),
+        ("lugre", 1e-9, 1e-8),
+        ("switch", 1e-6, 1e-6),
+        ("lugre", 1e-6, 1e-6),
+    ],
+)
+def test_reference_folds(model, tol, limit):
+    row = table1.REFERENCE[model]["fold"]
+    fold = find_fold(table1.servo(), model, options=Options(tol=tol))
+    assert fold.gain == pytest.approx(row["K"], rel=limit)
+    assert fold.optimised_gain == pytest.approx(row["K"], rel=limit)
+    assert fold.orbit.amplitude == pytest.approx(row["amplitude"], rel=1e-6)
+    assert fold.orbit.period == pytest.approx(row["period"], rel=1e-6)
+    true = abs(fold.gain / row["K"] - 1)
+    assert true <= 10 * fold.error_estimate + 1e-11
+    assert fold.error_estimate <= tol
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_extended_system(model):
+    """J v = 0, |v| = 1 at the fold: the full sparse Jacobian is singular there, by a dense SVD."""
+    import casadi as ca
+
+    from casahunt.nlp import graphs
+
+    fold = find_fold(table1.servo(), model, options=Options(tol=1e-9))
+    t, u, setting = unknowns_of(fold.orbit)
+    setting = replace(setting, dp=direction_of("gain") * fold.gain)
+    g = graphs(t)
+    data = np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
+    jacobian = np.array(ca.Function("J", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data))
+    left, singular, right = np.linalg.svd(jacobian[:, :-1])
+    # One simple zero: the others are a million times larger.
+    assert singular[-1] < 1e-6 * singular[-2]
+    # Transversal: the fold cannot be removed by moving the gain.
+    assert abs(left[:, -1] @ jacobian[:, -1]) > 1e-6
+    # The null vector is the tangent of the branch there.
+    assert np.abs(right[-1]).max() > 0
+
+
+def test_optimisation_multipliers_are_the_left_null_vector():
+    """nu . dG/du = 0 and nu . dG/dlambda = 1 (stationarity of -lambda + nu . G)."""
+    import casadi as ca
+
+    from casahunt.nlp import graphs
+
+    fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
+    t, u, setting = unknowns_of(fold.orbit)
+    setting = replace(setting, dp=direction_of("gain") * fold.gain)
+    g = graphs(t)
+    data = np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
+    jacobian = np.array(ca.Function("J", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data))
+    gradient = fold.multipliers @ jacobian
+    assert np.abs(gradient[:-1]).max() < 1e-5 * np.abs(fold.multipliers).max()
+    assert gradient[-1] == pytest.approx(1, rel=1e-5)
+
+
+def switch_fold(**changes: float) -> float:
+    return find_fold(Servo().replace(**changes), "switch", options=Options(tol=1e-10)).gain
+
+
+def test_fold_times_motor_gain_is_constant():
+    assert switch_fold(**{"servo.motor_gain": 5.0}) * 5 == pytest.approx(switch_fold() * 16, rel=1e-9)
+
+
+def test_fold_depends_on_friction_through_the_drop_over_velocity():
+    """K_fold depends on Fs, Fc, vs only through (Fs - Fc)/vs."""
+    weaker = switch_fold(**{"friction.static": 0.50})
+    wider = switch_fold(**{"friction.stribeck_velocity": 0.03})
+    shifted = switch_fold(**{"friction.static": 0.70, "friction.coulomb": 0.64})
+    assert weaker == pytest.approx(wider, rel=1e-9)
+    assert shifted == pytest.approx(wider, rel=1e-9)
+
+
+def test_controller_times_can_be_swapped():
+    """tau_i <-> tau_d leaves amplitude and period alone with K/tau_i fixed."""
+    one = Servo().replace(**{"controller.integral_time": 0.12, "controller.lead_time": 0.25})
+    two = Servo().replace(**{"controller.integral_time": 0.25, "controller.lead_time": 0.12})
+    a = find_fold(one, "switch", options=Options(tol=1e-10))
+    b = find_fold(two, "switch", options=Options(tol=1e-10))
+    assert a.gain / 0.12 == pytest.approx(b.gain / 0.25, rel=1e-9)
+    assert a.orbit.amplitude == pytest.approx(b.orbit.amplitude, rel=1e-6)
+    assert a.orbit.period == pytest.approx(b.orbit.period, rel=1e-6)
+
+
+def test_steepness_in_static_friction():
+    """+5 % Fs gives +30 %, -5 % Fs -31 % of K_fold (design figures)."""
+    base = switch_fold()
+    assert switch_fold(**{"friction.static": 0.53 * 1.05}) / base == pytest.approx(1.30, abs=0.01)
+    assert switch_fold(**{"friction.static": 0.53 * 0.95}) / base == pytest.approx(0.69, abs=0.01)
+
+
+def test_unseen_servo_without_help():
+    changes = {"servo.inertia": 2.0, "servo.motor_gain": 0.7, "friction.static": 9.0, "friction.coulomb": 6.0}
+    servo = Servo().replace(**changes)
+    fold = find_fold(servo, "switch", options=Options(tol=1e-8))
+    assert fold.status.ok
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-8)
+
+
+def test_routh_hurwitz_gain():
+    assert routh_hurwitz_gain(Servo()) == pytest.approx(0.0321, abs=5e-5)
+    assert routh_hurwitz_gain(Servo().replace(**{"controller.lead_time": 0.0})) == float("inf")
+
+
+def test_pure_coulomb_friction_has_no_fold():
+    with pytest.raises(NoOrbit, match="no hunting limit cycle"):
+        find_fold(Servo().replace(**{"friction.static": 0.44}), "switch")
+    with pytest.raises(NoOrbit, match="no hunting limit cycle"):
+        find_any_orbit(Servo().replace(**{"friction.static": 0.44}), "switch", options=Options())
+
+
+def test_only_folds_are_confirmed(orbit):
+    with pytest.raises(InputError, match="must be a fold"):
+        confirmed(SpecialPoint("superstable", orbit("switch", 0.3), ""), Options())
+
+
+def test_a_point_off_the_fold_is_refused(orbit):
+    with pytest.raises(NoOrbit, match="not confirmed"):
+        confirmed(SpecialPoint("fold", orbit("switch", 0.64), ""), Options(tol=1e-9))
