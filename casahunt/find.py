@@ -165,12 +165,20 @@ def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -
         if error.status is None:  # the scan says that there is no cycle at all
             raise
         return _inner_fixed_point(servo, model, gain, options)
-    last = stable
-    for orbit in walk(stable, low=gain, high=gain * 1e9, options=rough):
-        last = orbit
-    if last is stable or last.gain != gain or last.amplitude >= stable.amplitude:
+    orbit = None
+    for way in (rough, options):  # the accurate way is the slow one, and seldom needed
+        last = stable
+        for last in walk(stable, low=gain, high=gain * 1e9, options=way):  # noqa: B007 - the last one counts
+            pass
+        if last is stable or last.gain != gain or last.amplitude >= stable.amplitude:
+            continue
+        try:
+            orbit = refined(last, options)
+            break
+        except NoOrbit:
+            continue
+    if orbit is None:
         return _inner_fixed_point(servo, model, gain, options)
-    orbit = refined(last, options)
     if orbit.multipliers.leading.real <= 1:
         raise NoOrbit(
             f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the branch leads "

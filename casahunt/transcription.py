@@ -36,7 +36,7 @@ P phases, y = (E + 1) n + P + 1 unknowns of the node system.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -44,6 +44,7 @@ import numpy as np
 from .collocation import Kind, scheme
 from .cycle import Cycle, Field
 from .interval import IntervalMap, interval_map
+from .node_system import node_system
 
 Array = np.ndarray
 
@@ -288,7 +289,7 @@ class _JointMap:
         return Joints(self._flow.copy(), self._events.copy())
 
 
-# The node system ------------------------------------------------------------------------------------------
+# The linearised equations -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +331,7 @@ class Linearisation:
 
     def matrix(self, border: Array) -> Array:
         """Nonzeros of the node system with the given border row (see NodeSystem.border_columns)."""
-        return self.transcription.system.nonzeros(self, border)
+        return self.transcription.system.nonzeros(self.maps, self.closure, self.events, border)
 
     def step(self, border: Array, border_value: float = 0.0) -> tuple[Array, Array, float]:
         """One Newton step under a border row.
@@ -366,134 +367,3 @@ class Linearisation:
         du[t.node_index] = nodes
         du[-P:] = dT
         return du
-
-
-class NodeSystem:
-    """Sparsity and solver of the node system; depends on the structure of the chain alone.
-
-    Factorising symbolically takes 5 ms at 160 elements, so the plain and the transposed solver are made
-    when first used: a mesh that is only refined for an error estimate needs the transposed one alone.
-    CasADi's sparse QR solves it: backward stable where the interval maps span many decades (csparse's
-    LU lost six digits there) and as fast, 0.05 ms at 80 elements of 4 states.
-    """
-
-    def __init__(self, elements: int, n: int, phase_of: Array, phase_end: Array, closure: Array) -> None:
-        E, P = elements, phase_end.size
-        self.size = (E + 1) * n + P + 1
-        self._shape = (E, n, P)
-        last = self.size - 1
-        e, i, j = np.meshgrid(np.arange(E), np.arange(n), np.arange(n), indexing="ij")
-        row_e, i_e = e[:, :, 0] * n + i[:, :, 0], i[:, :, 0]
-        duration = (E + 1) * n + phase_of
-        ends = phase_end[:, None] * n + np.arange(n)
-        ci, cj = np.nonzero(closure)
-        self._closure_entries = (ci, cj)
-        first_event = (E + 1) * n
-        joint_nodes = np.concatenate([[0], phase_end])
-        self.border_columns = np.concatenate(
-            [(joint_nodes[:, None] * n + np.arange(n)).ravel(), (E + 1) * n + np.arange(P), [last]]
-        )
-        """Columns that the border row may use: phase-end nodes (the very first included), T, lambda."""
-        rows = [
-            (e * n + i).ravel(), row_e.ravel(), row_e.ravel(), row_e.ravel(),
-            E * n + np.arange(n), E * n + ci,
-            np.repeat(first_event + np.arange(P), n), first_event + np.arange(P), first_event + np.arange(P),
-            np.full(self.border_columns.size, last),
-        ]  # fmt: skip
-        columns = [
-            (e * n + j).ravel(), ((e[:, :, 0] + 1) * n + i_e).ravel(), np.repeat(duration, n), np.full(E * n, last),
-            np.arange(n), E * n + cj,
-            ends.ravel(), (E + 1) * n + np.arange(P), np.full(P, last),
-            self.border_columns,
-        ]  # fmt: skip
-        row, column = np.concatenate(rows), np.concatenate(columns)
-        # For a chain of one element the closure may meet itself; elsewhere every entry is unique.
-        self._order = np.lexsort((row, column))
-        sparsity = ca.Sparsity.triplet(self.size, self.size, row.tolist(), column.tolist())
-        if sparsity.nnz() != row.size:
-            raise AssertionError("node system: two entries share a place")
-        self._sparsity = sparsity
-        self._rows, self._cols = row[self._order], column[self._order]
-
-    @cached_property
-    def _solve(self) -> _LinearSolve:
-        return _LinearSolve(self._sparsity, transposed=False)
-
-    @cached_property
-    def _solve_transposed(self) -> _LinearSolve:
-        return _LinearSolve(self._sparsity, transposed=True)
-
-    def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
-        """A border row: weights of the phase-end nodes (P + 1, n), the durations (P,) and lambda."""
-        E, n, P = self._shape
-        return np.concatenate(
-            [
-                np.zeros((P + 1) * n) if nodes is None else np.ravel(nodes),
-                np.zeros(P) if durations is None else durations,
-                [parameter],
-            ]
-        )
-
-    def nonzeros(self, lin: Linearisation, border: Array) -> Array:
-        """Nonzeros of the matrix, column after column."""
-        E, n, P = self._shape
-        maps = lin.maps
-        values = np.concatenate(
-            [
-                -maps[:, :, 1 : n + 1].ravel(),
-                np.ones(E * n),
-                -maps[:, :, n + 1].ravel(),
-                -maps[:, :, n + 2].ravel(),
-                np.ones(n),
-                -lin.closure[self._closure_entries],
-                lin.events[1 : n + 1].T.ravel(),
-                lin.events[n + 1],
-                lin.events[n + 2],
-                border,
-            ]
-        )
-        return values[self._order]
-
-    def solve(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solution (y,) for one right-hand side."""
-        return self._solve(nonzeros, rhs)
-
-    def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solution of the transposed system: the adjoint of a linear functional `rhs` of y."""
-        return self._solve_transposed(nonzeros, rhs)
-
-    def dense(self, nonzeros: Array) -> Array:
-        """The matrix as a dense array (y, y), for tests and condition numbers."""
-        out = np.zeros((self.size, self.size))
-        out[self._rows, self._cols] = nonzeros
-        return out
-
-
-class _LinearSolve:
-    """Sparse QR solve as a CasADi function on fixed buffers."""
-
-    def __init__(self, sparsity: ca.Sparsity, *, transposed: bool) -> None:
-        size = sparsity.size1()
-        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size)
-        function = ca.Function("solve", [A, b], [ca.solve(A.T if transposed else A, b, "qr", {})])
-        self._nonzeros, self._rhs, self._out = np.zeros(sparsity.nnz()), np.zeros(size), np.zeros(size)
-        self._buffer, self._trigger = function.buffer()
-        self._buffer.set_arg(0, self._nonzeros.data)
-        self._buffer.set_arg(1, self._rhs.data)
-        self._buffer.set_res(0, self._out.data)
-
-    def __call__(self, nonzeros: Array, rhs: Array) -> Array:
-        self._nonzeros[:] = nonzeros
-        self._rhs[:] = rhs
-        self._trigger()
-        return self._out.copy()
-
-
-@lru_cache(maxsize=512)
-def node_system(
-    elements: int, n: int, phase_of: tuple[int, ...], phase_end: tuple[int, ...], closure: bytes
-) -> NodeSystem:
-    """The node system of a chain structure, built once."""
-    return NodeSystem(
-        elements, n, np.array(phase_of), np.array(phase_end), np.frombuffer(closure).reshape(n, n)
-    )
