@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .admissibility import judge
-from .checks import require
+from .checks import require, shown
 from .collocation import Kind
 from .errors import InputError, Status
 from .hunting import SCHEMES, Model
@@ -55,7 +55,7 @@ class Options:
     def __post_init__(self) -> None:
         low, high = TOLERANCE_RANGE
         if not low <= require("tol", self.tol) <= high:
-            raise InputError(f"tol = {self.tol:g}: must lie between {low:g} and {high:g}")
+            raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
 
     def scheme_of(self, model: Model) -> tuple[int, Kind]:
         """(degree, kind) for a model."""

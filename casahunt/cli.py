@@ -31,6 +31,7 @@ from .errors import InputError, NoOrbit
 from .find import BRANCHES, find_orbit
 from .fold import find_fold
 from .hunting import MODELS
+from .monitor import FOLD
 from .orbit import Orbit
 from .servo import Servo, load, with_overrides
 
@@ -438,7 +439,7 @@ def csv_row(orbit: Orbit, special: str) -> list[Any]:
         repr(orbit.period),
         repr(orbit.half_multiplier if trusted else math.nan),
         repr(multipliers.log10_leading if trusted else math.nan),
-        orbit.stable if trusted else "",
+        orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
         f"{multipliers.trivial_error:.3g}",
         f"{orbit.error_estimate:.3g}",
         orbit.status.name.lower(),

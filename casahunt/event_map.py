@@ -29,6 +29,12 @@ SECTION = 0.9
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
 """Scanned stick positions, in units of Fs/kp, where the proportional torque equals static friction."""
+MOST_FAILURES = 8
+"""Motions in a row that may fail from the start before the scan is given up."""
+ALLOWED_FAILURES = 0.2
+"""Part of the scanned motions that may fail before the scan proves nothing."""
+MOST_INTERVALS = {"switch": 1000, "lugre": 4000}
+"""Intervals after which one application of the map is given up."""
 MOST_SLIPS = 12
 """Slips in a row without a stick after which the swing is taken for what it has become."""
 THROWN_OUT = 3.0
@@ -134,6 +140,7 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
         degree=degree,
         kind=kind,
         max_time=patience(servo),
+        max_intervals=MOST_INTERVALS["switch"],
     )
     position = float(segments[-1].end[0])
     return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
@@ -156,7 +163,7 @@ def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: K
     segments = march(
         LUGRE, "slide+", x, p,
         scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
-        max_time=patience(servo),
+        max_time=patience(servo), max_intervals=MOST_INTERVALS["lugre"],
     )  # fmt: skip
     if crossings < 2:
         return HalfCycle(a, 0.0, segments)
@@ -187,6 +194,7 @@ class Scan:
     best : largest ratio P(a)/a found, and `best_at` where.
     upper, lower : half cycles next to the outer (stable) and the inner (unstable) fixed point, or None.
     failures : stick positions at which the motion could not be computed.
+    motions : motions computed.
     """
 
     low: float
@@ -196,9 +204,17 @@ class Scan:
     upper: HalfCycle | None
     lower: HalfCycle | None
     failures: tuple[float, ...]
+    motions: int
+
+    @property
+    def conclusive(self) -> bool:
+        """Enough of the motions were computed to say that there is no cycle."""
+        return len(self.failures) <= ALLOWED_FAILURES * self.motions
 
     def sentence(self) -> str:
         """The evidence in words."""
+        if self.motions == 0:
+            return f"none of {len(self.failures)} motions from stick positions below {self.high:.3g} rad could be computed"
         text = f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: "
         if self.best >= 1:
             text += (
@@ -243,6 +259,8 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
     for a in grid:
         run = at(float(a))
         if run is None:
+            if len(failures) >= MOST_FAILURES and not seen:
+                break
             continue
         seen.append(run)
         if above is None:
@@ -273,7 +291,7 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
     return Scan(
         float(grid[-1]), float(grid[0]),
         best.ratio if best else float("nan"), best.start if best else float("nan"),
-        upper, lower, tuple(failures),
+        upper, lower, tuple(failures), len(seen),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from .adapt import Options, Solved, solve_adaptively
 from .checks import known, require
 from .continuation import walk
 from .errors import NoOrbit, Status
-from .event_map import HalfCycle, half_cycle, near_stable, scan
+from .event_map import HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, SCHEMES, Model
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import from_segments
@@ -32,8 +32,8 @@ WALK_TOLERANCE = 1e-5
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
 
 
-def starting_half_cycle(servo: Servo, model: Model, gain: float) -> tuple[HalfCycle | None, str]:
-    """(a half cycle close to the stable orbit or None, the evidence of the scan in words).
+def starting_half_cycle(servo: Servo, model: Model, gain: float) -> tuple[HalfCycle | None, Scan | None]:
+    """(a half cycle close to the stable orbit or None, the scan where one was made).
 
     The LuGre cycle mostly lies close to the Switch cycle, whose map costs a tenth; the full LuGre scan is
     for servos where that short cut does not lead to a stable fixed point.
@@ -43,9 +43,9 @@ def starting_half_cycle(servo: Servo, model: Model, gain: float) -> tuple[HalfCy
         if rigid.upper is not None:
             start = near_stable(model, servo, gain, rigid.upper.start)
             if start is not None:
-                return start, ""
+                return start, None
     seen = scan(model, servo, gain)
-    return seen.upper, seen.sentence()
+    return seen.upper, seen
 
 
 def find_orbit(
@@ -82,9 +82,10 @@ def find_orbit(
     known("branch", branch, BRANCHES)
     if branch == "unstable":
         return replace(_round_the_fold(servo, model, gain, options), wall_s=time.perf_counter() - began)
-    start, evidence = starting_half_cycle(servo, model, gain)
+    start, seen = starting_half_cycle(servo, model, gain)
     if start is None:
-        orbit = _from_below(servo, model, gain, options, evidence)
+        assert seen is not None
+        orbit = _from_below(servo, model, gain, options, seen)
     else:
         orbit = _solved_from(start, servo, model, gain, options, "the stable hunting cycle")
         # Far from the fold the slope of the map tells the branch; close to it the solver can slip over.
@@ -93,12 +94,19 @@ def find_orbit(
     return replace(orbit, wall_s=time.perf_counter() - began)
 
 
-def _from_below(servo: Servo, model: Model, gain: float, options: Options, evidence: str) -> Orbit:
+def _from_below(servo: Servo, model: Model, gain: float, options: Options, seen: Scan) -> Orbit:
     """The stable cycle at `gain` by walking up from a lower gain; NoOrbit with the evidence where none is met.
 
     Just below a fold the fixed points of the map are too close for a scan; a walk tells on which side of
     the fold the gain lies.
     """
+    evidence = seen.sentence()
+    if not seen.conclusive:
+        raise NoOrbit(
+            f"whether the {model} servo hunts at gain {gain:g} is not known, because its motion could not be computed; "
+            f"are all parameters meant? ({evidence})",
+            Status.NOT_CONVERGED,
+        )
     nothing = f"no hunting limit cycle of the {model} servo at gain {gain:g}"
     for factor in LOWER_GAINS:
         start, _ = starting_half_cycle(servo, model, factor * gain)

@@ -130,7 +130,8 @@ def _slides_forward(x: Any, p: Any, sign: Any) -> Any:
 
 def _stribeck_drop(x: Any, p: Any) -> Any:
     """exp(-(x2/vs)^2), (n, m) -> (m,): invisible to an interval whose points all lie beyond a few vs."""
-    return np.exp(-((x[1] / _symbols(p).vs) ** 2))
+    with np.errstate(over="ignore"):  # far above vs the square may overflow; the exponential is zero all the same
+        return np.exp(-((x[1] / _symbols(p).vs) ** 2))
 
 
 def _torque_below_static(x: Any, p: Any, sign: Any) -> Any:

@@ -195,7 +195,10 @@ class _Stepper:
             )[0]
             if not np.isfinite(block).all():
                 return None
-            step = np.linalg.solve(block[n + 1 : rows + 1, : rows - n].T, block[0, : rows - n])
+            try:
+                step = np.linalg.solve(block[n + 1 : rows + 1, : rows - n].T, block[0, : rows - n])
+            except np.linalg.LinAlgError:
+                return None
             size = float(np.max(np.abs(step)))
             w[n:] -= step
             if size <= newton_tol:

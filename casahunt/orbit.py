@@ -161,6 +161,8 @@ MULTIPLIER_TOLERANCE = 1e-9
 HEALTHY = 1e-8
 """Trivial multipliers nearer to 1 than this need no finer mesh."""
 MORE_HALVINGS = 2
+NEXT_TO_FOLD = 0.02
+"""Share of the gain in the unit tangent below which a point counts as next to a fold."""
 
 
 def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet.Multipliers:
@@ -173,19 +175,38 @@ def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet
     breaks = phase_breaks(t, setting.fractions)
     if e.error > MULTIPLIER_TOLERANCE:
         breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
+    weights = _fold_border(t, u, setting)
     for _ in range(1 + MORE_HALVINGS):
         t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
         setting = replace(setting, fractions=fractions)
-        solution = newton(t, u, setting, max_iterations=6)
+        border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
+        solution = newton(t, u, setting, border=border, max_iterations=6)
         if not solution.status.ok:
             break
-        u, breaks = solution.u, phase_breaks(t, fractions)
+        u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
         found = floquet.multipliers(t, u, setting)
         if best is None or found.trivial_error < best.trivial_error:
             best = found
         if best.trivial_error < HEALTHY:
             break
     return best or floquet.multipliers(t, u, setting)
+
+
+def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
+    """Weights of the phase-end nodes along which to hold u where the gain cannot be held: next to a fold.
+
+    There the equations at a fixed gain are singular; on a finer mesh the gain must be free to move by the
+    error of the coarser one.
+    """
+    lin = t.linearise(u, replace(setting, dp=direction_of("gain") * setting.p[-1]))
+    _, y = lin.tangent(t.system.border(parameter=1.0))
+    length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
+    if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
+        return None
+    first = y[: t.n] / length if np.isfinite(length) else np.ones(t.n)
+    weights = np.zeros((t.phases + 1, t.n))
+    weights[0] = first
+    return weights
 
 
 def direction_of(vary: str) -> Array:

@@ -169,6 +169,10 @@ class Transcription:
 
     def linearise(self, u: Array, setting: Setting) -> Linearisation:
         """Residual and condensed Jacobian at u."""
+        with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
+            return self._linearise(u, setting)
+
+    def _linearise(self, u: Array, setting: Setting) -> Linearisation:
         n, rows = self.n, self.rows
         nodes, T = u[self.node_index], self.durations_of(u)
         w = self.intervals_of(u)

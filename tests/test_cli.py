@@ -257,7 +257,7 @@ def test_diagram(capsys, tmp_path):
     assert kinds.count("fold") == kinds.count("superstable") == 1
     fold = kinds.index("fold")
     assert kinds.index("superstable") < fold
-    assert {row["stable"] for row in rows[:fold]} == {"True"}
+    assert {row["stable"] for row in rows[:fold]} == {"True"} and rows[fold]["stable"] == ""
     assert {row["stable"] for row in rows[fold + 1 :]} == {"False"}
     known = table1.REFERENCE["switch"]["fold"]
     assert float(rows[fold]["gain"]) == pytest.approx(known["K"], rel=1e-6)
