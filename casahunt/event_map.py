@@ -214,7 +214,8 @@ class Scan:
     def sentence(self) -> str:
         """The evidence in words."""
         if self.motions == 0:
-            return f"none of {len(self.failures)} motions from stick positions below {self.high:.3g} rad could be computed"
+            failed = len(self.failures)
+            return f"none of {failed} motions from stick positions below {self.high:.3g} rad could be computed"
         text = f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: "
         if self.best >= 1:
             text += (
