@@ -254,6 +254,8 @@ def _orbit(options: argparse.Namespace) -> int:
     m = orbit.multipliers
     kind = {True: "stable hunting cycle", False: "unstable hunting cycle", None: "hunting cycle of unknown stability"}
     print(f"{model} servo at gain {gain:.10g}: {kind[record['stable']]}")
+    if orbit.half and orbit.multipliers.leading.real < -1:
+        print("  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place")
     print(f"  amplitude        {orbit.amplitude:.10g} rad")
     print(f"  period           {orbit.period:.10g} s")
     if m.trusted:

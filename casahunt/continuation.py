@@ -39,7 +39,7 @@ Array = np.ndarray
 
 FIRST_STEP = 0.05
 LARGEST_STEP = 0.5
-SMALLEST_STEP = 1e-6
+SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
 EASY_ITERATIONS = 5  # Newton iterations at which the step is left as it is
 LARGEST_ANGLE = 0.35  # rad, between successive tangents

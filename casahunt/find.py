@@ -14,7 +14,7 @@ from typing import Literal
 
 from .adapt import Options, Solved, solve_adaptively
 from .checks import known, require
-from .continuation import walk
+from .continuation import run, walk
 from .errors import NoOrbit, Status
 from .event_map import HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, SCHEMES, Model
@@ -116,16 +116,20 @@ def _from_below(servo: Servo, model: Model, gain: float, options: Options, seen:
             first = _solved_from(start, servo, model, factor * gain, options, "a stable hunting cycle")
         except NoOrbit:
             continue
-        last = first
-        for orbit in walk(first, low=first.gain * (1 - 1e-9), high=gain, options=options):
-            last = orbit
-            if orbit.gain == gain:
-                return orbit if orbit.multipliers.leading.real <= 1 else _other_side(orbit, options)
-            if orbit.gain < first.gain or orbit.amplitude < first.amplitude / 10:
-                break
+        orbits, ended = run(walk(first, low=first.gain * (1 - 1e-9), high=gain, options=options))
+        if orbits and orbits[-1].gain == gain:
+            return orbits[-1] if orbits[-1].multipliers.leading.real <= 1 else _other_side(orbits[-1], options)
+        highest = max([first, *orbits], key=lambda orbit: orbit.gain)
+        if orbits and orbits[-1].gain < highest.gain:
+            raise NoOrbit(
+                f"{nothing}: the branch of cycles, followed up from gain {first.gain:g}, turns back in a fold near "
+                f"{highest.gain:.6g}; {evidence}"
+            )
         raise NoOrbit(
-            f"{nothing}: the branch of cycles, followed up from gain {first.gain:g}, turns back in a fold before it "
-            f"gets there; {evidence}" if last is not first else f"{nothing}: {evidence}"
+            f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, and it is not certain that there "
+            f"is none: its cycles were followed up from gain {first.gain:g} to {highest.gain:.8g} only ({ended}); "
+            f"{evidence}",
+            Status.NOT_CONVERGED,
         )
     raise NoOrbit(f"{nothing}: {evidence}")
 
@@ -163,16 +167,11 @@ def _solved_from(
 def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
     """The unstable cycle at `gain`: from the stable one at the same gain up to the fold and down again.
 
-    Multipliers of 1e5 and more leave no other way that is sure; where the stable cycle is out of reach,
-    the inner fixed point of the event map is tried.
+    Multipliers of 1e5 and more leave no other way that is sure; where it does not lead round the fold, the
+    inner fixed point of the event map is tried.
     """
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    try:
-        stable = find_orbit(servo, model, gain, options=rough)
-    except NoOrbit as error:
-        if error.status is None:  # the scan says that there is no cycle at all
-            raise
-        return _inner_fixed_point(servo, model, gain, options)
+    stable = find_orbit(servo, model, gain, options=rough)
     orbit = None
     for way in (rough, options):  # the accurate way is the slow one, and seldom needed
         last = stable
@@ -206,7 +205,12 @@ def refined(orbit: Orbit, options: Options) -> Orbit:
 def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
     seen = scan(model, servo, gain, want_lower=True)
     if seen.lower is None:
-        raise NoOrbit(f"no unstable hunting limit cycle of the {model} servo at gain {gain:g}: {seen.sentence()}")
+        raise NoOrbit(
+            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not found, though a stable one exists "
+            f"there: the branch could not be followed round its fold to this gain, and the scan is too coarse "
+            f"({seen.sentence()})",
+            Status.NOT_CONVERGED,
+        )
     orbit = _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle")
     if orbit.multipliers.leading.real <= 1:
         raise NoOrbit(

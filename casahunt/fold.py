@@ -26,7 +26,7 @@ from .adapt import Options
 from .branch import SpecialPoint
 from .continuation import walk
 from .errors import InputError, NoOrbit, Status
-from .find import WALK_TOLERANCE, check_problem, find_orbit
+from .find import WALK_TOLERANCE, check_problem, find_orbit, refined
 from .hunting import Model
 from .monitor import FOLD, crossings
 from .orbit import Orbit, direction_of, unknowns_of
@@ -137,7 +137,13 @@ def find_fold(servo: Servo, model: Model, *, options: Options | None = None, sta
         fold = special[0] if special else None
         before = after
     if fold is None:
-        raise NoOrbit(f"no fold of the {model} servo was found above gain {first.gain:.6g}: {ended}")
+        raise NoOrbit(
+            f"the fold of the {model} servo was not found: its cycles were followed from gain {first.gain:.6g} to "
+            f"{before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: {ended}",
+            Status.NOT_CONVERGED,
+        )
+    if fold.orbit.error_estimate > options.tol:
+        fold = replace(fold, orbit=refined(fold.orbit, options))
     return confirmed(fold, options, began)
 
 
@@ -156,9 +162,10 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
     best = optimum(orbit)
     gain = orbit.gain * (1 + best.parameter)
     if not best.status.ok or abs(best.parameter) > AGREEMENT * options.tol:
+        found = f"gives {gain:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         raise NoOrbit(
             f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: the optimisation problem "
-            f"gives {gain:.10g} ({best.status.advice}); try another tolerance",
+            f"{found}; try another tolerance",
             best.status,
         )
     error = max(orbit.parameter_error, abs(best.parameter))

@@ -103,6 +103,10 @@ def crossings(
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
             continue
         orbit = locate(before, after, monitor, vary=vary, options=options)
+        width = abs(parameter_value(after, vary) / parameter_value(before, vary) - 1)
+        if orbit is None and monitor.kind == "fold" and width <= options.tol:
+            # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
+            orbit = max(before, after, key=lambda o: parameter_value(o, vary))
         if orbit is None:  # from the other side: the steps are other ones
             orbit = locate(after, before, monitor, vary=vary, options=options)
         if orbit is None:

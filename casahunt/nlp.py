@@ -141,10 +141,12 @@ def graphs(t: Transcription) -> Graphs:
     return Graphs(z, data, nu, ca.densify(residual.matrix()), jacobian.matrix())
 
 
-@lru_cache(maxsize=8)
-def lagrangian_hessian(t: Transcription) -> ca.MX:
-    """Upper triangle of the Hessian of nu . residual in z = (u, lambda), on the symbols of `graphs(t)`."""
-    g = graphs(t)
+def lagrangian_hessian(t: Transcription, g: Graphs | None = None) -> ca.MX:
+    """Upper triangle of the Hessian of nu . residual in z = (u, lambda), on the symbols of `g` (`graphs(t)`).
+
+    Not kept: kept apart from its graphs it would outlive them and speak of symbols that are gone.
+    """
+    g = g or graphs(t)
     s = _Symbols(t, g.z, g.data)
     n, N, R, P, m = t.n, t.intervals, t.rows, t.phases, len(t.cycle.parameters)
     hessian = _Sparse(t.size + 1, t.size + 1)

@@ -160,7 +160,9 @@ MULTIPLIER_TOLERANCE = 1e-9
 """Error of the period on the mesh on which multipliers are computed."""
 HEALTHY = 1e-8
 """Trivial multipliers nearer to 1 than this need no finer mesh."""
-MORE_HALVINGS = 2
+MORE_HALVINGS = 3
+LARGE, SETTLED = 10.0, 1e-7
+"""Half multipliers beyond LARGE are computed on two meshes at least, until they agree to SETTLED."""
 NEXT_TO_FOLD = 0.02
 """Share of the gain in the unit tangent below which a point counts as next to a fold."""
 
@@ -185,9 +187,14 @@ def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet
             break
         u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
         found = floquet.multipliers(t, u, setting)
-        if best is None or found.trivial_error < best.trivial_error:
+        # Where the flow expands a lot, the trivial multiplier says nothing about the leading one: it must
+        # come out the same on two meshes.
+        settled = abs(found.leading) < LARGE or (
+            best is not None and abs(found.leading - best.leading) < SETTLED * abs(found.leading)
+        )
+        if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE:
             best = found
-        if best.trivial_error < HEALTHY:
+        if best.trivial_error < HEALTHY and settled:
             break
     return best or floquet.multipliers(t, u, setting)
 

@@ -39,6 +39,8 @@ IPOPT_OPTIONS = {
     "ipopt.acceptable_iter": 0,
     "ipopt.max_iter": 60,
     "ipopt.bound_relax_factor": 0.0,
+    # Multipliers of a fold may be large; IPOPT would throw its own good first estimate away and start at zero.
+    "ipopt.constr_mult_init_max": 1e20,
     "ipopt.linear_solver": "mumps",
     "print_time": False,
 }
@@ -142,7 +144,7 @@ def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Functio
     g = graphs(t)
     fold = goal == "fold"
     jac_g = ca.Function("jac_g", [g.z, g.data], [g.residual, g.jacobian], ["x", "p"], ["g", "jac"])
-    hessian = lagrangian_hessian(t) if fold else ca.MX(t.size + 1, t.size + 1)
+    hessian = lagrangian_hessian(t, g) if fold else ca.MX(t.size + 1, t.size + 1)
     hess_lag = ca.Function(
         "hess_lag", [g.z, g.data, ca.MX.sym("lam_f"), g.nu], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"]
     )
@@ -214,7 +216,7 @@ class Maximum:
     iterations: int
 
 
-def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.1) -> Maximum:
+def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
     """Maximise lambda subject to the equations, with IPOPT and the exact Hessian, from a point near the fold."""
     z, multipliers, success, iterations = _run_ipopt(t, "fold", u, setting, freedom)
     if not (np.isfinite(z).all() and np.isfinite(multipliers).all()):

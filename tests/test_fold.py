@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, find_fold
+from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, find_fold, find_orbit
 from casahunt.fold import confirmed, find_any_orbit, routh_hurwitz_gain
 from casahunt.orbit import direction_of, unknowns_of
 from problems import table1
@@ -137,3 +137,30 @@ def test_only_folds_are_confirmed(orbit):
 def test_a_point_off_the_fold_is_refused(orbit):
     with pytest.raises(NoOrbit, match="not confirmed"):
         confirmed(SpecialPoint("fold", orbit("switch", 0.64), ""), Options(tol=1e-9))
+
+
+def test_folds_do_not_depend_on_what_was_computed_before(orbit):
+    """Many structures in between push graphs out of the caches; the Hessian must not outlive its symbols."""
+    from casahunt.nlp import graphs
+    from casahunt.solve import _ipopt_solver
+
+    first = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
+    graphs.cache_clear()
+    _ipopt_solver.cache_clear()
+    again = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
+    assert (first.gain, first.optimised_gain) == (again.gain, again.optimised_gain)
+
+
+def test_sharp_fold_of_stronger_friction():
+    """At Fs = 0.66 the slip nearly stops half-way and the fold is 1e-7 wide."""
+    fold = find_fold(Servo().replace(**{"friction.static": 0.66}), "switch")
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-6)
+
+
+def test_large_multipliers_agree_between_half_and_full_cycle():
+    """mu = 2.3249402192253e14 in 50-digit arithmetic (finite differences of the event map, four widths)."""
+    servo = Servo().replace(**{"friction.static": 0.7})
+    half = find_orbit(servo, "switch", 1.0, branch="unstable", options=Options(tol=1e-9))
+    assert half.half_multiplier == pytest.approx(2.3249402192253e14, rel=1e-7)
+    full = find_orbit(servo, "switch", 1.0, branch="unstable", options=Options(tol=1e-9, half=False))
+    assert full.multipliers.leading.real == pytest.approx(half.half_multiplier**2, rel=1e-6)
