@@ -206,9 +206,9 @@ def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options
     seen = scan(model, servo, gain, want_lower=True)
     if seen.lower is None:
         raise NoOrbit(
-            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not found, though a stable one exists "
-            f"there: the branch could not be followed round its fold to this gain, and the scan is too coarse "
-            f"({seen.sentence()})",
+            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not found, though a stable "
+            f"one exists there: the branch could not be followed round its fold to this gain, and the scan is too "
+            f"coarse ({seen.sentence()})",
             Status.NOT_CONVERGED,
         )
     orbit = _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle")
