@@ -19,7 +19,7 @@ class SpecialPoint:
 
     Attributes
     ----------
-    kind : "fold", "symmetry breaking", "grazing", "superstable" or the name of a user function.
+    kind : "fold", "symmetry breaking", "superstable" or the name of a user function.
     orbit : the orbit at the point.
     meaning : one sentence for the user.
     """

@@ -186,13 +186,7 @@ def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -
             continue
     if orbit is None:
         return _inner_fixed_point(servo, model, gain, options)
-    if orbit.multipliers.leading.real <= 1:
-        raise NoOrbit(
-            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the branch leads "
-            f"round a fold to a cycle with the half multiplier {orbit.half_multiplier:.4g}",
-            Status.FAR_FROM_GUESS,
-        )
-    return orbit
+    return _unstable(orbit, "the branch leads round a fold to")
 
 
 def refined(orbit: Orbit, options: Options) -> Orbit:
@@ -212,13 +206,18 @@ def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options
             Status.NOT_CONVERGED,
         )
     orbit = _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle")
-    if orbit.multipliers.leading.real <= 1:
-        raise NoOrbit(
-            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not computed: the solver "
-            f"converged to a cycle with the half multiplier {orbit.half_multiplier:.4g}",
-            Status.FAR_FROM_GUESS,
-        )
-    return orbit
+    return _unstable(orbit, "the solver converged to")
+
+
+def _unstable(orbit: Orbit, how: str) -> Orbit:
+    """`orbit` if a multiplier beyond +1 shows that it lies past the fold, or NoOrbit."""
+    if orbit.multipliers.leading.real > 1:
+        return orbit
+    raise NoOrbit(
+        f"the unstable hunting cycle of the {orbit.model} servo at gain {orbit.gain:g} was not computed: {how} a cycle "
+        f"with the half multiplier {orbit.half_multiplier:.4g}",
+        Status.FAR_FROM_GUESS,
+    )
 
 
 def check_problem(servo: Servo, model: Model, gain: float) -> None:

@@ -39,8 +39,6 @@ SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
-AGREEMENT = 100.0
-"""The two folds may differ by this many tolerances before the result is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +151,7 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
     Raises
     ------
     InputError : the special point is no fold.
-    NoOrbit : the two fold gains differ by more than `AGREEMENT` tolerances.
+    NoOrbit : the two fold gains differ by more than the tolerance, or an error estimate exceeds it.
     """
     if special.kind != FOLD.kind:
         raise InputError(f"special point {special.kind!r}: must be a fold")
@@ -161,7 +159,7 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
     orbit = special.orbit
     best = optimum(orbit)
     gain = orbit.gain * (1 + best.parameter)
-    if not best.status.ok or abs(best.parameter) > AGREEMENT * options.tol:
+    if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {gain:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         raise NoOrbit(
             f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: the optimisation problem "
@@ -169,6 +167,12 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
             best.status,
         )
     error = max(orbit.parameter_error, abs(best.parameter))
+    if max(error, orbit.error_estimate) > options.tol:
+        raise NoOrbit(
+            f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not known to the tolerance: the error "
+            f"estimate is {max(error, orbit.error_estimate):.2g}; ask for a larger tolerance",
+            Status.TOLERANCE_NOT_REACHED,
+        )
     return Fold(orbit, orbit.gain, error, gain, best.multipliers, orbit.status, time.perf_counter() - began)
 
 

@@ -7,7 +7,9 @@ true corrections, down to rounding of the function or to the precision that it c
     fold               d lambda/d s = 0, the tangent's parameter component (multiplier mu = +1)
     symmetry breaking  mu + 1 = 0
     superstable        mu = 0
-    grazing            Switch: the stick before a breakaway shrinks to nothing, or |m| reaches Fs at a stop
+
+Grazing (a slip that ends with |m| = Fs, a pair of reversals that vanishes) is no monitor: the margin is positive
+on both sides, because the phase sequence changes there; continuation.py steps across it.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
 """
@@ -23,7 +25,6 @@ import numpy as np
 from .adapt import Options
 from .branch import SpecialPoint
 from .continuation import Point, curve_point, parameter_value, step_along
-from .hunting import motor_torque
 from .orbit import Orbit
 
 Array = np.ndarray
@@ -59,14 +60,6 @@ def _fold_value(orbit: Orbit, point: Point) -> float:
     return float(point.row[-1])
 
 
-def _margin_of_stick(orbit: Orbit, point: Point) -> float:
-    """(Fs - |m|)/Fs at the start of the shortest-lived stick; 1 where there is none."""
-    p = orbit.servo.parameters(orbit.gain)
-    static = orbit.servo.friction.static
-    margins = [1 - abs(float(motor_torque(arc.states[0, 0], p))) / static for arc in orbit.arcs if arc.mode == "stick"]
-    return min(margins, default=1.0)
-
-
 FOLD = Monitor(
     "fold", _fold_value,
     "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; beyond it the servo does not hunt",
@@ -81,11 +74,7 @@ SUPERSTABLE = Monitor(
     "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
     needs_multipliers=True,
 )  # fmt: skip
-GRAZING = Monitor(
-    "grazing", _margin_of_stick,
-    "grazing at {name} = {value:.10g}: the slip ends with |m| = Fs and the stick has no time to begin",
-)  # fmt: skip
-STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE, GRAZING)
+STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
 
 
 def crossings(
@@ -177,7 +166,6 @@ def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
 
 __all__ = [
     "FOLD",
-    "GRAZING",
     "STANDARD",
     "SUPERSTABLE",
     "SYMMETRY_BREAKING",
