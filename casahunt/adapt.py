@@ -20,8 +20,8 @@ from .checks import require, shown
 from .collocation import Kind
 from .errors import InputError, Status
 from .hunting import SCHEMES, Model
-from .mesh import Estimate, better_breaks, estimate, halved, phase_breaks, quartered_where, transfer
-from .resequence import Start, next_sequence
+from .mesh import COARSENING, Estimate, better_breaks, estimate, halved, phase_breaks, quartered_where, transfer
+from .resequence import Start, next_sequence, remarch
 from .solve import Solution, Solver, newton, solve
 from .transcription import Setting, Transcription
 
@@ -110,14 +110,15 @@ def solve_adaptively(
     solver
         for the first solve; Newton after that, IPOPT where Newton fails at a fixed parameter.
     border
-        weights (n + 1,) of the first node and of lambda; the correction is orthogonal to them and
+        weights (n + 2,) of the first node, of ln T_1 and of lambda; the correction is orthogonal to them and
         lambda is free.  None holds lambda at zero.
     soft
         allow unsplit kinks as the last resort (resequence.soften).
     """
     t, u, setting = start
-    iterations, sequences = 0, 0
+    iterations, sequences, changes = 0, 0, 0
     accepted: Solved | None = None
+    marched = False
     solution = _correct(t, u, setting, border, solver, 0.0)
     for _ in range(MAX_ROUNDS):
         iterations += solution.iterations
@@ -134,9 +135,10 @@ def solve_adaptively(
             if found is None:
                 return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
             t, setting, solution = found
-            accepted = None
+            accepted, changes = None, 0
             continue
-        e = estimate(t, solution.u, setting.moved(solution.parameter), border=_row(t, border))
+        row = None if border is None else curve_border(t, solution.u, border)
+        e = estimate(t, solution.u, setting.moved(solution.parameter), border=row)
         if not np.isfinite(e.error):
             return Solved(t, solution, setting, None, Status.NOT_FINITE, iterations)
         if e.error <= options.tol and verdict.admissible:
@@ -145,40 +147,48 @@ def solve_adaptively(
         if e.error <= options.tol:
             breaks = quartered_where(t, setting.fractions, verdict.unclear)
         else:
-            breaks = better_breaks(t, setting.fractions, e, options.tol)
+            breaks = better_breaks(t, setting.fractions, e, options.tol, changes)
+            changes += 1
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
             return accepted
-        old = t, solution, setting
-        t, setting, solution = _on_mesh(*old, breaks, border)
+        t, setting, solution = _on_mesh(accepted, breaks, border)
         if not solution.status.ok:
-            # A mesh that moves too much at once can lose the solution; cutting every interval cannot.
-            t, setting, solution = _on_mesh(*old, halved(phase_breaks(old[0], old[2].fractions)), border)
+            # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
+            changes = len(COARSENING)
+            t, setting, solution = _on_mesh(accepted, halved(phase_breaks(accepted.t, accepted.setting.fractions)), border)
+        if not solution.status.ok and not marched:
+            # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
+            marched = True
+            again = remarch(model, accepted.t, accepted.solution.u, accepted.setting.moved(accepted.solution.parameter))
+            if again is not None:
+                t, u, fresh = again
+                setting = replace(fresh, p=accepted.setting.p)
+                solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter)
     return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
 
 
 def _on_mesh(
-    t: Transcription, solution: Solution, setting: Setting, breaks: list[Array], border: Array | None
+    known: Solved, breaks: list[Array], border: Array | None
 ) -> tuple[Transcription, Setting, Solution]:
-    """The solution carried to another mesh and corrected there."""
-    t, u, fractions = transfer(t, solution.u, setting.fractions, breaks)
-    setting = replace(setting, fractions=fractions)
-    return t, setting, _correct(t, u, setting, border, "newton", solution.parameter)
+    """A solution carried to another mesh and corrected there."""
+    t, u, fractions = transfer(known.t, known.solution.u, known.setting.fractions, breaks)
+    setting = replace(known.setting, fractions=fractions)
+    return t, setting, _correct(t, u, setting, border, "newton", known.solution.parameter)
 
 
-def _row(t: Transcription, border: Array | None) -> Array | None:
-    """The border row of the node system with weights on the first node and on lambda alone."""
-    if border is None:
-        return None
-    nodes = np.zeros((t.phases + 1, t.n))
-    nodes[0] = border[:-1]
-    return t.system.border(nodes=nodes, parameter=float(border[-1]))
+def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
+    """The border row of the node system with weights (n + 2,) on (x_0, ln T_1, lambda); see continuation.py."""
+    nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
+    nodes[0] = weights[: t.n]
+    durations[0] = weights[t.n] / t.durations_of(u)[0]
+    return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
 
 
 def _correct(
     t: Transcription, u: Array, setting: Setting, border: Array | None, solver: Solver, parameter: float
 ) -> Solution:
     if border is not None:
-        return newton(t, u, setting, border=_row(t, border), parameter=parameter)
+        return newton(t, u, setting, border=curve_border(t, u, border), parameter=parameter)
     solution = solve(t, u, setting, solver=solver)
     if not solution.status.ok:
         again = solve(t, u, setting, solver="ipopt" if solver == "newton" else "newton")
@@ -193,7 +203,8 @@ def _first_converging(
     """The first of several starting points from which Newton converges."""
     for t, u, moved in starts:
         fresh = replace(moved, p=setting.p)
-        solution = newton(t, u, fresh, border=_row(t, border), parameter=parameter)
+        row = None if border is None else curve_border(t, u, border)
+        solution = newton(t, u, fresh, border=row, parameter=parameter)
         if solution.status.ok:
             return t, fresh, solution
     return None

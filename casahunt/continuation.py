@@ -1,15 +1,17 @@
 """Following a branch of hunting cycles in one servo parameter, the gain first.
 
-The curve is {(x_0, lambda)}: the whole orbit is a function of its first node x_0, and the parameter is
+The curve is {y} = {(x_0, ln T_1, lambda)}: first node, duration of the first phase, and the parameter
 p = p_here (1 + lambda), moved relative to where it stands.  A step of length ds:
 
-    tangent     J (du, dlambda) = 0 with |dx_0|^2 + dlambda^2 = 1, oriented forwards
+    tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
     predictor   u + ds du + ds^2 curvature, durations multiplied rather than added, lambda + ds dlambda
-    corrector   Newton on the equations under  tangent . (x_0 - predicted, lambda - predicted) = 0
+    corrector   Newton on the equations under  tangent . (y - predicted) = 0
     adaptation  mesh, phase sequence and error estimate (adapt.py), under the same row
 
-x_0 is measured in units of the state scale, which follows the orbit.  The durations, which run from
-milliseconds to half an hour, take no part in the length: they would decide every step and say nothing.
+x_0 is measured in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and
+lambda, but next to a sharp fold of the Switch servo not a fair one: a slip that lingers where the friction curve
+falls (a canard) changes altogether while x_0 and the gain move by 1e-7.  Its duration tells.  The long stick,
+which runs from seconds to half an hour, takes no part in the length: it would decide every step and say nothing.
 The step grows and shrinks with the Newton iterations and with the angle between successive tangents.
 
 `walk` rounds folds.  `walk_naturally` holds the parameter fixed in the corrector; it ends at a fold.
@@ -24,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .adapt import Options, Solved, solve_adaptively
+from .adapt import Options, Solved, curve_border, solve_adaptively
 from .checks import known
 from .errors import NoOrbit
 from .hunting import Model
@@ -53,7 +55,7 @@ class Point:
     Attributes
     ----------
     t, u, setting : transcription, unknowns and numbers, with p at this point and dp = p e.
-    row : (n + 1,) unit tangent in (x_0, lambda).
+    row : (n + 2,) unit tangent in (x_0, ln T_1, lambda).
     du : (size,) derivative of u by arclength.
     curvature : (size,) second derivative, from the tangent of the point before; None at the first point
         and after a change of the phase sequence.
@@ -90,7 +92,7 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
     orbit, vary
         a converged orbit and the name of the parameter.
     like
-        (n + 1,) direction to go on in; the tangent makes an acute angle with it.
+        (n + 2,) direction to go on in; the tangent makes an acute angle with it.
     sense
         where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
     """
@@ -105,22 +107,16 @@ def _point(
     index = PARAMETERS.index(vary)
     setting = replace(setting, dp=direction_of(vary) * setting.p[index])
     lin = t.linearise(u, setting)
-    trial = np.append(np.zeros(t.n), 1.0) if like is None else like
-    du, y = lin.tangent(_border(t, trial))
+    trial = np.append(np.zeros(t.n + 1), 1.0) if like is None else like
+    du, y = lin.tangent(curve_border(t, u, trial))
     if not np.isfinite(y).all():  # exactly at a fold the trial row lambda = 1 is singular
-        trial = np.append(np.ones(t.n), 0.0)
-        du, y = lin.tangent(_border(t, trial))
-    row = np.append(y[: t.n], y[-1])
+        trial = np.append(np.ones(t.n), [0.0, 0.0])
+        du, y = lin.tangent(curve_border(t, u, trial))
+    row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1]]])
     length = float(np.linalg.norm(row))
     row, du = row / length, du / length
     turn = float(row @ like) if like is not None else row[-1] * sense
     return Point(t, u, setting, row if turn >= 0 else -row, du if turn >= 0 else -du)
-
-
-def _border(t: Transcription, weights: Array) -> Array:
-    nodes = np.zeros((t.phases + 1, t.n))
-    nodes[0] = weights[:-1]
-    return t.system.border(nodes=nodes, parameter=float(weights[-1]))
 
 
 def _rescaled(t: Transcription, u: Array, setting: Setting) -> tuple[Transcription, Array, Setting]:
@@ -187,7 +183,7 @@ def walk(
     """
     known("parameter", vary, PARAMETERS)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
-    like = None if previous is None else _secant(previous, start, vary)
+    like = None if previous is None else secant(previous, start, vary)
     point = curve_point(start, vary, like=like, sense=sense)
     ds, last = first_step, start
     for _ in range(max_points):
@@ -201,8 +197,10 @@ def walk(
         yield orbit
         if reached:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=_carry(point, solved))
-        following = replace(following, curvature=_curvature(point, following, _distance(point, solved)))
+        like = _in_units_of(point.row, point.setting.scale, solved.setting.scale)
+        following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like)
+        length = float(np.linalg.norm(secant(last, orbit, vary)))
+        following = replace(following, curvature=_curvature(point, following, length))
         angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
         effort = EASY_ITERATIONS / max(solved.solution.iterations, 1)
         ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), largest_step)
@@ -214,31 +212,24 @@ def _setting_at(solved: Solved) -> Setting:
     return solved.setting.moved(solved.solution.parameter)
 
 
-def _secant(before: Orbit, after: Orbit, vary: str) -> Array:
-    """Direction from one orbit to the next in (x_0, lambda), in the scale of the second."""
-    x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / after.scale
-    here, there = parameter_value(after, vary), parameter_value(before, vary)
-    return np.append(x, (here - there) / here)
+def secant(before: Orbit, after: Orbit, vary: str) -> Array:
+    """(n + 2,) way from one orbit to the next in (x_0, ln T_1, lambda), in the scale of the first."""
+    x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
+    here, there = parameter_value(before, vary), parameter_value(after, vary)
+    # Where the phases are not the same, T_1 may be another thing.
+    longer = np.log(after.arcs[0].duration / before.arcs[0].duration) if before.signature == after.signature else 0.0
+    return np.concatenate([x, [longer, there / here - 1]])
 
 
-def _carry(point: Point, solved: Solved) -> Array:
-    """The old tangent in the units of the new point."""
-    factor = point.setting.scale / solved.setting.scale
-    return np.append(point.row[:-1] * factor, point.row[-1])
+def _in_units_of(row: Array, scale: Array, other: Array) -> Array:
+    """A direction (n + 2,) in units of the state scale `scale`, in units of `other`."""
+    n = scale.size
+    return np.concatenate([row[:n] * scale / other, row[n:]])
 
 
 def _cosine(before: Point, after: Point) -> float:
-    factor = before.setting.scale / after.setting.scale
-    carried = np.append(before.row[:-1] * factor, before.row[-1])
+    carried = _in_units_of(before.row, before.setting.scale, after.setting.scale)
     return float(carried @ after.row / np.linalg.norm(carried))
-
-
-def _distance(point: Point, solved: Solved) -> float:
-    """Arclength between two points, along the tangent of the first."""
-    x = solved.t.nodes_of(solved.solution.u)[0] * solved.setting.scale / point.setting.scale
-    p, here = _setting_at(solved).p, point.setting.p
-    i = int(np.argmax(np.abs(point.setting.dp)))
-    return float(np.linalg.norm(np.append(x - point.t.nodes_of(point.u)[0], p[i] / here[i] - 1)))
 
 
 def _curvature(before: Point, after: Point, distance: float) -> Array | None:
@@ -282,18 +273,15 @@ def step_along(
         return solved.complaint()
     if not low * (1 - 1e-12) <= value <= high * (1 + 1e-12):
         return "the corrector left the range"
-    jump = solved.t.nodes_of(solved.solution.u)[0] * solved.setting.scale / point.setting.scale - (
-        point.t.nodes_of(point.u)[0]
-    )
-    moved = np.append(jump, value / here - 1)
-    if not 0.3 * ds < float(moved @ point.row) or np.linalg.norm(moved) > 3 * ds:
-        return "the corrector went to another part of the curve"
     servo, gain = with_value(last.servo, last.gain, vary, value)
     orbit = orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
         model=last.model, servo=servo, gain=gain, status=solved.status, solver="newton",
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip
+    moved = _in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
+    if not 0.3 * ds < float(moved @ point.row) or np.linalg.norm(moved) > 3 * ds:
+        return "the corrector went to another part of the curve"
     return orbit, solved, reached
 
 
@@ -356,7 +344,7 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
         model=last.model, servo=servo, gain=gain, status=solved.status, solver=options.solver,
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip
-    after = curve_point(orbit, vary, like=_secant(last, orbit, vary))
+    after = curve_point(orbit, vary, like=secant(last, orbit, vary))
     if after.row[-1] * (value - here) <= 0:
         return "the solver converged to the other side of the fold"
     return orbit

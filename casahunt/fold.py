@@ -10,9 +10,10 @@ Two ways that share nothing but the collocation equations:
 `find_fold` does both from nothing but the servo and refuses where they disagree.  An extended system
 (J v = 0, |v| = 1) serves as a third opinion in the tests.
 
-The walk needs a gain at which the servo hunts.  The search starts at the gain below which the frictionless
-linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section 2), and goes up and
-down from there in factors of two.
+The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below
+which the frictionless linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section
+2), goes up and down from there in factors of two to the first cycle, and then up as far as the event map
+finds one.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from .adapt import Options
 from .branch import SpecialPoint
 from .continuation import walk
 from .errors import InputError, NoOrbit, Status
+from .event_map import near_stable, scan
 from .find import WALK_TOLERANCE, check_problem, find_orbit, refined
 from .hunting import Model
 from .monitor import FOLD, crossings
@@ -37,6 +39,11 @@ Array = np.ndarray
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
+LUGRE_SEARCHES = 5
+"""Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
+CLIMB = (4.0, 2.0, 1.4)
+MOST_CLIMBS = 20
+"""Factors by which the gain is raised, each as long as a cycle is found."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 
@@ -78,7 +85,10 @@ def routh_hurwitz_gain(servo: Servo) -> float:
 
 
 def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
-    """A stable hunting cycle at some gain.
+    """A stable hunting cycle at some gain, preferably not far below the fold.
+
+    The event map of the Switch servo finds a gain with a cycle and climbs from there; it costs a hundredth of
+    an orbit.  The first gain, from the highest down, at which the model's own cycle is found wins.
 
     Raises
     ------
@@ -88,18 +98,39 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     if not np.isfinite(base):
         base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
     check_problem(servo, model, base)
-    tried: list[float] = []
-    for k in range(SEARCH_FACTORS + 1):
-        for factor in (2.0**k, 2.0**-k) if k else (1.0,):
-            tried.append(base * factor)
+    gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
+    for gain in gains:
+        rigid = scan("switch", servo, gain).upper
+        if rigid is None:
+            continue
+        for higher in reversed(_climb(servo, gain, rigid.start)):
             try:
-                return find_orbit(servo, model, base * factor, options=options)
+                return find_orbit(servo, model, higher, options=options)
+            except NoOrbit:
+                continue
+    if model != "switch":
+        for gain in gains[:LUGRE_SEARCHES]:
+            try:
+                return find_orbit(servo, model, gain, options=options)
             except NoOrbit:
                 continue
     raise NoOrbit(
-        f"no hunting limit cycle of the {model} servo found: {len(tried)} gains from {min(tried):.3g} to "
-        f"{max(tried):.3g} were scanned"
+        f"no hunting limit cycle of the {model} servo found: {len(gains)} gains from {min(gains):.3g} to "
+        f"{max(gains):.3g} were scanned"
     )
+
+
+def _climb(servo: Servo, gain: float, a: float) -> list[float]:
+    """Increasing gains at which the Switch servo has a stable cycle, from one with stick position a."""
+    gains = [gain]
+    for factor in CLIMB:
+        for _ in range(MOST_CLIMBS):
+            found = near_stable("switch", servo, gain * factor, a / factor)
+            if found is None:
+                break
+            gain, a = gain * factor, found.start
+            gains.append(gain)
+    return gains
 
 
 def find_fold(servo: Servo, model: Model, *, options: Options | None = None, start: Orbit | None = None) -> Fold:

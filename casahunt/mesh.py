@@ -199,11 +199,19 @@ def shape(t: Transcription, u: Array) -> Array:
     return np.max(np.abs(np.einsum("j,ijn->in", t.scheme.last_mode, w)), axis=1)
 
 
-def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float) -> list[Array]:
+COARSENING = (0.1, 0.3, 1.0)
+"""How many intervals may stand in place of one, at least, at the first, second and any later change of a mesh.
+
+Blame is measured on the mesh at hand; an interval without blame may get it when it grows.  Meshes that keep
+coarsening go round in circles."""
+
+
+def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, changes: int = 0) -> list[Array]:
     """The boundaries of the next mesh: place and number of intervals for the tolerance.
 
     The blame of an interval behaves like h^(order + 1): its length is changed by the power that would
-    bring it to its share of the tolerance, by at most 4 at a time when it shrinks and 10 when it grows.
+    bring it to its share of the tolerance, by at most 4 at a time when it shrinks and `COARSENING` when it
+    grows, where `changes` says how often this mesh has been changed already.
     """
     smooth = np.array([t.cycle.phases[k].mode.smooth for k in t.phase_of[t.interval_elements]])
     power = np.where(smooth, 1.0 / (t.scheme.order + 1), KINK_POWER)
@@ -212,7 +220,7 @@ def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float) -
         (e.indicators / share) ** power,
         (e.shape / SHAPE) ** (1.0 / t.degree),
     )
-    wanted = np.clip(wanted, 0.1, 4.0)
+    wanted = np.clip(wanted, COARSENING[min(changes, len(COARSENING) - 1)], 4.0)
     out = []
     for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
         out.append(_redistribute(b, wanted[t.phase_intervals(k)]))

@@ -24,7 +24,7 @@ import numpy as np
 
 from .adapt import Options
 from .branch import SpecialPoint
-from .continuation import Point, curve_point, parameter_value, step_along
+from .continuation import Point, curve_point, parameter_value, secant, step_along
 from .orbit import Orbit
 
 Array = np.ndarray
@@ -86,8 +86,8 @@ def crossings(
     end: Point | None = None
     for monitor in monitors:
         if start is None or end is None:
-            start = curve_point(before, vary, like=_towards(before, after, vary))
-            end = curve_point(after, vary, like=_towards(before, after, vary))
+            start = curve_point(before, vary, like=secant(before, after, vary))
+            end = curve_point(after, vary, like=secant(before, after, vary))
         a, b = monitor.value(before, start), monitor.value(after, end)
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
             continue
@@ -107,14 +107,7 @@ def crossings(
             continue
         value = parameter_value(orbit, vary)
         found.append(SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=value)))
-    return sorted(found, key=lambda s: float(np.dot(_towards(before, s.orbit, vary), _towards(before, after, vary))))
-
-
-def _towards(before: Orbit, after: Orbit, vary: str) -> Array:
-    """Direction from `before` to `after` in (x_0, lambda)."""
-    x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
-    here, there = parameter_value(before, vary), parameter_value(after, vary)
-    return np.append(x, there / here - 1)
+    return sorted(found, key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
 
 
 def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
@@ -122,7 +115,7 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
 
     Steps start at `before`; their length along its tangent is the unknown.
     """
-    towards = _towards(before, after, vary)
+    towards = secant(before, after, vary)
     start = curve_point(before, vary, like=towards)
     low, high = 0.0, float(towards @ start.row)
     f_low = monitor.value(before, start)

@@ -44,7 +44,8 @@ def next_sequence(
     `soft` allows phases with the kink unsplit, the last resort: they converge everywhere, but slowly.
     """
     if model == "switch":
-        found = [remarch(model, t, u, setting)]
+        start = remarch(model, t, u, setting)
+        found = [start if start is None or half_signature(start[0]) != half_signature(t) else None]
     else:
         found = [
             split_reversals(model, t, u, setting, phase),
@@ -98,7 +99,7 @@ def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start
         )  # fmt: skip
     except MarchFailure:
         return None
-    if segments[-1].event == "" or tuple((s.mode, s.event) for s in segments) == half_signature(t):
+    if segments[-1].event == "":
         return None
     half = t.cycle.repeats == 2
     return from_segments(model, segments, setting.p, setting.dp, degree=t.degree, kind=t.kind, half=half)

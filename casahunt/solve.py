@@ -41,6 +41,10 @@ IPOPT_OPTIONS = {
     "ipopt.bound_relax_factor": 0.0,
     # Multipliers of a fold may be large; IPOPT would throw its own good first estimate away and start at zero.
     "ipopt.constr_mult_init_max": 1e20,
+    # Starts are good and bounds far: no barrier may drive the first steps along a flat branch.
+    "ipopt.mu_init": 1e-11,
+    "ipopt.bound_push": 1e-12,
+    "ipopt.bound_frac": 1e-12,
     "ipopt.linear_solver": "mumps",
     "print_time": False,
 }
