@@ -155,7 +155,8 @@ def solve_adaptively(
         if not solution.status.ok:
             # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
             changes = len(COARSENING)
-            t, setting, solution = _on_mesh(accepted, halved(phase_breaks(accepted.t, accepted.setting.fractions)), border)
+            breaks = halved(phase_breaks(accepted.t, accepted.setting.fractions))
+            t, setting, solution = _on_mesh(accepted, breaks, border)
         if not solution.status.ok and not marched:
             # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
             marched = True

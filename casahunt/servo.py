@@ -160,16 +160,27 @@ def load(path: str | Path) -> Servo:
         raise InputError(f"servo file {str(path)!r}: not valid TOML: {error}") from None
     except OSError as error:
         raise InputError(f"servo file {str(path)!r}: cannot be read: {error.strerror}") from None
+    try:
+        return unflatten(_values(tree))
+    except InputError as error:
+        raise InputError(f"servo file {str(path)!r}: {error}") from None
+
+
+def _values(tree: Mapping[str, Any]) -> dict[str, float]:
+    """{dotted key: value} of a parsed servo file."""
     values: dict[str, float] = {}
     sections = sorted({key.split(".")[0] for key in KEYS})
     for section, table in tree.items():
+        owner = [key.split(".")[0] for key in KEYS if key.split(".")[1] == section]
+        if owner:
+            raise InputError(f"{section} = {table!r}: must stand in its table [{owner[0]}]")
         known("section", section, sections)
         if not isinstance(table, dict):
-            raise InputError(f"servo file {str(path)!r}: {section} = {table!r}: must be a table [{section}]")
+            raise InputError(f"{section} = {table!r}: must be a table [{section}]")
         for name, value in table.items():
             key = known("key", f"{section}.{name}", KEYS)
             values[key] = number(key, value)
-    return unflatten(values)
+    return values
 
 
 def dump(servo: Servo) -> str:

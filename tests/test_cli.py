@@ -17,7 +17,18 @@ from pathlib import Path
 
 import pytest
 
-from casahunt import Branch, NoOrbit, Orbit, Servo, __version__, cli, find_orbit
+from casahunt import (
+    Branch,
+    NoOrbit,
+    Orbit,
+    Servo,
+    __version__,
+    cli,
+    command_diagram,
+    command_fold,
+    command_orbit,
+    find_orbit,
+)
 from casahunt.archive import load_branch, load_orbit
 from casahunt.diagram import DiagramPoint
 from casahunt.servo import dump
@@ -66,7 +77,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
     text = path.read_bytes().decode("ascii")
     assert text.endswith("\n")
     header, *rows = csv.reader(text.splitlines())
-    assert tuple(header) == cli.CSV_COLUMNS
+    assert tuple(header) == command_diagram.CSV_COLUMNS
     assert all(len(row) == len(header) for row in rows)
     return [dict(zip(header, row, strict=True)) for row in rows]
 
@@ -179,7 +190,7 @@ def untrusted(orbit: Orbit) -> Orbit:
 
 def test_untrusted_multipliers_are_not_shown(capsys, monkeypatch):
     orbit = untrusted(find_orbit(Servo(), "switch", 0.3))
-    monkeypatch.setattr(cli, "find_orbit", lambda *args, **kwargs: orbit)
+    monkeypatch.setattr(command_orbit, "find_orbit", lambda *args, **kwargs: orbit)
     found = one_json(run(capsys, "orbit", "--gain", 0.3, "--json")[1])
     assert found["multipliers_trusted"] is False and found["trivial_multiplier_error"] == 0.5
     for key in ("half_multiplier", "log10_abs_half_multiplier", "multipliers", "stable"):
@@ -187,7 +198,7 @@ def test_untrusted_multipliers_are_not_shown(capsys, monkeypatch):
     _, out, err = run(capsys, "orbit", "--gain", 0.3)
     assert "unknown stability" in out and "not to be trusted" in out and "mu = not trusted" in err
     assert "-0.58" not in out + err
-    row = dict(zip(cli.CSV_COLUMNS, map(str, cli.csv_row(orbit, "")), strict=True))
+    row = dict(zip(command_diagram.CSV_COLUMNS, map(str, command_diagram.csv_row(orbit, "")), strict=True))
     assert (row["half_multiplier"], row["log10_abs_half_multiplier"], row["stable"]) == ("nan", "nan", "")
 
 
@@ -237,8 +248,8 @@ def test_diagram(capsys, tmp_path):
     command = ["diagram", "--model", "switch", "--from", "0.3", "--out", out]
     code, text, err = run(capsys, *command)
     assert code == 0
-    assert set(contents(out)) == {*cli.PICTURES, "switch.csv", "switch.npz"}
-    assert all(is_picture(out / name) for name in cli.PICTURES)
+    assert set(contents(out)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz"}
+    assert all(is_picture(out / name) for name in command_diagram.PICTURES)
 
     rows, branch = rows_of(out / "switch.csv"), load_branch(out / "switch.npz")
     points = [row for row in rows if not row["special"]]
@@ -286,7 +297,7 @@ def test_diagram_of_both_models(capsys, tmp_path):
     assert (code, err) == (0, "")
     found = one_json(text)
     assert set(found) >= {"out", "branches", "failures", "wall_s"} and found["failures"] == []
-    assert set(contents(tmp_path)) == {*cli.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "lugre.npz"}
+    assert set(contents(tmp_path)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "lugre.npz"}
     for branch, model in zip(found["branches"], ("switch", "lugre"), strict=True):
         fold = next(special for special in branch["special"] if special["kind"] == "fold")
         assert branch["model"] == model
@@ -308,12 +319,12 @@ def test_diagram_as_it_is_asked_for(tmp_path):
         assert float(rows[-1]["gain"]) == 0.0321 and rows[-1]["stable"] == "False"
         assert float(rows[-1]["period_s"]) == pytest.approx(period, abs=1)
         assert all(row["status"] == "converged" for row in rows)
-    assert all(is_picture(tmp_path / "out" / name) for name in cli.PICTURES)
+    assert all(is_picture(tmp_path / "out" / name) for name in command_diagram.PICTURES)
 
 
 def test_earlier_results_are_replaced(capsys, tmp_path):
     """What belongs to the models asked for, or shows them, goes; what is somebody else's stays."""
-    for name in (*cli.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "notes.txt"):
+    for name in (*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "notes.txt"):
         (tmp_path / name).write_text("old")
     code, out, err = run(capsys, "diagram", "--model", "switch", "--from", 0.8, "--out", tmp_path)
     assert (code, out) == (1, "")
@@ -336,7 +347,7 @@ def walk_that_ends(with_what):
 @pytest.mark.parametrize("end", ["no step converged: try this", NoOrbit("no step converged: try this")], ids=type)
 def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
     """Exit code 1, and what has been computed is drawn and kept."""
-    monkeypatch.setattr(cli, "diagram", walk_that_ends(end))
+    monkeypatch.setattr(command_diagram, "diagram", walk_that_ends(end))
     command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
     assert code == 1 and one_json(out)["failures"] == [err.removeprefix("casahunt diagram: ").rstrip("\n")]
@@ -348,7 +359,7 @@ def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
 
 @pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ZeroDivisionError()], ids=repr)
 def test_trouble_on_the_way_keeps_the_points(capsys, tmp_path, monkeypatch, trouble):
-    monkeypatch.setattr(cli, "diagram", walk_that_ends(trouble))
+    monkeypatch.setattr(command_diagram, "diagram", walk_that_ends(trouble))
     command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path / "out", "--quiet"]
     if isinstance(trouble, KeyboardInterrupt):
         assert run(capsys, *command) == (
@@ -367,8 +378,8 @@ def test_interrupt_before_the_first_point(capsys, tmp_path, monkeypatch, words):
     def stop(*args, **kwargs):
         raise KeyboardInterrupt
 
-    for name in ("find_orbit", "find_fold", "diagram"):
-        monkeypatch.setattr(cli, name, stop)
+    for module, name in ((command_orbit, "find_orbit"), (command_fold, "find_fold"), (command_diagram, "diagram")):
+        monkeypatch.setattr(module, name, stop)
     monkeypatch.chdir(tmp_path)
     what = "; no point was computed" if words[0] == "diagram" else ""
     assert run(capsys, *words) == (130, "", f"casahunt {words[0]}: interrupted{what}\n")
@@ -579,7 +590,7 @@ def test_diagram_of_the_model_that_hunts(capsys, tmp_path):
     """Between the two folds the Switch servo hunts and the LuGre servo does not."""
     code, out, err = run(capsys, "diagram", "--from", 0.63, "--out", tmp_path, "--quiet")
     assert code == 1 and err.count("\n") == 1 and "no hunting limit cycle of the lugre servo at gain 0.63" in err
-    assert set(contents(tmp_path)) == {*cli.PICTURES, "switch.csv", "switch.npz"}
+    assert set(contents(tmp_path)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz"}
     assert out.startswith("switch: ")
 
 

@@ -1,0 +1,202 @@
+"""casahunt diagram: both branches, the fold, pictures and files; every point is on disk before the next begins."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import time
+from pathlib import Path
+from typing import IO, Any
+
+from .adapt import Options
+from .archive import save_branch
+from .branch import Branch, SpecialPoint
+from .checks import known
+from .console import add_common, complain, finite, folder, positive, progress, progress_line, say, servo_of
+from .diagram import DEFAULT_START, DiagramPoint, diagram
+from .errors import InputError, NoOrbit
+from .hunting import MODELS
+from .monitor import FOLD
+from .orbit import Orbit
+from .servo import Servo
+
+PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
+"""What `casahunt diagram` draws."""
+CSV_COLUMNS = (
+    "gain",
+    "amplitude_rad",
+    "period_s",
+    "half_multiplier",
+    "log10_abs_half_multiplier",
+    "stable",
+    "trivial_multiplier_error",
+    "error_estimate",
+    "status",
+    "unknowns",
+    "iterations",
+    "special",
+)
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    picture = commands.add_parser(
+        "diagram", allow_abbrev=False, help="amplitude and period against the gain, round the fold"
+    )
+    add_common(picture)
+    picture.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
+    picture.add_argument(
+        "--from", dest="start", default=DEFAULT_START, metavar="K", help=f"gain to start from (default {DEFAULT_START})"
+    )
+    picture.add_argument("--out", default="casahunt-diagram", metavar="DIR", help="folder to write into")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute, write and print; returns the exit code."""
+    models = [known("model", model, MODELS) for model in options.model or MODELS]
+    if len(set(models)) != len(models):
+        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+    start = positive("from", options.start)
+    how = Options(tol=finite("tol", options.tol))
+    servo = servo_of(options)
+    stream = progress(options.quiet)
+    branches: list[Branch] = []
+    failures: list[str] = []
+    began = time.perf_counter()
+    with folder(options.out, [*PICTURES, *(f"{model}{end}" for model in models for end in (".csv", ".npz"))]) as out:
+        try:
+            for model in models:
+                try:
+                    branches.append(_one_branch(servo, model, start, how, out, stream))
+                    failure = _shortfall(branches[-1], start)
+                except NoOrbit as error:
+                    failure = str(error)
+                if failure:
+                    failures.append(failure)
+                    complain("casahunt diagram", failure)
+            if branches:
+                _pictures(branches, out)
+        except KeyboardInterrupt:
+            computed = any(out.iterdir())
+            where = f"the points computed so far are in {out}" if computed else "no point was computed"
+            raise KeyboardInterrupt(f"interrupted; {where}") from None
+    if options.json:
+        summary = {
+            "out": str(out) if branches else None,
+            "branches": [_branch_record(branch) for branch in branches],
+            "failures": failures,
+            "wall_s": time.perf_counter() - began,
+        }
+        print(json.dumps(summary))
+    elif branches:
+        for branch in branches:
+            print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
+            for special in branch.special:
+                print(f"  {special.meaning}")
+        print(f"written to {out}")
+    return 1 if failures else 0
+
+
+def _one_branch(servo: Servo, model: Any, start: float, how: Options, out: Path, stream: IO[str] | None) -> Branch:
+    """Compute a branch; every point is on disk before the next one is begun."""
+    orbits: list[Orbit] = []
+    special: list[SpecialPoint] = []
+    ended = "interrupted"
+    points = diagram(servo, model, start=start, options=how)
+    point: DiagramPoint | None = next(points)  # nothing is written for a servo that does not hunt
+    try:
+        with _opened(out / f"{model}.csv") as file:
+            writer = csv.writer(file)
+            writer.writerow(CSV_COLUMNS)
+            while point is not None:
+                rows = [csv_row(found.orbit, found.kind) for found in point.special]
+                writer.writerows([*rows, csv_row(point.orbit, "")])
+                file.flush()
+                orbits.append(point.orbit)
+                special += point.special
+                for found in point.special:
+                    say(stream, f"{model:7s} {found.meaning}")
+                say(stream, progress_line(point.orbit))
+                try:
+                    point = next(points)
+                except StopIteration as end:
+                    point, ended = None, str(end.value)
+                except NoOrbit as error:
+                    point, ended = None, str(error)
+    finally:
+        if orbits:
+            save_branch(Branch(model, servo, tuple(orbits), ended, tuple(special)), out / f"{model}.npz")
+    return Branch(model, servo, tuple(orbits), ended, tuple(special))
+
+
+def _shortfall(branch: Branch, start: float) -> str:
+    """What is missing of a branch that does not come back to the gain where it began; "" where nothing is."""
+    if len(branch.orbits) > 1 and branch.orbits[-1].gain == start:
+        return ""
+    return (
+        f"the branch of the {branch.model} servo was followed from gain {start:g} to gain "
+        f"{branch.orbits[-1].gain:.6g}, but not back to where it began: {branch.ended}; "
+        "another --tol or --from may lead further"
+    )
+
+
+def _opened(path: Path) -> IO[str]:
+    try:
+        return path.open("w", newline="")
+    except OSError as error:
+        raise InputError(f"cannot write {str(path)!r}: {error.strerror}") from None
+
+
+def csv_row(orbit: Orbit, special: str) -> list[Any]:
+    """One row of the CSV file, in the order of `CSV_COLUMNS`."""
+    multipliers = orbit.multipliers
+    trusted = multipliers.trusted
+    return [
+        repr(orbit.gain),
+        repr(orbit.amplitude),
+        repr(orbit.period),
+        repr(orbit.half_multiplier if trusted else math.nan),
+        repr(multipliers.log10_leading if trusted else math.nan),
+        orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
+        f"{multipliers.trivial_error:.3g}",
+        f"{orbit.error_estimate:.3g}",
+        orbit.status.name.lower(),
+        orbit.unknowns,
+        orbit.iterations,
+        special,
+    ]
+
+
+def _branch_record(branch: Branch) -> dict[str, Any]:
+    return {
+        "model": branch.model,
+        "points": len(branch.orbits),
+        "ended": branch.ended,
+        "gain_range": [float(branch.gains.min()), float(branch.gains.max())],
+        "special": [
+            {
+                "kind": s.kind,
+                "gain": s.orbit.gain,
+                "amplitude": s.orbit.amplitude,
+                "period": s.orbit.period,
+                "meaning": s.meaning,
+            }
+            for s in branch.special
+        ],
+    }
+
+
+def _pictures(branches: list[Branch], out: Path) -> None:
+    from . import plotting
+
+    firsts = [branch.orbits[0] for branch in branches]
+    figures = (
+        plotting.diagram(branches),
+        plotting.multipliers(branches),
+        plotting.time_traces(firsts),
+        plotting.phase_portrait(firsts),
+    )
+    for figure, name in zip(figures, PICTURES, strict=True):
+        plotting.save(figure, out / name)

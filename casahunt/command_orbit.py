@@ -1,0 +1,100 @@
+"""casahunt orbit: the hunting cycle at one gain."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from typing import Any
+
+from .adapt import Options
+from .archive import save_orbit
+from .checks import known
+from .console import add_common, complex_text, finite, positive, progress, progress_line, say, servo_of, writable
+from .errors import InputError
+from .find import BRANCHES, find_orbit
+from .hunting import MODELS
+from .orbit import Orbit
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    orbit = commands.add_parser("orbit", allow_abbrev=False, help="the hunting cycle at one gain")
+    add_common(orbit)
+    orbit.add_argument("--model", default="switch", help="switch (default) or lugre")
+    orbit.add_argument("--gain", help="controller gain K, to be given")
+    orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
+    orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
+    orbit.add_argument("--solver", default="ipopt", help="ipopt (default) or newton, for the first solve")
+    orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
+    orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute and print; returns the exit code."""
+    model = known("model", options.model, MODELS)
+    branch = known("branch", options.branch, BRANCHES)
+    solver = known("solver", options.solver, ("ipopt", "newton"))
+    if options.gain is None:
+        raise InputError("gain: must be given, for example --gain 0.1")
+    gain = positive("gain", options.gain)
+    how = Options(tol=finite("tol", options.tol), solver=solver, half=not options.full)  # type: ignore[arg-type]
+    servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    save = writable("save", options.save, (".npz",))
+    began = time.perf_counter()
+    orbit = find_orbit(servo, model, gain, branch=branch, options=how)  # type: ignore[arg-type]
+    record = orbit_record(orbit, branch)
+    record["wall_s"] = time.perf_counter() - began
+    say(progress(options.quiet), progress_line(orbit))
+    if save:
+        save_orbit(orbit, save)
+    if plot:
+        from . import plotting
+
+        plotting.save(plotting.time_traces([orbit]), plot)
+    if options.json:
+        print(json.dumps(record))
+        return 0
+    m = orbit.multipliers
+    kind = {True: "stable hunting cycle", False: "unstable hunting cycle", None: "hunting cycle of unknown stability"}
+    print(f"{model} servo at gain {gain:.10g}: {kind[record['stable']]}")
+    if orbit.half and orbit.multipliers.leading.real < -1:
+        print("  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place")
+    print(f"  amplitude        {orbit.amplitude:.10g} rad")
+    print(f"  period           {orbit.period:.10g} s")
+    if m.trusted:
+        name = "half multiplier" if orbit.half else "multiplier"
+        print(f"  {name:15}  {complex_text(m.leading)}  (log10 of its size: {m.log10_leading:.4f})")
+        print(f"  multipliers      {', '.join(complex_text(value) for value in m.full)}")
+        print(f"  trivial one off  {m.trivial_error:.1e}")
+    else:
+        print(f"  multipliers      not to be trusted: the trivial one is off by {m.trivial_error:.1e}")
+    print(f"  error estimate   {orbit.error_estimate:.1e} (relative, period and amplitude)")
+    print(f"  status           {orbit.status.name.lower()}, {orbit.unknowns} unknowns, {orbit.iterations} iterations, "
+          f"{record['wall_s']:.2f} s")  # fmt: skip
+    return 0
+
+
+def orbit_record(orbit: Orbit, branch: str) -> dict[str, Any]:
+    """The JSON object of `casahunt orbit`; None for what is not to be trusted, or not known for a full cycle."""
+    m = orbit.multipliers
+    return {
+        "model": orbit.model,
+        "gain": orbit.gain,
+        "branch": branch,
+        "amplitude": orbit.amplitude,
+        "period": orbit.period,
+        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
+        "log10_abs_half_multiplier": (m.log10_leading if orbit.half else m.log10_leading / 2) if m.trusted else None,
+        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
+        "trivial_multiplier_error": m.trivial_error if math.isfinite(m.trivial_error) else None,
+        "multipliers_trusted": m.trusted,
+        "stable": orbit.stable if m.trusted else None,
+        "error_estimate": orbit.error_estimate,
+        "status": orbit.status.name.lower(),
+        "unknowns": orbit.unknowns,
+        "iterations": orbit.iterations,
+        "wall_s": orbit.wall_s,
+    }

@@ -1,0 +1,157 @@
+"""What the commands share: arguments, checks of files and folders, and how numbers are shown.
+
+Everything is checked before anything is computed, and refused in one sentence (errors.InputError).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+from .adapt import TOLERANCE_RANGE
+from .checks import require
+from .errors import InputError
+from .orbit import Orbit
+from .servo import Servo, load, with_overrides
+
+_ARGPARSE_WORDS = {
+    "expected one argument": "must be followed by a value",
+    "ignored explicit argument": "takes no value, but was given",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument errors in the form of all other input errors."""
+
+    def error(self, message: str) -> Any:
+        """Raise InputError with argparse's message in our words."""
+        text = message.removeprefix("argument ")
+        for theirs, ours in _ARGPARSE_WORDS.items():
+            text = text.replace(theirs, ours)
+        raise InputError(f"{text} (see {self.prog} --help)")
+
+
+def add_common(command: argparse.ArgumentParser) -> None:
+    """The arguments that every command has."""
+    low, high = TOLERANCE_RANGE
+    command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
+    command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
+    command.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a value, e.g. friction.static=0.5"
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    command.add_argument("--quiet", action="store_true", help="no progress on standard error")
+
+
+
+def servo_of(options: argparse.Namespace) -> Servo:
+    """The servo of the command line: file or Table 1, with the overrides."""
+    servo = load(options.servo) if options.servo is not None else Servo()
+    return with_overrides(servo, options.set)
+
+
+def finite(key: str, text: Any) -> float:
+    """A finite number, or InputError."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{key} = {text!r}: must be a finite number") from None
+    if not math.isfinite(value):
+        raise InputError(f"{key} = {text}: must be a finite number, not NaN or infinity")
+    return value
+
+
+def positive(key: str, text: Any) -> float:
+    """A finite number > 0, or InputError."""
+    return require(key, finite(key, text), above=0)
+
+
+def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
+    """A file that can be written; checked before anything is computed."""
+    if path is None:
+        return None
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(suffixes)}")
+    try:
+        if not target.parent.is_dir():
+            raise InputError(f"{key} = {path!r}: there is no folder {str(target.parent)!r}")
+        if target.is_dir():
+            raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
+    except OSError as error:
+        raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
+    if not os.access(target if target.exists() else target.parent, os.W_OK):
+        raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
+    return target
+
+
+def progress(quiet: bool) -> IO[str] | None:
+    """Where progress goes."""
+    return None if quiet else sys.stderr
+
+
+def say(stream: IO[str] | None, text: str) -> None:
+    """A line of progress."""
+    if stream is not None:
+        print(text, file=stream, flush=True)
+
+
+def complex_text(value: complex) -> str:
+    """A multiplier as the user reads it."""
+    if abs(value.imag) <= 1e-12 * abs(value):
+        return f"{value.real:.8g}" if abs(value) > 1e-12 else "0"
+    return f"{value.real:.8g}{value.imag:+.8g}j"
+
+
+def complain(command: str, what: object) -> None:
+    """An error message."""
+    print(f"{command}: {what}", file=sys.stderr)
+
+
+@contextmanager
+def folder(path: str, files: list[str]) -> Iterator[Path]:
+    """The output folder, made where it does not exist and unmade where nothing is written into it.
+
+    `files` of an earlier run are removed, so that all of them belong to one servo.
+    """
+    complaint = f"out = {path!r}: the folder cannot be "
+    if not path:
+        raise InputError(f"{complaint}made (its name is empty)")
+    out = Path(path)
+    made: list[Path] = []
+    try:
+        try:
+            made = [folder for folder in (out, *out.parents) if not folder.exists()]
+            out.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise InputError(f"{complaint}made (a file of that name exists)") from None
+        except OSError as error:
+            raise InputError(f"{complaint}made ({error.strerror})") from None
+        if not os.access(out, os.W_OK | os.X_OK):
+            raise InputError(f"{complaint}written into (no permission)")
+        for name in files:
+            if (out / name).is_dir():
+                raise InputError(f"{complaint}written into ({name} is a folder)")
+        for name in files:
+            (out / name).unlink(missing_ok=True)
+        yield out
+    finally:
+        for folder in made:
+            with suppress(OSError):  # it holds something, or was not made
+                folder.rmdir()
+
+
+def progress_line(orbit: Orbit, mu: str = "") -> str:
+    """Gain, amplitude, period, multiplier (mu, or lambda of a full cycle) and iterations of a point."""
+    if not mu:
+        mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
+    return (
+        f"{orbit.model:7s} K = {orbit.gain:.8g}  amplitude = {orbit.amplitude:.6g} rad  period = {orbit.period:.6g} s  "
+        f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
+    )
