@@ -210,7 +210,7 @@ def test_unknown_key_lists_the_known_ones(file):
 
 
 def test_value_outside_any_table(file):
-    assert "'static'" in refusal(load, file("static = 0.5\n"))
+    assert "static = 0.5: must stand in its table [friction]" in refusal(load, file("static = 0.5\n"))
 
 
 def test_section_that_is_no_table(file):
@@ -222,7 +222,7 @@ def test_section_that_is_no_table(file):
 )
 def test_value_in_a_file_that_is_no_finite_number(file, value):
     message = refusal(load, file(f"[friction]\nstatic = {value}\n"))
-    assert message.startswith("friction.static = ") and "must be a finite number" in message
+    assert message.startswith("servo file ") and "friction.static = " in message and "must be a finite number" in message
 
 
 def test_value_in_a_file_out_of_range(file):
