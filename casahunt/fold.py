@@ -30,6 +30,7 @@ from .errors import InputError, NoOrbit, Status
 from .event_map import near_stable, scan
 from .find import WALK_TOLERANCE, check_problem, find_orbit, refined
 from .hunting import Model
+from .linear_loop import routh_hurwitz_gain
 from .monitor import FOLD, crossings
 from .orbit import Orbit, direction_of, unknowns_of
 from .servo import Servo
@@ -76,14 +77,6 @@ class Fold:
         return max(self.gain_error, self.orbit.error_estimate)
 
 
-def routh_hurwitz_gain(servo: Servo) -> float:
-    """Gain above which the loop without friction is stable, J / (cm tau_d (tau_d + tau_i)); inf for no lead."""
-    lead, integral = servo.controller.lead_time, servo.controller.integral_time
-    if lead == 0:
-        return float("inf")
-    return servo.inertia / (servo.motor_gain * lead * (lead + integral))
-
-
 def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     """A stable hunting cycle at some gain, preferably not far below the fold.
 
@@ -117,6 +110,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     raise NoOrbit(
         f"no hunting limit cycle of the {model} servo found: {len(gains)} gains from {min(gains):.3g} to "
         f"{max(gains):.3g} were scanned"
+        + ("" if servo.friction.falls else "; its friction rises with the velocity everywhere: nothing feeds a cycle")
     )
 
 

@@ -8,8 +8,11 @@ true corrections, down to rounding of the function or to the precision that it c
     symmetry breaking  mu + 1 = 0
     superstable        mu = 0
 
-Grazing (a slip that ends with |m| = Fs, a pair of reversals that vanishes) is no monitor: the margin is positive
-on both sides, because the phase sequence changes there; continuation.py steps across it.
+    grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
+
+Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
+itself is bisected in arclength, to a relative width of `GRAZING_WIDTH` in the parameter.  Most LuGre cycles gain
+and lose weak reversals of their ring-down many times along a branch; it is located on request only.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
 """
@@ -74,7 +77,12 @@ SUPERSTABLE = Monitor(
     "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
     needs_multipliers=True,
 )  # fmt: skip
+GRAZING = Monitor(
+    "grazing", lambda orbit, point: float("nan"),
+    "grazing at {name} = {value:.8g}: a phase of the cycle shrinks to nothing or is born",
+)  # fmt: skip
 STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
+GRAZING_WIDTH = 1e-7
 
 
 def crossings(
@@ -85,6 +93,12 @@ def crossings(
     start: Point | None = None
     end: Point | None = None
     for monitor in monitors:
+        if monitor is GRAZING:
+            grazing = _change_of_sequence(before, after, vary, options)
+            if grazing is not None:
+                value = parameter_value(grazing, vary)
+                found.append(SpecialPoint(monitor.kind, grazing, monitor.meaning.format(name=vary, value=value)))
+            continue
         if start is None or end is None:
             start = curve_point(before, vary, like=secant(before, after, vary))
             end = curve_point(after, vary, like=secant(before, after, vary))
@@ -152,6 +166,25 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
     return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
 
 
+def _change_of_sequence(before: Orbit, after: Orbit, vary: str, options: Options) -> Orbit | None:
+    """The last orbit found with the phase sequence of `before`, where that of `after` is another one."""
+    if before.signature == after.signature:
+        return None
+    towards = secant(before, after, vary)
+    start = curve_point(before, vary, like=towards)
+    low, high, found = 0.0, float(towards @ start.row), before
+    for _ in range(LOCATE_ROUNDS):
+        ds = (low + high) / 2
+        outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
+        if isinstance(outcome, str) or outcome[0].signature != before.signature:
+            high = ds
+        else:
+            low, found = ds, outcome[0]
+        if high - low <= GRAZING_WIDTH:
+            break
+    return found
+
+
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
     """A monitor of the user's own: the points where `function(orbit)` changes sign."""
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")
@@ -159,6 +192,7 @@ def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
 
 __all__ = [
     "FOLD",
+    "GRAZING",
     "STANDARD",
     "SUPERSTABLE",
     "SYMMETRY_BREAKING",

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, find_fold, find_orbit
-from casahunt.fold import confirmed, find_any_orbit, routh_hurwitz_gain
+from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, collect, diagram, find_fold, find_orbit
+from casahunt.fold import confirmed, find_any_orbit
+from casahunt.monitor import FOLD, GRAZING
 from casahunt.orbit import direction_of, unknowns_of
 from problems import table1
 
@@ -117,11 +118,6 @@ def test_unseen_servo_without_help():
     assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-8)
 
 
-def test_routh_hurwitz_gain():
-    assert routh_hurwitz_gain(Servo()) == pytest.approx(0.0321, abs=5e-5)
-    assert routh_hurwitz_gain(Servo().replace(**{"controller.lead_time": 0.0})) == float("inf")
-
-
 def test_pure_coulomb_friction_has_no_fold():
     with pytest.raises(NoOrbit, match="no hunting limit cycle"):
         find_fold(Servo().replace(**{"friction.static": 0.44}), "switch")
@@ -164,3 +160,63 @@ def test_large_multipliers_agree_between_half_and_full_cycle():
     assert half.half_multiplier == pytest.approx(2.3249402192253e14, rel=1e-7)
     full = find_orbit(servo, "switch", 1.0, branch="unstable", options=Options(tol=1e-9, half=False))
     assert full.multipliers.leading.real == pytest.approx(half.half_multiplier**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"friction.static": 0.7},
+        {"servo.inertia": 0.005},
+        {"controller.lead_time": 1.0},
+        {"friction.stribeck_velocity": 0.005},
+    ],
+    ids=["static", "inertia", "lead_time", "stribeck_velocity"],
+)
+def test_folds_where_the_slip_nearly_stops_half_way(model, changes):
+    """Next to these folds the motion changes altogether while amplitude and gain move by 1e-7."""
+    fold = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-9))
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-9)
+    finer = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-11))
+    assert fold.gain == pytest.approx(finer.gain, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30))
+def test_folds_of_servos_never_seen(seed):
+    """A range far beyond Table 1: friction drop, Stribeck velocity, damping, inertia and controller times."""
+    rng = np.random.default_rng(1000 + seed)
+
+    def between(low, high):
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    changes = {
+        "friction.static": float(rng.uniform(0.46, 0.9)),
+        "friction.stribeck_velocity": between(0.003, 0.1),
+        "friction.viscous": float(rng.uniform(0, 1)),
+        "servo.inertia": between(0.005, 0.2),
+        "controller.lead_time": between(0.05, 1),
+        "controller.integral_time": between(0.05, 1),
+    }
+    servo = Servo().replace(**changes)
+    if not servo.friction.falls:
+        with pytest.raises(NoOrbit, match="rises with the velocity everywhere"):
+            find_fold(servo, "switch")
+        return
+    fold = find_fold(servo, "switch", options=Options(tol=1e-8))
+    assert fold.status.ok
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-8)
+
+
+@pytest.mark.slow
+def test_grazing_is_located():
+    """Orbits started afresh on both sides have another number of phases, and the located one a vanishing phase."""
+    servo = Servo()
+    branch = collect(servo, "lugre", diagram(servo, "lugre", start=0.1, monitors=(FOLD, GRAZING)))
+    dying = [s.orbit for s in branch.special if s.kind == "grazing" and s.orbit.stable]
+    assert dying
+    for orbit in dying:
+        below, above = (find_orbit(servo, "lugre", orbit.gain * factor) for factor in (0.99, 1.01))
+        assert len(below.arcs) == len(above.arcs) + 2
+        # The duration of the vanishing pair goes like the square root of the distance.
+        assert min(arc.duration for arc in orbit.arcs) < 1e-2 * min(arc.duration for arc in above.arcs)
