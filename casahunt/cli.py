@@ -15,12 +15,12 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 
-from . import __version__, command_diagram, command_fold, command_orbit
+from . import __version__, command_diagram, command_fold, command_loop, command_orbit
 from .checks import known
 from .console import Parser, complain
 from .errors import InputError, NoOrbit
 
-COMMANDS = {"orbit": command_orbit, "diagram": command_diagram, "fold": command_fold}
+COMMANDS = {"orbit": command_orbit, "diagram": command_diagram, "fold": command_fold, "loop": command_loop}
 
 
 def build_parser() -> argparse.ArgumentParser:

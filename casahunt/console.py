@@ -37,11 +37,12 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{text} (see {self.prog} --help)")
 
 
-def add_common(command: argparse.ArgumentParser) -> None:
-    """The arguments that every command has."""
+def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
+    """The arguments that every command has; `tol`: those that compute to a tolerance have --tol."""
     low, high = TOLERANCE_RANGE
     command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
-    command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
+    if tol:
+        command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
     command.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a value, e.g. friction.static=0.5"
     )

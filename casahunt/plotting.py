@@ -99,7 +99,7 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
-    figure = _figure()
+    figure = new_figure()
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.35, 1))
     for axes, quantity in ((above, "amplitude"), (below, "period")):
         for curve in curves:
@@ -136,7 +136,7 @@ def multipliers(branches: Sequence[Branch]) -> Figure:
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
-    figure = _figure()
+    figure = new_figure()
     axes = figure.subplots()
     axes.axhspan(-1, 1, color="0.93", zorder=0)
     everything = [-1.0, 1.0]
@@ -175,7 +175,7 @@ def time_traces(orbits: Sequence[Orbit]) -> Figure:
     _at_least_one("orbits", orbits)
     traces = [_rolled(*orbit.sample(SAMPLES)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
-    figure = _figure()
+    figure = new_figure()
     panels = figure.subplots(n, 1, sharex=True)
     names = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"), ("z", "rad"))
     for i, (axes, (name, unit)) in enumerate(zip(panels, names, strict=False)):
@@ -220,7 +220,7 @@ def phase_portrait(orbits: Sequence[Orbit]) -> Figure:
     units = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"))
     scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]
     labels = [label for _, label in scales]
-    figure = _figure()
+    figure = new_figure()
     grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
     space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
     planes = ((figure.add_subplot(grid[0, 1]), 1), (figure.add_subplot(grid[1, 1]), 2))
@@ -479,7 +479,8 @@ def _multiplier_tick(value: float, position: int) -> str:
 # Orbits
 
 
-def _figure() -> Figure:
+def new_figure() -> Figure:
+    """An empty figure on an Agg canvas of its own."""
     figure = Figure(figsize=SIZE, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -206,7 +206,7 @@ def test_version_and_help(capsys):
     for words, text in (
         (["--version"], f"casahunt {__version__}"),
         (["--help"], "diagram"),
-        *(([command, "--help"], "--tol") for command in cli.COMMANDS),
+        *(([command, "--help"], "--set") for command in cli.COMMANDS),
     ):
         with pytest.raises(SystemExit) as end:
             cli.main(words)
@@ -459,7 +459,7 @@ WRONG_SOMEWHERE = [
     ([], ["a command must be given: orbit, diagram, fold"]),
     (["--quiet"], ["COMMAND"]),
     (["orbt", "--gain", "0.1"], ["unknown command 'orbt'", "did you mean 'orbit'?"]),
-    (["plot"], ["unknown command 'plot'", "(known: orbit, diagram, fold)"]),
+    (["plot"], ["unknown command 'plot'", "(known: orbit, diagram, fold"]),
     (["orbit"], ["gain: must be given"]),
     (["orbit", "--gain"], ["--gain: must be followed by a value"]),
     (["orbit", "--gan", "0.1"], ["unknown option '--gan'", "did you mean '--gain'?"]),
