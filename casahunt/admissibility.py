@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
 
-from .collocation import Scheme
+from .collocation import Kind, Scheme, scheme
 from .cycle import Admissible, Feature
 from .transcription import Setting, Transcription
 
@@ -85,7 +85,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             values = np.array(f(inside.reshape(-1, t.n).T, setting.p, mode.sign)).reshape(inside.shape[:2])
             resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
             unclear[t.phase_intervals(k)] = _not_clear(t.scheme, values, mode.slack)
-            values = values @ t.scheme.interpolation(_BETWEEN).T
+            values = values @ _dense(t.degree, t.kind)[0]
         else:
             start = t.phase_end[k] - 1
             values = np.array(f(nodes[start : start + 2].T, setting.p, mode.sign)).reshape(1, -1)
@@ -111,11 +111,33 @@ def _hides_feature(feature: Feature, w: Array, nodes: Array, t: Transcription, k
     return hides(feature, np.concatenate([w, ends[:, None]], axis=1), setting.p)
 
 
+@lru_cache(maxsize=256)
+def _slope_of(degree: int, kind: Kind, starts: bool, stops: bool) -> tuple[Array, Array, Array]:
+    """(kept points, divisor, row of the last Legendre coefficient) of a condition with zeros at its ends divided out.
+
+    Values of the condition at the kept points over the divisor are the slope's; the row gives its resolution.
+    """
+    points = scheme(degree, kind).points
+    keep = np.ones(points.size, dtype=bool)
+    keep[0] = not starts
+    keep &= ~((points == 1.0) & stops)
+    tau = points[keep]
+    divisor = (tau if starts else 1.0) * (1 - tau if stops else 1.0) * np.ones(tau.size)
+    return keep, divisor, np.linalg.inv(legendre.legvander(2 * tau - 1, tau.size - 1))[-1]
+
+
+@lru_cache(maxsize=32)
+def _dense(degree: int, kind: Kind) -> tuple[Array, Array]:
+    """Interpolation to the times between the points at which conditions are looked at, and to the end."""
+    s = scheme(degree, kind)
+    return s.interpolation(_BETWEEN).T.copy(), s.interpolation(np.array([1.0]))[0]
+
+
 def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
     """(N,) True where the condition (N, d + 1) at start and stages is not clear of zero by its resolution."""
     size = float(np.max(np.abs(values)))
     out = np.zeros(len(values), dtype=bool)
-    ends = values @ s.interpolation(np.array([1.0]))[0]
+    ends = values @ _dense(s.degree, s.kind)[1]
     zero_start = np.abs(values[:, 0]) <= AT_ZERO * size
     zero_end = np.abs(ends) <= AT_ZERO * size
     zero_start[1:], zero_end[:-1] = False, False
@@ -124,11 +146,7 @@ def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
             chosen = (zero_start == starts) & (zero_end == stops)
             if not chosen.any():
                 continue
-            keep = np.ones(s.points.size, dtype=bool)
-            keep[0] = not starts
-            keep &= ~((s.points == 1.0) & stops)
-            tau = s.points[keep]
-            slope = values[chosen][:, keep] / (tau if starts else 1.0) / (1 - tau if stops else 1.0)
-            top = np.linalg.inv(legendre.legvander(2 * tau - 1, tau.size - 1))[-1]
+            keep, divisor, top = _slope_of(s.degree, s.kind, starts, stops)
+            slope = values[chosen][:, keep] / divisor
             out[chosen] = slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
     return out

@@ -15,7 +15,7 @@ Symbols: d stages, m evaluation points.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
@@ -62,6 +62,11 @@ class Scheme:
             if abs(self.weights @ c ** (k - 1) - 1 / k) > 1e-13:
                 raise ValueError(f"quadrature condition B({k}) fails")
 
+    @cached_property
+    def halves(self) -> Array:
+        """(2, d + 1, d + 1) interpolation to the `points` of the first and the second half of the interval."""
+        return np.array([self.interpolation(self.points / 2), self.interpolation((1 + self.points) / 2)])
+
     def interpolation(self, tau: Array) -> Array:
         """Values at tau in [0, 1] from (start, stages) of the interval.
 
@@ -79,14 +84,12 @@ class Scheme:
 
 def lagrange(nodes: Array, x: Array) -> Array:
     """Matrix (m, k) of the k Lagrange polynomials of `nodes` (k,) evaluated at `x` (m,)."""
-    difference = x[:, None] - nodes[None, :]
     gaps = nodes[:, None] - nodes[None, :]
     np.fill_diagonal(gaps, 1.0)
-    out = np.empty((x.size, nodes.size))
-    for j in range(nodes.size):
-        others = np.delete(difference, j, axis=1)
-        out[:, j] = np.prod(others / np.delete(gaps[j], j), axis=1)
-    return out
+    ratios = (x[:, None] - nodes[None, :])[:, None, :] / gaps
+    own = np.arange(nodes.size)
+    ratios[:, own, own] = 1.0
+    return np.prod(ratios, axis=2)
 
 
 def _gauss_stages(d: int) -> Array:

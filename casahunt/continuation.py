@@ -35,16 +35,16 @@ from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import harden, merge_vanishing
 from .servo import PARAMETERS, Servo
 from .solve import Solver
-from .transcription import Setting, Transcription
+from .transcription import Linearisation, Setting, Transcription
 
 Array = np.ndarray
 
 FIRST_STEP = 0.05
-LARGEST_STEP = 0.5
+LARGEST_STEP = 1.0
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
-EASY_ITERATIONS = 5  # Newton iterations at which the step is left as it is
-LARGEST_ANGLE = 0.35  # rad, between successive tangents
+EASY_ITERATIONS = 7  # Newton iterations at which the step is left as it is
+LARGEST_ANGLE = 0.5  # rad, between successive tangents
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 
 
@@ -101,32 +101,51 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
 
 
 def _point(
-    t: Transcription, u: Array, setting: Setting, vary: str, *, like: Array | None, sense: float = 1.0
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    vary: str,
+    *,
+    like: Array | None,
+    sense: float = 1.0,
+    lin: Linearisation | None = None,
 ) -> Point:
-    t, u, setting = _rescaled(t, u, setting)
+    """The curve at u; `lin` is the linearisation there where the corrector has left one, along setting.dp."""
     index = PARAMETERS.index(vary)
-    setting = replace(setting, dp=direction_of(vary) * setting.p[index])
-    lin = t.linearise(u, setting)
+    here = setting.p[index]
+    if lin is None:
+        setting = replace(setting, dp=direction_of(vary) * here)
+        lin = t.linearise(u, setting)
     trial = np.append(np.zeros(t.n + 1), 1.0) if like is None else like
     du, y = lin.tangent(curve_border(t, u, trial))
     if not np.isfinite(y).all():  # exactly at a fold the trial row lambda = 1 is singular
         trial = np.append(np.ones(t.n), [0.0, 0.0])
         du, y = lin.tangent(curve_border(t, u, trial))
-    row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1]]])
+    # From the units of the corrector to those of the point: states by their size, lambda relative to the parameter.
+    factor = _size_of_states(t, u)
+    row = np.concatenate(
+        [y[: t.n] / factor, [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1] * setting.dp[index] / here]]
+    )
     length = float(np.linalg.norm(row))
-    row, du = row / length, du / length
     turn = float(row @ like) if like is not None else row[-1] * sense
-    return Point(t, u, setting, row if turn >= 0 else -row, du if turn >= 0 else -du)
+    length = length if turn >= 0 else -length
+    u, du = _divided(t, u, factor), _divided(t, du, factor)
+    setting = replace(setting, scale=setting.scale * factor, dp=direction_of(vary) * here)
+    return Point(t, u, setting, row / length, du / length)
 
 
-def _rescaled(t: Transcription, u: Array, setting: Setting) -> tuple[Transcription, Array, Setting]:
-    """The same point with the state scale taken from it."""
+def _size_of_states(t: Transcription, u: Array) -> Array:
+    """(n,) largest |state|, in the units of u."""
     w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0)
-    factor = np.maximum(np.maximum(w, np.abs(t.nodes_of(u)).max(axis=0)), 1e-12)
+    return np.maximum(np.maximum(w, np.abs(t.nodes_of(u)).max(axis=0)), 1e-12)
+
+
+def _divided(t: Transcription, u: Array, factor: Array) -> Array:
+    """u with its states divided by `factor` (n,); durations as they are."""
     fresh = u.copy()
     t.intervals_of(fresh)[:] /= np.tile(factor, t.degree + 1)
     fresh[t.node_index] = u[t.node_index] / factor
-    return t, fresh, replace(setting, scale=setting.scale * factor)
+    return fresh
 
 
 def predict(point: Point, ds: float) -> tuple[Array, float]:
@@ -198,7 +217,8 @@ def walk(
         if reached:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
         like = _in_units_of(point.row, point.setting.scale, solved.setting.scale)
-        following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like)
+        lin = solved.solution.linearisation if not reached else None
+        following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like, lin=lin)
         length = float(np.linalg.norm(secant(last, orbit, vary)))
         following = replace(following, curvature=_curvature(point, following, length))
         angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
@@ -241,12 +261,7 @@ def _curvature(before: Point, after: Point, distance: float) -> Array | None:
     if not same:
         breaks = phase_breaks(after.t, after.setting.fractions)
         _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=after.t)
-    factor = before.setting.scale / after.setting.scale
-    du = du.copy()
-    w, nodes = after.t.intervals_of(du), after.t.nodes_of(du)
-    w *= np.tile(factor, after.t.degree + 1)
-    du[after.t.node_index] = nodes * factor
-    return (after.du - du) / distance
+    return (after.du - _divided(after.t, du, after.setting.scale / before.setting.scale)) / distance
 
 
 def step_along(

@@ -115,6 +115,21 @@ def transfer(
     return new, u_new, np.concatenate([np.diff(b) for b in breaks])
 
 
+def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transcription, Array, Array]:
+    """(transcription, u, fractions) with every interval cut in two: `transfer` by one fixed matrix."""
+    fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
+    old_nodes = t.nodes_of(u)
+    w = np.einsum("hkj,ijn->ihkn", t.scheme.halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
+    w = w.reshape(fine.intervals, -1)
+    nodes = np.empty((fine.elements + 1, t.n))
+    nodes[fine.interval_elements] = w[:, : t.n]
+    nodes[fine.closed_elements] = old_nodes[t.closed_elements]
+    nodes[-1] = old_nodes[-1]
+    # A phase starts where the one before it ended, exactly: interpolation must not move an event.
+    nodes[fine.phase_end] = old_nodes[t.phase_end]
+    return fine, fine.pack(w, nodes, t.durations_of(u)), np.repeat(fractions / 2, 2)
+
+
 def _evaluate(t: Transcription, w: Array, breaks: Array, times: Array) -> Array:
     """States (*times.shape, n) of one phase at phase fractions `times`, from its intervals (N_k, d + 1, n)."""
     flat = times.ravel()
@@ -167,7 +182,7 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
 
     Period and amplitude are those of the full cycle and max |x1|; relative errors do not care.
     """
-    fine, u_fine, fractions = transfer(t, u, setting.fractions, halved(phase_breaks(t, setting.fractions)))
+    fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
     lin = fine.linearise(u_fine, Setting(fractions, setting.p, setting.scale, setting.dp))
     system = fine.system
     row = system.border(parameter=1.0) if border is None else border
@@ -183,8 +198,7 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
         goals[2, -1] = 1.0
     per_element = np.empty((len(goals), E))
     errors = np.zeros(3)
-    for g in range(len(goals)):
-        psi = system.solve_transposed(matrix, goals[g])
+    for g, psi in enumerate(system.solve_transposed(matrix, goals)):
         terms = psi * rhs
         per_element[g] = terms[: E * n].reshape(E, n).sum(axis=1)
         floor = ROUNDING * float(np.linalg.norm(psi[: E * n]))

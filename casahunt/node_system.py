@@ -15,6 +15,9 @@ import numpy as np
 
 Array = np.ndarray
 
+ADJOINTS = 3
+"""Functionals whose errors are estimated at once: period, amplitude, parameter."""
+
 
 class NodeSystem:
     """Sparsity and solver of the node system; depends on the structure of the chain alone.
@@ -65,11 +68,11 @@ class NodeSystem:
 
     @cached_property
     def _solve(self) -> _LinearSolve:
-        return _LinearSolve(self._sparsity, transposed=False)
+        return _LinearSolve(self._sparsity)
 
     @cached_property
     def _solve_transposed(self) -> _LinearSolve:
-        return _LinearSolve(self._sparsity, transposed=True)
+        return _LinearSolve(self._sparsity, adjoints=ADJOINTS)
 
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
         """A border row: weights of the phase-end nodes (P + 1, n), the durations (P,) and lambda."""
@@ -106,8 +109,13 @@ class NodeSystem:
         return self._solve(nonzeros, rhs)
 
     def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solution of the transposed system: the adjoint of a linear functional `rhs` of y."""
-        return self._solve_transposed(nonzeros, rhs)
+        """Solutions (k, y) of the transposed system for k <= ADJOINTS right-hand sides (k, y).
+
+        Each is the adjoint of a linear functional of y; the matrix is factorised once for all of them.
+        """
+        goals = np.zeros((ADJOINTS, self.size))
+        goals[: len(rhs)] = rhs
+        return self._solve_transposed(nonzeros, goals)[: len(rhs)]
 
     def dense(self, nonzeros: Array) -> Array:
         """The matrix as a dense array (y, y), for tests and condition numbers."""
@@ -117,13 +125,14 @@ class NodeSystem:
 
 
 class _LinearSolve:
-    """Sparse QR solve as a CasADi function on fixed buffers."""
+    """Sparse QR solve as a CasADi function on fixed buffers: A y = b, or A^T y = b for several b."""
 
-    def __init__(self, sparsity: ca.Sparsity, *, transposed: bool) -> None:
+    def __init__(self, sparsity: ca.Sparsity, *, adjoints: int = 0) -> None:
         size = sparsity.size1()
-        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size)
-        function = ca.Function("solve", [A, b], [ca.solve(A.T if transposed else A, b, "qr", {})])
-        self._nonzeros, self._rhs, self._out = np.zeros(sparsity.nnz()), np.zeros(size), np.zeros(size)
+        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size, max(adjoints, 1))
+        function = ca.Function("solve", [A, b], [ca.solve(A.T if adjoints else A, b, "qr", {})])
+        shape = (adjoints, size) if adjoints else (size,)
+        self._nonzeros, self._rhs, self._out = np.zeros(sparsity.nnz()), np.zeros(shape), np.zeros(shape)
         self._buffer, self._trigger = function.buffer()
         self._buffer.set_arg(0, self._nonzeros.data)
         self._buffer.set_arg(1, self._rhs.data)

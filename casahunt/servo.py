@@ -17,6 +17,7 @@ import dataclasses
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +85,13 @@ class Servo:
 
     def parameters(self, gain: float) -> np.ndarray:
         """The vector p of `PARAMETERS` for this servo at controller gain `gain` > 0."""
-        require("gain", gain, above=0)
-        values = flatten(self) | {"gain": gain}
+        p = self._parameters.copy()
+        p[-1] = require("gain", gain, above=0)
+        return p
+
+    @cached_property
+    def _parameters(self) -> np.ndarray:
+        values = flatten(self) | {"gain": np.nan}
         return np.array([values[name] for name in PARAMETERS])
 
     def torque_gains(self, gain: float) -> tuple[float, float, float]:

@@ -26,6 +26,8 @@ Solver = Literal["ipopt", "newton"]
 
 STEP_TOLERANCE = 1e-9
 """A Newton step below this leaves an error of its square."""
+FORESEEN_STEP = 1e-10
+"""Where the next Newton step is sure to be smaller than this, it is not taken."""
 RESIDUAL_LIMIT = 1e-8
 """Largest residual of an accepted solution, after the last step."""
 LARGEST_MOVE = 2.0
@@ -60,7 +62,7 @@ class Solution:
     parameter : lambda, zero unless a border row let it move.
     status, iterations : how it ended.
     residual : largest residual at u, scaled.
-    linearisation : the equations linearised at the last iterate before u.
+    linearisation : the equations linearised at u (at the last iterate where the solver failed), or None.
     """
 
     u: Array
@@ -113,8 +115,13 @@ def newton(
             return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
         u += du
         lam += dlam
-        if size <= STEP_TOLERANCE:
-            residual = t.linearise(u, setting.moved(lam)).residual_norm() if size > 1e-12 else lin.residual_norm()
+        # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
+        if size <= STEP_TOLERANCE or (iteration > 1 and size * (size / last) <= FORESEEN_STEP):
+            try:
+                lin = t.linearise(u, setting.moved(lam))
+            except np.linalg.LinAlgError:
+                return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
+            residual = lin.residual_norm()
             return Solution(u, lam, _verdict(t, start, u, residual, largest_move), iteration, residual, lin)
         if size > 1e3 or (iteration > 3 and size > 2 * last):
             break

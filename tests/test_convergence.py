@@ -265,6 +265,6 @@ def test_adjoint_solve_is_the_transpose(name):
     lin = t.linearise(u, setting)
     goal = np.zeros(t.system.size)
     goal[-1 - t.phases : -1] = 1.0  # the half period
-    psi = t.system.solve_transposed(lin.matrix(t.system.border(parameter=1.0)), goal)
+    (psi,) = t.system.solve_transposed(lin.matrix(t.system.border(parameter=1.0)), goal[None])
     expected = float(np.sum(np.linalg.solve(J, -residual)[-t.phases :]))
     assert psi @ lin.rhs() == pytest.approx(expected, rel=1e-15 * np.linalg.cond(J) + 1e-12)
