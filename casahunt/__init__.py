@@ -22,7 +22,9 @@ from .floquet import Multipliers
 from .fold import Fold, find_fold
 from .friction import Friction
 from .orbit import Arc, Orbit
+from .record import Measurement, Record, measure, read_record, record_of
 from .servo import Controller, Servo, load
+from .simulate import Trajectory, Verdict, simulate
 
 try:
     __version__ = version("casahunt")
@@ -36,13 +38,17 @@ __all__ = [
     "Fold",
     "Friction",
     "InputError",
+    "Measurement",
     "Multipliers",
     "NoOrbit",
     "Options",
     "Orbit",
+    "Record",
     "Servo",
     "SpecialPoint",
     "Status",
+    "Trajectory",
+    "Verdict",
     "collect",
     "diagram",
     "find_fold",
@@ -50,8 +56,12 @@ __all__ = [
     "load",
     "load_branch",
     "load_orbit",
+    "measure",
+    "read_record",
+    "record_of",
     "save_branch",
     "save_orbit",
+    "simulate",
     "walk",
     "walk_naturally",
 ]

@@ -15,12 +15,27 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 
-from . import __version__, command_diagram, command_fold, command_loop, command_orbit
+from . import (
+    __version__,
+    command_diagram,
+    command_fold,
+    command_loop,
+    command_orbit,
+    command_record,
+    command_simulate,
+)
 from .checks import known
 from .console import Parser, complain
 from .errors import InputError, NoOrbit
 
-COMMANDS = {"orbit": command_orbit, "diagram": command_diagram, "fold": command_fold, "loop": command_loop}
+COMMANDS = {
+    "orbit": command_orbit,
+    "diagram": command_diagram,
+    "fold": command_fold,
+    "loop": command_loop,
+    "simulate": command_simulate,
+    "record": command_record,
+}
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -72,8 +87,8 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     options, unknown = build_parser().parse_known_args(_joined(words))
     if unknown:
         if unknown[0].startswith("-"):
-            dests = [name for name in vars(options) if name not in ("command", "servo")]
-            names = [f"--{'from' if name == 'start' else name}" for name in dests]
+            dests = [name for name in vars(options) if name not in ("command", "servo", "file")]
+            names = [f"--{'from' if name == 'start' else name.replace('_', '-')}" for name in dests]
             known("option", unknown[0].partition("=")[0], names)
         raise InputError(f"{unknown[0]!r}: must be left out, one servo file is enough")
     return options

@@ -31,6 +31,7 @@ NEWTON_LIMIT = 12
 SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the start
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
 ROUNDING = 1e-14
+STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
 EVENT_LIMIT = 1e-10  # an event counts as located
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
 RESOLUTION = 3.0  # a polynomial is known to this many times its last Legendre coefficient
@@ -201,7 +202,8 @@ class _Stepper:
                 return None
             size = float(np.max(np.abs(step)))
             w[n:] -= step
-            if size <= newton_tol:
+            stalled = size > 0.3 * last and size <= STALLED * max(1.0, float(np.max(np.abs(w))))
+            if size <= newton_tol or stalled:
                 end = -block[0, rows - n :] + block[n + 1 : rows + 1, rows - n :].T @ step
                 return w[n:], end
             if size > 2 * last or size > 1e6:
@@ -231,7 +233,7 @@ def _collocated(
     h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: tuple[Array, float] | None = None
     while True:
-        if t >= max_time:  # at rest for ever, or as good as
+        if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
             breaks = np.concatenate([[0.0], np.cumsum(lengths)])
             w = np.array(pieces) * np.tile(scale, d + 1)
             return Segment(mode, "", t, breaks / breaks[-1], w, start * scale), mode
@@ -286,7 +288,8 @@ def _collocated(
                 w = np.array(pieces) * np.tile(scale, d + 1)
                 return Segment(mode, way_out.event.name, t, breaks / breaks[-1], w, end * scale), successor
         previous, start, first = (pieces[-1], h), end, crossing is not None
-        h = min(h * min(5.0, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max_time)
+        # The last interval ends at max_time itself, as accurate as any other end of an interval.
+        h = min(h * min(5.0, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
 
 
 def _hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:

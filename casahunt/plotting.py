@@ -173,7 +173,7 @@ def time_traces(orbits: Sequence[Orbit]) -> Figure:
     InputError : no orbit.
     """
     _at_least_one("orbits", orbits)
-    traces = [_rolled(*orbit.sample(SAMPLES)) for orbit in orbits]
+    traces = [rolled(*orbit.sample(SAMPLES)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
     figure = new_figure()
     panels = figure.subplots(n, 1, sharex=True)
@@ -536,7 +536,7 @@ def _scaled(name: str, unit: str, peak: float) -> tuple[float, str]:
     return 10.0**exponent, f"{name} [{unit}]" if exponent == 0 else f"{name} [10$^{{{exponent}}}$ {unit}]"
 
 
-def _rolled(times: Array, states: Array) -> tuple[Array, Array]:
+def rolled(times: Array, states: Array) -> tuple[Array, Array]:
     """A periodic motion with t = 0 where x1 rises through zero, from -T/4 on.
 
     Parameters

@@ -129,7 +129,7 @@ def test_time_traces_and_phase_portrait(
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> None:
     orbit = switch[0] if model == "switch" else lugre[0]
-    times, states = plotting._rolled(*orbit.sample(plotting.SAMPLES))
+    times, states = plotting.rolled(*orbit.sample(plotting.SAMPLES))
     assert np.all(np.diff(times) >= 0)
     assert times[-1] - times[0] == pytest.approx(orbit.period, rel=1e-12)
     assert states[:, 0] == pytest.approx(states[:, -1])

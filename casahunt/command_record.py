@@ -1,0 +1,136 @@
+"""casahunt record: amplitude and frequency of a measured hunting record, beside the predicted cycle.
+
+Keys of the JSON object: file, kind ("hunting", "decaying", "growing", "irregular", "still"), reason (null for
+"hunting"), periods (number of whole ones); amplitude, amplitude_scatter [rad], frequency, frequency_scatter [Hz],
+period, period_scatter [s], mean_level [rad], offset [rad] from the set point, drift [rad/s], noise [rad], above (part
+of a period above the level), null where there is nothing to average; amplitudes [rad] and period_lengths [s], one by
+one; predicted, null or an object with model, gain, amplitude, period, frequency, error_estimate and the ratios
+amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or why there is none; wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from typing import Any
+
+from .adapt import Options
+from .checks import known
+from .console import add_common, complain, finite, positive, servo_of, writable
+from .errors import InputError, NoOrbit
+from .find import find_orbit
+from .hunting import MODELS
+from .orbit import Orbit
+from .record import Measurement, measure, read_record
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser("record", allow_abbrev=False, help="a measured hunting record beside the prediction")
+    command.add_argument("file", metavar="F.csv", help="times [s] and positions [rad]")
+    add_common(command)
+    command.add_argument("--model", default="switch", help="switch (default) or lugre, for the prediction")
+    command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
+    command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
+    command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
+    command.add_argument("--plot", metavar="F.png", help="write a picture of the record, folded, with the prediction")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, compute and print; returns the exit code."""
+    model = known("model", options.model, MODELS)
+    gain = None if options.gain is None else positive("gain", options.gain)
+    set_point = None if options.set_point is None else finite("set-point", options.set_point)
+    start = None if options.start is None else finite("from", options.start)
+    how = Options(tol=finite("tol", options.tol))
+    servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    began = time.perf_counter()
+    record = read_record(options.file)
+    if start is not None:
+        record = record.after(start)
+        if record.times.size == 0:
+            raise InputError(f"from = {start:g}: must lie before the end of {record.name}")
+    found = measure(record)
+    orbit, failure = None, None
+    if gain is not None:
+        try:
+            orbit = find_orbit(servo, model, gain, options=how)  # type: ignore[arg-type]
+        except NoOrbit as error:
+            failure = str(error)
+    wall_s = time.perf_counter() - began
+    if plot and found.periods.size:
+        from . import pictures_simulation, plotting
+
+        plotting.save(pictures_simulation.folded(record, found, orbit), plot)
+    if options.json:
+        print(json.dumps(_record(options.file, found, orbit, failure, set_point, wall_s)))
+    else:
+        _show(options.file, found, orbit, set_point)
+    if not found.hunting:
+        complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
+    if failure:
+        complain("casahunt record", f"nothing predicted: {failure}")
+    return 0 if found.hunting and failure is None else 1
+
+
+def _show(file: str, m: Measurement, orbit: Orbit | None, set_point: float | None) -> None:
+    print(f"record {file}: {m.kind if m.periods.size else 'no oscillation'}, {m.periods.size} whole periods")
+    rows = [
+        ("amplitude", "rad", m.amplitude, m.amplitude_scatter, orbit and orbit.amplitude),
+        ("frequency", "Hz", m.frequency, m.frequency_scatter, orbit and 1 / orbit.period),
+        ("period", "s", m.period, m.period_scatter, orbit and orbit.period),
+    ]
+    if m.periods.size:
+        print(f"  {'':9}  {'measured':>12}  {'scatter':>10}" + (f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""))
+        for name, unit, value, scatter, predicted in rows:
+            beside = f"  {predicted:12.6g}  {value / predicted:7.4f}" if predicted else ""
+            print(f"  {name:9}  {value:12.6g}  {scatter:10.2g}{beside}  {unit}")
+    elif orbit:
+        print(f"  predicted: amplitude {orbit.amplitude:.6g} rad, frequency {1 / orbit.period:.6g} Hz")
+    offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
+    print(f"  mean position {m.mean_level:.6g} rad{offset}, drift {m.drift:.2g} rad/s")
+    if m.periods.size:
+        print(f"  noise {m.noise:.2g} rad; above its level {m.above:.1%} of the time")
+    if orbit:
+        source = f"{orbit.model} model at gain {orbit.gain:.10g}"
+        print(f"  predicted by the {source}, error estimate {orbit.error_estimate:.1e}")
+
+
+def _record(
+    file: str, m: Measurement, orbit: Orbit | None, failure: str | None, set_point: float | None, wall_s: float
+) -> dict[str, Any]:
+    def number(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    names = (
+        "amplitude", "amplitude_scatter", "frequency", "frequency_scatter", "period", "period_scatter", "mean_level",
+        "drift", "noise", "above",
+    )  # fmt: skip
+    predicted = None
+    if orbit is not None:
+        predicted = {
+            "model": orbit.model,
+            "gain": orbit.gain,
+            "amplitude": orbit.amplitude,
+            "period": orbit.period,
+            "frequency": 1 / orbit.period,
+            "error_estimate": orbit.error_estimate,
+            "amplitude_ratio": number(m.amplitude / orbit.amplitude),
+            "frequency_ratio": number(m.frequency * orbit.period),
+        }
+    return {
+        "file": file,
+        "kind": m.kind,
+        "reason": m.reason or None,
+        "periods": int(m.periods.size),
+        **{name: number(getattr(m, name)) for name in names},
+        "offset": None if set_point is None else number(m.mean_level - set_point),
+        "amplitudes": m.amplitudes.tolist(),
+        "period_lengths": m.periods.tolist(),
+        "predicted": predicted,
+        "prediction_failed": failure,
+        "wall_s": wall_s,
+    }
