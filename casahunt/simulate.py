@@ -12,7 +12,8 @@ superconvergent, and what that does to the times of the events depends on the se
 the regulator task at K = 0.04: event times err by 1e-4 to 20 times the march tolerance [s].  So that is
 not promised: the motion is computed twice, the second time with a march tolerance `REFINEMENT` times
 smaller, and the difference is the error estimate.  While it exceeds the tolerance, the next pair follows.
-The finer motion of the last pair is the result; as a rule its error is well below the estimate.
+The finer motion of the last pair is the result; as a rule its error is well below the estimate.  Two motions
+may agree by chance: no estimate is smaller than `LEAST` of the finer march tolerance.
 
 Symbols: n states, d stages, N intervals, m samples.
 """
@@ -44,6 +45,8 @@ REFINEMENT = 30.0
 FIRST, COARSEST, FINEST = 1 / 3, 1e-4, 1e-11
 """March tolerance of the first motion in units of the tolerance; the largest one; the smallest one that rounding lets
 the march reach with states of up to `SPAN` scales."""
+LEAST = 0.1
+"""Smallest error estimate in units of the finer march tolerance."""
 HOPELESS = 1e-2
 """No motion is marched with a larger tolerance."""
 SPAN = 20.0
@@ -347,20 +350,17 @@ def _refined(run: _Run, tol: float, compared: Callable[[_Motion, _Motion], Traje
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """Segments of a motion with their start times, the mode after each, and why it ended early."""
+    """Segments of a motion with start times and the mode after each, why it ended early, and its march tolerance."""
 
     segments: list[Segment]
     starts: Array
     after: list[str]
     ended: str
-
-    @property
-    def events(self) -> list[tuple[str, str]]:
-        """(mode, event) of every segment that ended in an event."""
-        return [(s.mode, s.event) for s in self.segments if s.event]
+    tau: float
 
     @property
     def event_times(self) -> Array:
+        """Times [s] of the ends of the segments that ended in an event."""
         ends = self.starts + np.array([s.duration for s in self.segments])
         return ends[[bool(s.event) for s in self.segments]]
 
@@ -422,7 +422,7 @@ class _Run:
                 ended = f"{abs(float(x[0])):.3g} rad away from the set point at {now:.6g} s"
             if ended:
                 break
-        return _Motion(segments, np.array(starts), after, ended)
+        return _Motion(segments, np.array(starts), after, ended, tau)
 
     def _cut(self, segment: Segment, duration: float) -> Segment:
         end = self.flow(segment, np.array([duration]))[0]
@@ -440,14 +440,16 @@ def _trajectory(run: _Run, coarse: _Motion, fine: _Motion, tol: float, set_point
     result = _laid_out(run, fine, tol, set_point)
     other = _laid_out(run, coarse, tol, set_point)
     errors, time_error = _event_errors(result, other)
+    least = LEAST * fine.tau
+    errors, time_error = errors + least, time_error + least
     t, x = result.dense(3)
     common = t <= other.times[-1]
     difference = np.abs(x[:, common] - other.sample(t[common]))
     size = np.max(np.abs(x), axis=1)
+    difference += least * size[:, None]
     last = difference[:3, -1] / np.where(size[:3] > 0, size[:3], 1.0)
-    end_error = float(np.max(last)) if fine.ended == coarse.ended == "" else np.inf
-    if fine.ended and coarse.ended:  # both thrown out, the times of their last events are compared
-        end_error = float(np.max(last))
+    # Motions that were both thrown out are compared at the last time that they share.
+    end_error = float(np.max(last)) if bool(fine.ended) == bool(coarse.ended) else np.inf
     ok = time_error <= tol and end_error <= tol
     events = tuple(
         Happening(e.time, e.name, e.before, e.after, float(error))
@@ -624,6 +626,9 @@ def _rest(trajectory: Trajectory) -> str:
     t, x = trajectory.dense(8)
     late = t >= t[-1] / 2
     allowed = REST * _unit(trajectory)
+    if trajectory.regularised:  # a stick is a creep by up to eta/alpha
+        friction = trajectory.servo.friction
+        allowed = max(allowed, 2 * friction.stick_band / friction.stick_rate)
     if np.max(np.abs(x[0, late])) > allowed:
         return ""
     since = float(t[np.flatnonzero(np.abs(x[0]) > allowed)[-1]]) if (np.abs(x[0]) > allowed).any() else 0.0
