@@ -17,9 +17,12 @@ from contextlib import suppress
 
 from . import (
     __version__,
+    command_basin,
     command_diagram,
+    command_equilibria,
     command_fold,
     command_loop,
+    command_map,
     command_orbit,
     command_record,
     command_simulate,
@@ -33,6 +36,9 @@ COMMANDS = {
     "diagram": command_diagram,
     "fold": command_fold,
     "loop": command_loop,
+    "equilibria": command_equilibria,
+    "map": command_map,
+    "basin": command_basin,
     "simulate": command_simulate,
     "record": command_record,
 }

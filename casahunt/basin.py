@@ -1,0 +1,183 @@
+"""The amplitude below which a stuck servo settles: the unstable hunting cycle, checked by following the motion.
+
+The servo stands at x1 = -a on the verge of breakaway.  The event map a -> |P(a)| (fixed_points.py for Switch,
+event_map.py for LuGre) follows it from stick to stick.  On the symmetric part of the phase space that the map
+describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it they grow to
+the stable cycle.  Where P jumps close above a* the border stays a*: the map is increasing there.
+
+What is compared.  Switch: the stick position is the amplitude, max |x1|, and the check starts from (1 -+ delta) a*.
+LuGre: while the servo is stuck x1 creeps by the bend of the bristle, of the size of Fs/sigma0, so the stick
+position is read where m = 0.9 Fs before breakaway, on the unstable orbit too; the start of the check is stuck on a
+steadily bent bristle, which is the orbit's state there up to its creep.  The border is given as that stick position
+and as max |x1| of the unstable orbit.
+
+delta: one rounding error of a grows to mu eps; delta = 0.01 is 1e-2/eps times larger and the first swing
+already takes the motion away by mu delta.  The claim tested is that of the two sides, not the last digit of a*; the
+digits are those of the orbit's error estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .adapt import Options
+from .checks import require
+from .errors import InputError, NoOrbit, Status
+from .event_map import SECTION, half_cycle
+from .find import find_orbit
+from .fixed_points import map_at
+from .hunting import Model, motor_torque
+from .march import MarchFailure
+from .orbit import Orbit
+from .servo import Servo
+
+Array = np.ndarray
+
+OFFSET = 0.01
+MOST_SWINGS = 60
+SETTLED = 0.5
+"""Below this part of the border, and still shrinking, a motion has settled."""
+ARRIVED = 0.05
+"""Relative distance from the stable cycle at which a motion has grown to it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A motion followed from one side of the border.
+
+    Attributes
+    ----------
+    start : stick position [rad].
+    positions : (s + 1,) stick positions after each swing, `start` first [rad].
+    outcome : "settles", "hunts" or "undecided".
+    """
+
+    start: float
+    positions: Array
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False)
+class Basin:
+    """The border between settling and hunting.
+
+    Attributes
+    ----------
+    unstable, stable : the cycles.
+    border : stick position of the unstable cycle [rad]; for Switch its amplitude.
+    stable_position : stick position of the stable cycle [rad].
+    error_estimate : relative, of the unstable cycle's amplitude and period.
+    inside, outside : the motions from both sides.
+    """
+
+    unstable: Orbit
+    stable: Orbit
+    border: float
+    stable_position: float
+    error_estimate: float
+    inside: Trial
+    outside: Trial
+
+    @property
+    def confirmed(self) -> bool:
+        """The motion from inside settles, the one from outside hunts."""
+        return self.inside.outcome == "settles" and self.outside.outcome == "hunts"
+
+
+def basin(
+    servo: Servo, model: Model, gain: float, *, options: Options | None = None, offset: float = OFFSET
+) -> Basin:
+    """The stick position below which a servo at a gain settles, checked by two motions.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem.
+    options
+        tolerance of the two cycles.
+    offset
+        relative distance from the border at which the two motions start, between 1e-6 and 0.5.
+
+    Raises
+    ------
+    InputError : a value out of range.
+    NoOrbit : there is no hunting cycle (everything settles, as far as the scan shows), or it was not computed.
+    """
+    if not 1e-6 <= require("offset", offset) <= 0.5:
+        raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")
+    options = options or Options()
+    stable = find_orbit(servo, model, gain, options=options)
+    unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
+    border, hunting = stick_position(unstable), stick_position(stable)
+    return Basin(
+        unstable,
+        stable,
+        border,
+        hunting,
+        unstable.error_estimate,
+        follow(servo, model, gain, border * (1 - offset), border, hunting),
+        follow(servo, model, gain, border * (1 + offset), border, hunting),
+    )
+
+
+def stick_position(orbit: Orbit) -> float:
+    """|x1| of the stuck servo [rad]: the amplitude for Switch, |x1| where m = 0.9 Fs comes up for LuGre.
+
+    Raises
+    ------
+    NoOrbit : the torque does not come up to 0.9 Fs at a standstill.
+    """
+    if orbit.model == "switch":
+        return orbit.amplitude
+    _, x = orbit.sample()
+    torque = np.asarray(motor_torque(x, orbit.servo.parameters(orbit.gain)), float)
+    level = SECTION * orbit.servo.friction.static
+    # Breakaway in either direction: stuck on one side of the set point, torque towards the other.
+    for side in (-1.0, 1.0):
+        m = -side * torque
+        rising = np.flatnonzero((m[:-1] < level) & (m[1:] >= level) & (side * x[0, :-1] > 0))
+        slow = [i for i in rising if abs(x[1, i]) < 1e-2 * np.max(np.abs(x[1]))]
+        if slow:
+            i = slow[-1]
+            weight = (level - m[i]) / (m[i + 1] - m[i])
+            return float(abs(x[0, i] + weight * (x[0, i + 1] - x[0, i])))
+    raise NoOrbit(
+        f"the {orbit.model} cycle at gain {orbit.gain:g} does not stand still at {SECTION:g} Fs: no stick position",
+        Status.INADMISSIBLE,
+    )
+
+
+def follow(servo: Servo, model: Model, gain: float, a: float, border: float, hunting: float) -> Trial:
+    """Follow a motion from the stick position `a` until it has settled or hunts.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem.
+    a
+        where it starts [rad], > 0.
+    border, hunting
+        stick positions of the unstable and the stable cycle [rad].
+    """
+    require("a", a, above=0)
+    start, positions, outcome = a, [a], "undecided"
+    for _ in range(MOST_SWINGS):
+        try:
+            following = (
+                map_at(servo, gain, a).position if model == "switch" else half_cycle(model, servo, gain, a).position
+            )
+        except MarchFailure:
+            break
+        previous, a = a, abs(following)
+        if not np.isfinite(a):
+            break
+        positions.append(a)
+        if a < SETTLED * border and a < previous:
+            outcome = "settles"
+            break
+        if abs(a / hunting - 1) < ARRIVED and abs(a - hunting) < abs(hunting - border):
+            outcome = "hunts"
+            break
+    return Trial(start, np.array(positions), outcome)
