@@ -24,7 +24,8 @@ from .friction import Friction
 from .orbit import Arc, Orbit
 from .record import Measurement, Record, measure, read_record, record_of
 from .servo import Controller, Servo, load
-from .simulate import Trajectory, Verdict, simulate
+from .simulate import simulate
+from .trajectory import Trajectory, Verdict
 
 try:
     __version__ = version("casahunt")

@@ -23,7 +23,8 @@ from .checks import known
 from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError
 from .hunting import MODELS
-from .simulate import Trajectory, simulate
+from .simulate import simulate
+from .trajectory import Trajectory
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the CSV file; for LuGre bristle_rad stands before the torque."""

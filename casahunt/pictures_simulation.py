@@ -8,7 +8,7 @@ from __future__ import annotations
 from .orbit import Orbit
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
 from .record import Measurement, Record
-from .simulate import Trajectory
+from .trajectory import Trajectory
 
 PER_INTERVAL = 8
 MOST_DOTS = 20_000

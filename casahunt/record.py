@@ -33,7 +33,7 @@ import numpy as np
 
 from .checks import number
 from .errors import InputError
-from .simulate import Trajectory
+from .trajectory import Trajectory
 
 Array = np.ndarray
 Kind = Literal["hunting", "decaying", "growing", "irregular", "still"]

@@ -13,7 +13,8 @@ import taylor
 
 from casahunt import InputError, NoOrbit, Servo, Status, Trajectory, cli, simulate
 from casahunt.march import MarchFailure
-from casahunt.simulate import Verdict, _Run
+from casahunt.simulate import _Run
+from casahunt.trajectory import Verdict, judge_motion
 
 TABLE_1 = Servo()
 COULOMB = Servo().replace(**{"friction.static": 0.44})
@@ -292,8 +293,6 @@ def test_verdicts(servo, model, gain, kind, more):
 @pytest.mark.parametrize("ratio", [0.9, 0.99, 0.9995])
 def test_a_slow_decay_is_no_limit_cycle(ratio, monkeypatch):
     """Swings that shrink by a constant factor, however close to one, are not called a limit cycle."""
-    from casahunt.simulate import judge_motion
-
     def shape(self):
         return np.arange(1.0, 31.0), ratio ** np.arange(31)
 
@@ -303,6 +302,7 @@ def test_a_slow_decay_is_no_limit_cycle(ratio, monkeypatch):
     assert verdict.kind == "decaying", verdict.sentence
 
 
+@pytest.mark.slow
 def test_release_on_either_side_of_the_unstable_cycle(orbit):
     """The unstable cycle bounds the basin: a little inside the servo settles, a little outside it hunts."""
     gain = 0.4
