@@ -52,9 +52,9 @@ def motion(trajectory: Trajectory) -> Figure:
     if verdict.kind == "hunting":
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
     handles = [
-        Line2D([], [], color=look.colour, linewidth=ALONE, label=name),
         Line2D([], [], label="set point; static friction ±F$_s$", **dashed),
     ]
+    panels[0].set_title(name, fontsize="medium")
     if sticks:
         handles.append(Line2D([], [], color=SHADE, linewidth=8, label="stick"))
     figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False, ncols=len(handles))
