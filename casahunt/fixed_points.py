@@ -606,7 +606,9 @@ def map_fold(servo: Servo) -> MapFold:
 
     Raises
     ------
-    NoOrbit : no gain with a pair of fixed points was found, or max P(a)/a is no smooth maximum.
+    NoOrbit : no gain with a pair of fixed points was found, or max P(a)/a is no smooth maximum.  The latter is what
+        happens where the peak is narrower than rounding at gains below the fold, although it is smooth at the
+        fold: Table 1 with static friction 0.7, say.
     """
     if servo.friction.static == servo.friction.coulomb:
         raise NoOrbit("no fold: static equals Coulomb friction, and the servo does not hunt at any gain")
@@ -619,8 +621,8 @@ def map_fold(servo: Servo) -> MapFold:
         top = _peak(servo, gain, low, high)
         if not top.gain_slope < 0:
             raise NoOrbit(
-                f"the fold of the event map was lost at gain {gain:.8g}: no motion near a = {top.start:.6g} rad crosses "
-                "the set point there",
+                f"the fold of the event map was lost at gain {gain:.8g}: no motion near a = {top.start:.6g} rad "
+                "crosses the set point there",
                 Status.NOT_CONVERGED,
             )
         step = -top.excess * top.start / top.gain_slope

@@ -57,7 +57,7 @@ def cobweb(seen: FixedPoints) -> Figure:
     axes.set_ylabel("next stick position P(a) [rad]")
     axes.set_title(f"event map of the Switch servo, K = {seen.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.9", linewidth=0.6)
-    figure.legend(fontsize=SMALL, loc="outside upper center", frameon=False, ncols=3)
+    figure.legend(fontsize=SMALL, loc="outside upper center", frameon=False, ncols=2)
     return figure
 
 
