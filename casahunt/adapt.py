@@ -20,7 +20,17 @@ from .checks import require, shown
 from .collocation import Kind
 from .errors import InputError, Status
 from .hunting import SCHEMES, Model
-from .mesh import COARSENING, Estimate, better_breaks, estimate, halved, phase_breaks, quartered_where, transfer
+from .mesh import (
+    COARSENING,
+    Estimate,
+    better_breaks,
+    estimate,
+    halved,
+    phase_breaks,
+    quartered_where,
+    shape_limit,
+    transfer,
+)
 from .resequence import Start, next_sequence, remarch
 from .solve import Solution, Solver, newton, solve
 from .transcription import Setting, Transcription
@@ -32,6 +42,8 @@ TOLERANCE_RANGE = (1e-12, 1e-2)
 MAX_INTERVALS = 3000
 MAX_ROUNDS = 16
 MAX_SEQUENCES = 5
+ROUGH = 3.0
+"""A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 
 
 @dataclass(frozen=True)
@@ -141,10 +153,11 @@ def solve_adaptively(
         e = estimate(t, solution.u, setting.moved(solution.parameter), border=row)
         if not np.isfinite(e.error):
             return Solved(t, solution, setting, None, Status.NOT_FINITE, iterations)
-        if e.error <= options.tol and verdict.admissible:
+        presentable = float(e.shape.max()) <= ROUGH * shape_limit(options.tol)
+        if e.error <= options.tol and verdict.admissible and presentable:
             return Solved(t, solution, setting, e, Status.CONVERGED, iterations)
         accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations)
-        if e.error <= options.tol:
+        if e.error <= options.tol and presentable:
             breaks = quartered_where(t, setting.fractions, verdict.unclear)
         else:
             breaks = better_breaks(t, setting.fractions, e, options.tol, changes)

@@ -4,7 +4,7 @@ The curve is {y} = {(x_0, ln T_1, lambda)}: first node, duration of the first ph
 p = p_here (1 + lambda), moved relative to where it stands.  A step of length ds:
 
     tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
-    predictor   u + ds du + ds^2 curvature, durations multiplied rather than added, lambda + ds dlambda
+    predictor   the cubic through the last two points and their tangents; logarithms of the durations
     corrector   Newton on the equations under  tangent . (y - predicted) = 0
     adaptation  mesh, phase sequence and error estimate (adapt.py), under the same row
 
@@ -39,8 +39,8 @@ from .transcription import Linearisation, Setting, Transcription
 
 Array = np.ndarray
 
-FIRST_STEP = 0.05
-LARGEST_STEP = 1.0
+FIRST_STEP = 0.1
+LARGEST_STEP = {"switch": 1.0, "lugre": 0.5}
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
 EASY_ITERATIONS = 7  # Newton iterations at which the step is left as it is
@@ -57,8 +57,8 @@ class Point:
     t, u, setting : transcription, unknowns and numbers, with p at this point and dp = p e.
     row : (n + 2,) unit tangent in (x_0, ln T_1, lambda).
     du : (size,) derivative of u by arclength.
-    curvature : (size,) second derivative, from the tangent of the point before; None at the first point
-        and after a change of the phase sequence.
+    bend : (2, size + 1) coefficients of ds^2 and ds^3 in (u, lambda), durations as logarithms; None at the first
+        point and after a change of the phase sequence.
     """
 
     t: Transcription
@@ -66,7 +66,7 @@ class Point:
     setting: Setting
     row: Array
     du: Array
-    curvature: Array | None = None
+    bend: Array | None = None
 
 
 def value_of(servo: Servo, gain: float, vary: str) -> float:
@@ -150,12 +150,14 @@ def _divided(t: Transcription, u: Array, factor: Array) -> Array:
 
 def predict(point: Point, ds: float) -> tuple[Array, float]:
     """(u, lambda) a length ds further on; durations are multiplied, so that they stay positive."""
-    t = point.t
-    rate = point.du + (0.5 * ds * point.curvature if point.curvature is not None else 0.0)
-    u = point.u + ds * rate
-    T, dT = t.durations_of(point.u), t.durations_of(rate)
-    t.durations_of(u)[:] = T * np.exp(np.clip(ds * dT / T, -1.0, 1.0))
-    return u, float(ds * point.row[-1])
+    t, P = point.t, point.t.phases
+    change = ds * np.append(point.du, point.row[-1])
+    change[-1 - P : -1] /= t.durations_of(point.u)
+    if point.bend is not None:
+        change += ds**2 * (point.bend[0] + ds * point.bend[1])
+    u = point.u + change[:-1]
+    t.durations_of(u)[:] = t.durations_of(point.u) * np.exp(np.clip(change[-1 - P : -1], -1.0, 1.0))
+    return u, float(change[-1])
 
 
 def walk(
@@ -168,7 +170,7 @@ def walk(
     previous: Orbit | None = None,
     options: Options | None = None,
     first_step: float = FIRST_STEP,
-    largest_step: float = LARGEST_STEP,
+    largest_step: float | None = None,
     max_points: int = 2000,
 ) -> Generator[Orbit, None, str]:
     """Orbits along the branch through `start`, by pseudo-arclength, until the parameter leaves [low, high].
@@ -188,7 +190,7 @@ def walk(
     options
         tolerance; default that of the start.
     first_step, largest_step
-        arclength.
+        arclength; the largest one is that of the model by default.
     max_points
         give up after so many.
 
@@ -204,10 +206,12 @@ def walk(
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     like = None if previous is None else secant(previous, start, vary)
     point = curve_point(start, vary, like=like, sense=sense)
-    ds, last = first_step, start
+    largest_step = largest_step or LARGEST_STEP[start.model]
+    ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
         outcome = step_along(point, last, vary, ds, low, high, options)
         while isinstance(outcome, str):
+            ceiling = CAUTION * ds
             ds *= 0.4
             if ds < SMALLEST_STEP:
                 return f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
@@ -219,11 +223,11 @@ def walk(
         like = _in_units_of(point.row, point.setting.scale, solved.setting.scale)
         lin = solved.solution.linearisation if not reached else None
         following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like, lin=lin)
-        length = float(np.linalg.norm(secant(last, orbit, vary)))
-        following = replace(following, curvature=_curvature(point, following, length))
+        following = replace(following, bend=_bend(point, following, value_of(last.servo, last.gain, vary)))
         angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
         effort = EASY_ITERATIONS / max(solved.solution.iterations, 1)
-        ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), largest_step)
+        ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
+        ceiling = min(RECOVERY * ceiling, largest_step)
         point, last = following, orbit
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
 
@@ -252,16 +256,48 @@ def _cosine(before: Point, after: Point) -> float:
     return float(carried @ after.row / np.linalg.norm(carried))
 
 
-def _curvature(before: Point, after: Point, distance: float) -> Array | None:
-    """Change of du per arclength, on the mesh of `after`; None where the phases are not the same."""
-    if before.t.cycle is not after.t.cycle or distance == 0:
+CAUTION, RECOVERY = 0.7, 1.25
+"""After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
+STRAIGHT = 0.5
+"""Cosine between successive tangents below which the last point says little about the next."""
+
+
+def _bend(before: Point, after: Point, value: float) -> Array | None:
+    """(2, size + 1) coefficients c of u + s u' + s^2 c_0 + s^3 c_1, the cubic through `before` and `after`.
+
+    s is measured along the tangent of `after`, as the corrector measures it: `before` lies at
+    s = tangent . (y_before - y_after) < 0.  `value` is the parameter at `before`.  None where the phases are not
+    the same.
+    """
+    t = after.t
+    if before.t.cycle is not t.cycle:
         return None
-    du = before.du
-    same = before.t is after.t and np.array_equal(before.setting.fractions, after.setting.fractions)
-    if not same:
-        breaks = phase_breaks(after.t, after.setting.fractions)
-        _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=after.t)
-    return (after.du - _divided(after.t, du, after.setting.scale / before.setting.scale)) / distance
+    u, du = before.u, before.du
+    if before.t is not t or not np.array_equal(before.setting.fractions, after.setting.fractions):
+        breaks = phase_breaks(t, after.setting.fractions)
+        _, u, _ = transfer(before.t, u, before.setting.fractions, breaks, target=t)
+        _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=t)
+    factor = after.setting.scale / before.setting.scale
+    index = int(np.argmax(np.abs(after.setting.dp)))
+    ratio = value / after.setting.p[index]
+    u, du = _divided(t, u, factor), _divided(t, du, factor)
+    rate = np.append(du, before.row[-1] * ratio)
+    rate[-1 - t.phases : -1] /= t.durations_of(u)
+    change = np.append(u - after.u, ratio - 1)
+    change[-1 - t.phases : -1] = np.log(t.durations_of(u) / t.durations_of(after.u))
+    here = np.append(after.du, after.row[-1])
+    here[-1 - t.phases : -1] /= t.durations_of(after.u)
+
+    def along(vector: Array) -> float:
+        y = np.concatenate([vector[t.node_index[0]], [vector[-1 - t.phases], vector[-1]]])
+        return float(after.row @ y)
+
+    s, slope = along(change), along(rate)
+    if not s < 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):
+        return None
+    first = (change - s * here) / s**2
+    second = (rate / slope - here) / s
+    return np.array([3 * first - second, (second - 2 * first) / s])
 
 
 def step_along(
@@ -309,7 +345,7 @@ def walk_naturally(
     sense: float = 1.0,
     options: Options | None = None,
     first_step: float = FIRST_STEP,
-    largest_step: float = LARGEST_STEP,
+    largest_step: float | None = None,
     max_points: int = 2000,
 ) -> Generator[Orbit, None, str]:
     """Orbits at prescribed parameter values, warm-started, until the range or the branch ends.
@@ -319,6 +355,7 @@ def walk_naturally(
     """
     known("parameter", vary, PARAMETERS)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
+    largest_step = largest_step or LARGEST_STEP[start.model]
     last, step = start, first_step
     for _ in range(max_points):
         here = parameter_value(last, vary)

@@ -43,6 +43,10 @@ LOCAL = 0.005
 """Width in log a of the difference quotient for the slope of the map."""
 NEAR_FOLD = 0.4
 """Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
+FAR_OFF, SECANT_ROUNDS, LARGEST_SECANT = 10.0, 7, 1.0
+"""Short cut to the stable fixed point: largest ratio P(a)/a or a/P(a) met, steps, and their length in log a."""
+TYPICAL = 0.1
+"""Stick position of most stable cycles, in units of Fs/kp."""
 PATIENCE = 1e6
 """Longest half period looked for, in units of the controller's times."""
 MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
@@ -303,12 +307,12 @@ def near_stable(model: Model, servo: Servo, gain: float, a: float) -> HalfCycle 
     falls with a, as it does at P'(a) < 1.
     """
     x, previous = float(np.log(a)), None
-    for _ in range(5):
+    for _ in range(SECANT_ROUNDS):
         try:
             run = half_cycle(model, servo, gain, float(np.exp(x)))
         except MarchFailure:
             return None
-        if not 0.3 < run.ratio < 3:
+        if not 1 / FAR_OFF < run.ratio < FAR_OFF:
             return None
         y = float(np.log(run.ratio))
         slope = -1.5 if previous is None or previous[0] == x else (y - previous[1]) / (x - previous[0])
@@ -317,7 +321,7 @@ def near_stable(model: Model, servo: Servo, gain: float, a: float) -> HalfCycle 
         if slope >= -0.1:
             return None
         previous = (x, y)
-        x = x - max(-0.5, min(0.5, y / slope)) if abs(y) >= 5e-3 else x + 0.02
+        x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if abs(y) >= 5e-3 else x + 0.02
     return None
 
 

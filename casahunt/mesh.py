@@ -11,7 +11,7 @@ estimate; its terms say which interval is to blame and place the next mesh.  An 
 of an unstable direction weighs exactly as much as it matters, which no local monitor can know.
 
 A second measure keeps the solution itself presentable between the nodes: the last Legendre coefficient
-of each interval in units of the state scale, bounded by `SHAPE`.
+of each interval in units of the state scale, bounded by `shape_limit`.
 
 Symbols: n states, d stages, N intervals, E elements, P phases.
 """
@@ -184,27 +184,47 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
     """
     fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
     lin = fine.linearise(u_fine, Setting(fractions, setting.p, setting.scale, setting.dp))
-    system = fine.system
-    row = system.border(parameter=1.0) if border is None else border
-    matrix = lin.matrix(row)
-    rhs = lin.rhs()
-    E, n, P = fine.elements, fine.n, fine.phases
-    amplitude, place = amplitude_row(fine, u_fine)
-    goals = np.zeros((2 if border is None else 3, system.size))
-    goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(fine.durations_of(u_fine)))
-    node = np.concatenate([[0], fine.phase_end])[place]
+    maps = _joined(t, fine, lin.maps)
+    row = t.system.border(parameter=1.0) if border is None else border
+    matrix = t.system.nonzeros(maps, lin.closure, lin.events, row)
+    rhs = np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
+    E, n, P = t.elements, t.n, t.phases
+    amplitude, place = amplitude_row(t, u)
+    goals = np.zeros((2 if border is None else 3, t.system.size))
+    goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(t.durations_of(u)))
+    node = np.concatenate([[0], t.phase_end])[place]
     goals[1, node * n] = 1 / amplitude
     if border is not None:
         goals[2, -1] = 1.0
     per_element = np.empty((len(goals), E))
     errors = np.zeros(3)
-    for g, psi in enumerate(system.solve_transposed(matrix, goals)):
+    for g, psi in enumerate(t.system.solve_transposed(matrix, goals)):
         terms = psi * rhs
         per_element[g] = terms[: E * n].reshape(E, n).sum(axis=1)
         floor = ROUNDING * float(np.linalg.norm(psi[: E * n]))
         errors[g] = abs(float(terms.sum())) + floor
-    blame = np.max(np.abs(per_element), axis=0)[fine.interval_elements].reshape(-1, 2).sum(axis=1)
+    blame = np.max(np.abs(per_element), axis=0)[t.interval_elements]
     return Estimate(float(errors[0]), float(errors[1]), float(errors[2]), blame, shape(t, u))
+
+
+def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
+    """(E, n, n + 3) maps over the intervals of t from those over their two halves: the middle node eliminated."""
+    n = t.n
+    halves = maps[fine.interval_elements].reshape(t.intervals, 2, n, n + 3)
+    first, second = halves[:, 0], halves[:, 1]
+    through = second[:, :, 1 : n + 1] @ first
+    through[:, :, 0] += second[:, :, 0]
+    through[:, :, n + 1 :] += second[:, :, n + 1 :]
+    out = np.empty((t.elements, n, n + 3))
+    out[t.interval_elements] = through
+    out[t.closed_elements] = maps[fine.closed_elements]
+    return out
+
+
+def shape_limit(tol: float) -> float:
+    """Last Legendre coefficients that a mesh aims at: the solution presentable between its nodes, and better
+    where the tolerance is tight."""
+    return min(SHAPE, float(np.sqrt(tol)))
 
 
 def shape(t: Transcription, u: Array) -> Array:
@@ -232,7 +252,7 @@ def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, c
     share = SAFETY * tol / t.intervals
     wanted = np.maximum(
         (e.indicators / share) ** power,
-        (e.shape / SHAPE) ** (1.0 / t.degree),
+        (e.shape / shape_limit(tol)) ** (1.0 / t.degree),
     )
     wanted = np.clip(wanted, COARSENING[min(changes, len(COARSENING) - 1)], 4.0)
     out = []

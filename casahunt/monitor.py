@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ import numpy as np
 from .adapt import Options
 from .branch import SpecialPoint
 from .continuation import Point, curve_point, parameter_value, secant, step_along
+from .errors import NoOrbit
+from .find import refined
 from .orbit import Orbit
 
 Array = np.ndarray
@@ -129,6 +132,9 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
 
     Steps start at `before`; their length along its tangent is the unknown.
     """
+    if before.error_estimate > options.tol:  # once, on a mesh that serves all the steps
+        with suppress(NoOrbit):
+            before = refined(before, options)
     towards = secant(before, after, vary)
     start = curve_point(before, vary, like=towards)
     low, high = 0.0, float(towards @ start.row)

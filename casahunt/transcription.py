@@ -36,7 +36,7 @@ P phases, y = (E + 1) n + P + 1 unknowns of the node system.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -44,7 +44,7 @@ import numpy as np
 from .collocation import Kind, scheme
 from .cycle import Cycle, Field
 from .interval import IntervalMap, interval_map
-from .node_system import node_system
+from .node_system import NodeSystem, node_system
 
 Array = np.ndarray
 
@@ -98,10 +98,13 @@ class Transcription:
         self.elements = self.intervals + self.closed
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
-        self._joints = _JointMap(cycle)
-        self.system = node_system(
-            self.elements, n, tuple(self.phase_of), tuple(self.phase_end), cycle.closure.tobytes()
-        )
+        self._joints = _joint_map(cycle)
+
+    @cached_property
+    def system(self) -> NodeSystem:
+        """What is left when the stages are eliminated; made when first solved."""
+        closure = self.cycle.closure.tobytes()
+        return node_system(self.elements, self.n, tuple(self.phase_of), tuple(self.phase_end), closure)
 
     def _index_chain(self) -> None:
         n, start, phase_of, is_interval, phase_end, signs = self.n, [], [], [], [], []
@@ -237,6 +240,7 @@ class Joints:
     events: Array
 
 
+@lru_cache(maxsize=64)
 def joint_function(cycle: Cycle) -> ca.Function:
     """Closed-form flows and events with their derivatives, from scaled states.
 
@@ -291,6 +295,12 @@ class _JointMap:
             store[...] = value
         self._trigger()
         return Joints(self._flow.copy(), self._events.copy())
+
+
+@lru_cache(maxsize=64)
+def _joint_map(cycle: Cycle) -> _JointMap:
+    """The compiled map, kept for reuse: it does not depend on the mesh."""
+    return _JointMap(cycle)
 
 
 # The linearised equations -----------------------------------------------------------------------------------

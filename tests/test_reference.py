@@ -112,12 +112,17 @@ def test_unstable_switch_cycles_against_taylor_series(orbit, gain):
     ],
 )
 def test_lugre_orbits_close_in_taylor_series(changes, gain):
-    """The orbit's first state, followed for half a period by the other engine, returns mirrored."""
+    """The orbit's first state, followed for half a period by the other engine, returns mirrored.
+
+    In mid-slip the bristle follows the velocity within 1e-4 s and carries nothing on: the tolerance is one on period
+    and amplitude, and z there is known to the square root of it only.
+    """
     servo = Servo().replace(**changes)
     found = find_orbit(servo, "lugre", gain, options=Options(tol=1e-9))
     x0 = found.arcs[0].states[0, 0]
     x, half_period, largest = taylor.lugre_half_cycle(servo, gain, x0.copy())
-    assert np.max(np.abs(x + x0) / found.scale) < 2e-8
+    off = np.abs(x + x0) / found.scale
+    assert np.max(off[:3]) < 2e-8 and off[3] < 1e-6
     assert 2 * half_period == pytest.approx(found.period, rel=2e-8)
     assert largest == pytest.approx(found.amplitude, rel=2e-8)
 
