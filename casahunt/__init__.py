@@ -9,8 +9,6 @@ boundary value problems (CasADi, IPOPT), followed in the controller gain round t
     >>> find_fold(Servo(), "switch").gain                    # no hunting above this gain
 """
 
-from importlib.metadata import PackageNotFoundError, version
-
 from .adapt import Options
 from .archive import load_branch, load_orbit, save_branch, save_orbit
 from .branch import Branch, SpecialPoint
@@ -27,10 +25,18 @@ from .servo import Controller, Servo, load
 from .simulate import simulate
 from .trajectory import Trajectory, Verdict
 
-try:
-    __version__ = version("casahunt")
-except PackageNotFoundError:  # run from a checkout that is not installed
-    __version__ = "0+uninstalled"
+
+def __getattr__(name: str) -> str:
+    """`__version__`, looked up when read: the metadata of installed packages take 30 ms to import."""
+    if name != "__version__":
+        raise AttributeError(f"module 'casahunt' has no attribute {name!r}")
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("casahunt")
+    except PackageNotFoundError:  # run from a checkout that is not installed
+        return "0+uninstalled"
+
 
 __all__ = [
     "Arc",

@@ -14,9 +14,9 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any
 
 from . import (
-    __version__,
     command_basin,
     command_diagram,
     command_equilibria,
@@ -44,6 +44,16 @@ COMMANDS = {
 }
 
 
+class _Version(argparse.Action):
+    """Look the version up when it is asked for, not at every start."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        from . import __version__
+
+        print(f"casahunt {__version__}")
+        parser.exit()
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     parser = Parser(
@@ -51,7 +61,9 @@ def build_parser() -> argparse.ArgumentParser:
         description="Will this servo hunt, and at which gain does it stop? Limit cycles of a servo with dry friction.",
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"casahunt {__version__}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, dest=argparse.SUPPRESS, default=argparse.SUPPRESS, help="print the version"
+    )
     commands = parser.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
     for command in COMMANDS.values():
         command.add(commands)

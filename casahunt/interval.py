@@ -121,7 +121,7 @@ class IntervalMap:
         return self._block
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=32)
 def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
     """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
     return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)

@@ -149,7 +149,7 @@ class _LinearSolve:
         return self._out.copy()
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=128)
 def node_system(
     elements: int, n: int, phase_of: tuple[int, ...], phase_end: tuple[int, ...], closure: bytes
 ) -> NodeSystem:
