@@ -148,5 +148,11 @@ def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
                 continue
             keep, divisor, top = _slope_of(s.degree, s.kind, starts, stops)
             slope = values[chosen][:, keep] / divisor
-            out[chosen] = slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
+            unclear = slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
+            if starts and s.degree == 2:
+                # A Switch slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
+                # is no smaller on a finer mesh, that of v/t^2 is.
+                slope /= s.points[keep]
+                unclear &= slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
+            out[chosen] = unclear
     return out

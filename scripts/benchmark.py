@@ -6,6 +6,7 @@ Scenes, for the servo of Table 1 and both friction models:
 
     orbit-stable     K = 0.1, from nothing: the starting guess is part of the time
     orbit-unstable   K = 0.4, from nothing: casahunt goes round the fold; the peers start at the solution of 0.41
+                     (shooting on the stable branch starts from a simulation, solve_bvp from the solution of 0.1025)
     fold             the largest gain, from nothing; AUTO's is that of its diagram
     diagram          from the stable orbit at K = 0.0321, given to casahunt and AUTO alike, round the fold to 0.0321;
                      casahunt locates the fold to a thousandth of the tolerance of the points; errors are the fold's
@@ -53,10 +54,11 @@ from problems import table1  # noqa: E402
 SCENES = ("orbit-stable", "orbit-unstable", "fold", "diagram")
 START = 0.0321
 TOLERANCES = {"switch": (1e-3, 1e-5, 1e-7, 1e-9, 1e-11), "lugre": (1e-3, 1e-5, 1e-7, 1e-9, 1e-10)}
+SMALLEST_STEP, PATIENCE = 1e-3, 60.0
+"""Relative step in K and seconds after which a peer's way down the unstable branch is over."""
 DIAGRAM_TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7)
 GAINS = {"orbit-stable": 0.1, "orbit-unstable": 0.4}
 AUTO_MESHES = {"switch": ((25, 4), (50, 4), (100, 4)), "lugre": ((400, 4), (800, 5), (1200, 4))}
-PEER_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 
 
 @dataclass(frozen=True)
@@ -157,76 +159,78 @@ def peer_orbits(scene: str, model: str) -> list[Row]:
     except ImportError as error:
         return [Row(scene, model, "scipy", "", None, None, None, f"left out: {error}")]
     servo, gain, row = table1.servo(), GAINS[scene], reference(model, scene)
-    stable = scene == "orbit-stable"
-    # The shooting guess is 2 % off on the stable branch, for nothing; on the unstable one it is the cycle at a
-    # gain 2.5 % higher, computed by casahunt, which costs the peers nothing either.
-    near = find_orbit(servo, model, gain if stable else 1.025 * gain, branch="stable" if stable else "unstable",  # type: ignore[arg-type]
-                      options=Options(tol=1e-6))  # fmt: skip
-    rows = []
-    for tol in PEER_TOLERANCES if model == "switch" else PEER_TOLERANCES[:3]:
-        try:
-            if model == "switch":
-                guess = near.amplitude * (1.02 if stable else 1.0)
-                seconds, shot = best_of(2, lambda g=guess, t=tol: shooting.switch(servo, gain, g, t))
-            else:
-                x = near.arcs[0].states[0, 0]
-                guess = np.array([x[1], x[2], x[3], near.period / 2]) * (1.02 if stable else 1.0)
-                seconds, shot = best_of(1, lambda g=guess, t=tol: shooting.lugre(servo, gain, g, t))
-            rows.append(Row(scene, model, "solve_ivp shooting", f"rtol {tol:.0e}", seconds, orbit_error(shot, row)))
-        except (shooting.Failed, np.linalg.LinAlgError, ValueError) as error:
-            rows.append(Row(scene, model, "solve_ivp shooting", f"rtol {tol:.0e}", None, None, None, f"fails: {error}"))
+    branch = scene.removeprefix("orbit-")
+    # What a simulation does not find starts at the cycle of a gain 2.5 % higher, which costs the peers nothing.
+    near = find_orbit(servo, model, 1.025 * gain, branch=branch, options=Options(tol=1e-6))  # type: ignore[arg-type]
+    known = unknowns_for_shooting(near)
+    stable = branch == "stable"
+    tasks: list[tuple[str, str, Callable[[], Any]]] = []
+    for rtol in (1e-6, 1e-8, 1e-9, 1e-10) if model == "switch" else (1e-8, 1e-9):
+        shoot = shooting.switch if model == "switch" else shooting.lugre
+        guess = None if stable else known
+        tasks.append(("solve_ivp shooting", f"rtol {rtol:.0e}", lambda t=rtol, g=guess, f=shoot: f(servo, gain, g, t)))
+        if model == "switch":
+            name = "solve_ivp shooting, reduced by hand"
+            tasks.append(
+                (name, f"rtol {rtol:.0e}", lambda t=rtol: shooting.switch_reduced(servo, gain, near.amplitude, t))
+            )
     start = bvp.start_of(near)
-    for tol in (1e-3, 1e-5, 1e-7, 1e-9) if model == "switch" else (1e-3, 1e-5):
+    for tol in (1e-3, 1e-5, 1e-7, 1e-9) if model == "switch" else (1e-3, 1e-5, 1e-6):
+        tasks.append(("solve_bvp", f"tol {tol:.0e}", lambda t=tol: bvp.solve(servo, model, gain, start, t)))
+    rows = []
+    for method, setting, action in tasks:
         began = time.perf_counter()
         try:
-            shot = bvp.solve(servo, model, gain, start, tol)
-            seconds = time.perf_counter() - began
-            rows.append(Row(scene, model, "solve_bvp", f"tol {tol:.0e}", seconds, orbit_error(shot, row)))
-        except bvp.Failed as error:
+            seconds, shot = best_of(3 if model == "switch" else 1, action)
+            rows.append(Row(scene, model, method, setting, seconds, orbit_error(shot, row)))
+        except (shooting.Failed, np.linalg.LinAlgError, ValueError) as error:
             note = f"fails after {time.perf_counter() - began:.1f} s: {error}"
-            rows.append(Row(scene, model, "solve_bvp", f"tol {tol:.0e}", None, None, None, note))
+            rows.append(Row(scene, model, method, setting, None, None, None, note))
     return rows
 
 
+def unknowns_for_shooting(orbit: Any) -> np.ndarray:
+    """The unknowns of peers/shooting.py at an orbit of casahunt."""
+    x = orbit.arcs[0].states[0, 0]
+    states = x[[0, 2]] if orbit.model == "switch" else x[1:]
+    return np.append(states, orbit.period / 2)
+
+
 def peers_down_the_branch(model: str) -> list[Row]:
-    """Down the unstable branch in steps of 5 % of K, each solution the guess of the next: where does it end?"""
+    """Down the unstable branch from K = 0.6, each solution the guess of the next, the step halved where one fails."""
     try:
         from scripts.peers import bvp, shooting
     except ImportError as error:
         return [Row("orbit-unstable", model, "scipy", "", None, None, None, f"left out: {error}")]
     servo = table1.servo()
-    first = find_orbit(servo, model, 0.6, branch="unstable", options=Options(tol=1e-8))  # type: ignore[arg-type]
-    x = first.arcs[0].states[0, 0]
+
+    def truth(gain: float) -> Any:
+        return find_orbit(servo, model, gain, branch="unstable", options=Options(tol=1e-8))  # type: ignore[arg-type]
+
+    first = truth(0.6)
     rows = []
     for method in ("solve_ivp shooting", "solve_bvp"):
-        known: Any = np.array([first.amplitude] if model == "switch" else [x[1], x[2], x[3], first.period / 2])
-        if method == "solve_bvp":
-            known = bvp.start_of(first)
-        gain, reached, reason, began = 0.6, 0.6, "", time.perf_counter()
-        while gain > START and not reason:
-            gain = max(0.95 * gain, START)
+        start: Any = bvp.start_of(first) if method == "solve_bvp" else unknowns_for_shooting(first)
+        reached, step, reason, began = 0.6, 0.02, "", time.perf_counter()
+        while reached > START and step > SMALLEST_STEP and time.perf_counter() - began < PATIENCE:
+            gain = max(reached * (1 - step), START)
             try:
                 if method == "solve_bvp":
-                    shot = bvp.solve(servo, model, gain, known, 1e-4)
-                elif model == "switch":
-                    shot = shooting.switch(servo, gain, float(known[0]), 1e-10)
-                    known = shot.unknowns
+                    shot = bvp.solve(servo, model, gain, start, 1e-4)
                 else:
-                    shot = shooting.lugre(servo, gain, known, 1e-8)
-                    known = shot.unknowns
-                truth = find_orbit(servo, model, gain, branch="unstable", options=Options(tol=1e-6))  # type: ignore[arg-type]
-                error = abs(shot.amplitude / truth.amplitude - 1)
+                    shoot = shooting.switch if model == "switch" else shooting.lugre
+                    shot = shoot(servo, gain, start, 1e-10 if model == "switch" else 1e-8)
+                error = abs(shot.amplitude / truth(gain).amplitude - 1)
                 if error > 1e-2:
-                    reason = f"amplitude {error:.2g} off"
-                    break
-                if method == "solve_bvp":
-                    known = bvp.start_of(truth)
-                reached = gain
+                    raise shooting.Failed(f"another solution, its amplitude {error:.2g} off")
+                start = bvp.start_of(truth(gain)) if method == "solve_bvp" else shot.unknowns
+                reached, step = gain, min(2 * step, 0.05)
             except (shooting.Failed, np.linalg.LinAlgError, ValueError) as error:
-                reason = str(error)
-            if time.perf_counter() - began > 120:
-                reason = reason or "stopped after 120 s"
-        note = f"down to K = {reached:.4g}" + (f", then: {reason}" if reason else ", the end")
+                reason, step = str(error), step / 2
+        ended = "the end" if reached <= START else f"then: {reason or 'out of time'}"
+        if time.perf_counter() - began >= PATIENCE:
+            ended = f"stopped after {PATIENCE:.0f} s"
+        note = f"down to K = {reached:.4g}, {ended}"
         rows.append(Row("orbit-unstable", model, f"{method}, down the branch", "", None, None, None, note))
     return rows
 

@@ -1,9 +1,14 @@
-"""Single shooting with scipy.integrate.solve_ivp as a peer, the way the report did it (section 4.3).
+"""Single shooting with scipy.integrate.solve_ivp as a peer.
 
-Switch: from breakaway at x1 = -a (m = Fs) slip to x2 = 0, located by solve_ivp's event; the stick has a closed
-form; the half cycle closes when the next stick position is +a.  One unknown a, residual P(a) - a.
-LuGre: unknowns (x2, x3, x4) in the section x1 = 0 and the half period, residual x(T/2) + x(0) with x1 = 0.
-Newton with a finite-difference Jacobian (the monodromy matrix of the report), tolerances passed on to solve_ivp.
+The way of the report (section 4.3): the motion is simulated for some swings from a stuck servo, then Newton on
+x(T) - x(0) = 0 with the state at a section and the period as unknowns and a finite-difference Jacobian, the
+monodromy matrix.  Half a period is shot, x(T/2) + x(0) = 0, which halves the work.
+
+    Switch   section: breakaway (x2 = 0, m = Fs); slip and stick integrated one after the other, with events
+    LuGre    section: x1 = 0 in mid-slip; Radau with the analytical Jacobian
+
+`switch_reduced` is what a patient user can make of the Switch servo by hand: the stick in closed form, one unknown
+a, the stick position, residual P(a) - a.
 """
 
 from __future__ import annotations
@@ -17,6 +22,8 @@ from casahunt import Servo
 
 Array = np.ndarray
 MOST_ITERATIONS = 15
+SWINGS = 4
+"""Half periods simulated before Newton starts."""
 
 
 class Failed(Exception):
@@ -64,7 +71,7 @@ def switch_map(servo: Servo, gain: float, a: float, rtol: float) -> tuple[float,
     return float(x1), float(done.t[-1] + (Fs - (kp * x1 + ki * x3)) / (ki * x1))
 
 
-def switch(servo: Servo, gain: float, a: float, rtol: float) -> Shot:
+def switch_reduced(servo: Servo, gain: float, a: float, rtol: float) -> Shot:
     """Newton on P(a) - a."""
     for _ in range(MOST_ITERATIONS):
         position, half = switch_map(servo, gain, a, rtol)
@@ -79,8 +86,74 @@ def switch(servo: Servo, gain: float, a: float, rtol: float) -> Shot:
     raise Failed(f"Newton did not converge in {MOST_ITERATIONS} iterations")
 
 
-def lugre(servo: Servo, gain: float, unknowns: Array, rtol: float) -> Shot:
-    """Newton on x(T/2) + x(0) from (x2, x3, x4, T/2) at x1 = 0."""
+def switch(servo: Servo, gain: float, unknowns: Array | None, rtol: float) -> Shot:
+    """Newton on (x1, x3, T/2) at breakaway; `unknowns` None starts from a simulation."""
+    kp, kd, ki = servo.torque_gains(gain)
+    J, f = servo.inertia, servo.friction
+
+    def slip(t: float, x: Array) -> list[float]:
+        torque = -(kp * x[0] + kd * x[1] + ki * x[2])
+        return [x[1], (torque - _stribeck(servo, x[1]) - f.viscous * x[1]) / J, x[0]]
+
+    def stick(t: float, x: Array) -> list[float]:
+        return [0.0, 0.0, x[0]]
+
+    def stop(t: float, x: Array) -> float:
+        return x[1] if t > 1e-6 else 1.0
+
+    def breakaway(t: float, x: Array) -> float:
+        return f.static - abs(kp * x[0] + ki * x[2]) if t > 1e-6 else 1.0
+
+    stop.terminal, stop.direction = True, -1  # type: ignore[attr-defined]
+    breakaway.terminal, breakaway.direction = True, -1  # type: ignore[attr-defined]
+
+    def half(x1: float, x3: float, tolerance: float) -> tuple[Array, float]:
+        """(state at the next breakaway, time) from breakaway with positive torque."""
+        atol = tolerance * 1e-3 * np.array([abs(x1), abs(x1), f.static / ki])
+        how = {"method": "DOP853", "rtol": tolerance, "atol": atol}
+        one = solve_ivp(slip, (0, 1e4), [x1, 0.0, x3], events=stop, **how)
+        if not one.t_events[0].size:
+            raise Failed("the slip does not end")
+        two = solve_ivp(stick, (0, 1e5), [one.y[0, -1], 0.0, one.y[2, -1]], events=breakaway, **how)
+        if not two.t_events[0].size:
+            raise Failed("the servo comes to rest")
+        if two.y[0, -1] * x1 > 0:
+            raise Failed("the servo stops before it has crossed the set point")
+        return two.y[:, -1], float(one.t[-1] + two.t[-1])
+
+    if unknowns is None:
+        a = 0.1 * f.static / kp
+        x1, x3, sign, time = -a, (kp * a - f.static) / ki, 1.0, 0.0
+        for _ in range(SWINGS):
+            end, time = half(sign * x1, sign * x3, 1e-6)
+            x1, x3, sign = sign * end[0], sign * end[2], -sign
+        unknowns = np.array([sign * x1, sign * x3, time])
+    # On the section m = Fs the two unknowns are tied: x1 alone is free.
+    u = unknowns.copy()
+    for _ in range(MOST_ITERATIONS):
+        start = np.array([u[0], 0.0, (-f.static - kp * u[0]) / ki])
+        end, time = half(start[0], start[2], rtol)
+        residual = np.array([end[0] + start[0], end[2] + start[2]]) / np.abs(start[[0, 2]])
+        columns = []
+        for j in (0, 2):
+            moved = start.copy()
+            step = max(np.sqrt(rtol), 1e-7) * abs(start[j])
+            moved[j] += step
+            other, _ = half(moved[0], moved[2], rtol)
+            change = np.array([other[0] + moved[0], other[2] + moved[2]]) / np.abs(start[[0, 2]]) - residual
+            columns.append(change / step * abs(start[j]))
+        move = -np.linalg.lstsq(np.array(columns).T, residual, rcond=1e-6)[0]
+        if not np.isfinite(move).all() or np.max(np.abs(move)) > 0.5:
+            raise Failed(f"Newton wants to move by {np.max(np.abs(move)):.2g} of the unknowns")
+        u[0] += move[0] * abs(start[0])
+        if abs(move[0]) < 100 * rtol:
+            end, time = half(u[0], (-f.static - kp * u[0]) / ki, rtol)
+            return Shot(np.array([u[0], 0.0, time]), abs(u[0]), 2 * time)
+    raise Failed(f"Newton did not converge in {MOST_ITERATIONS} iterations")
+
+
+def lugre(servo: Servo, gain: float, unknowns: Array | None, rtol: float) -> Shot:
+    """Newton on x(T/2) + x(0) from (x2, x3, x4, T/2) at x1 = 0; `unknowns` None starts from a simulation."""
     kp, kd, ki = _gains(servo, gain)
     f, J = servo.friction, servo.inertia
 
@@ -97,6 +170,22 @@ def lugre(servo: Servo, gain: float, unknowns: Array, rtol: float) -> Shot:
         row = [-kp / J, (-kd - f.damping * r2 - f.viscous) / J, -ki / J, (-f.stiffness - f.damping * r4) / J]
         return [[0, 1, 0, 0], row, [1, 0, 0, 0], [0, r2, 0, r4]]
 
+    def centre(t: float, x: Array) -> float:
+        return x[0] if t > 1e-6 else -1.0
+
+    if unknowns is None:
+        a = 0.1 * f.static / kp
+        x = np.array([-a, 0.0, (kp * a - f.static) / ki, 0.999 * f.static / f.stiffness])
+        time = 0.0
+        for k in range(SWINGS):
+            centre.terminal, centre.direction = True, 1 if k % 2 == 0 else -1  # type: ignore[attr-defined]
+            atol = 1e-8 * np.array([a, 1.0, f.static / ki, f.static / f.stiffness])
+            done = solve_ivp(field, (0, 1e5), x, method="Radau", jac=jacobian, rtol=1e-6, atol=atol, events=centre)
+            if not done.t_events[0].size:
+                raise Failed("the servo comes to rest")
+            x, time = done.y[:, -1], float(done.t[-1])
+        sign = 1.0 if x[1] > 0 else -1.0
+        unknowns = np.array([sign * x[1], sign * x[2], sign * x[3], time])
     size = np.array([1e-3, abs(unknowns[0]), abs(unknowns[1]), f.static / f.stiffness])
 
     def shoot(u: Array) -> tuple[Array, float]:
