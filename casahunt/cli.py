@@ -61,9 +61,8 @@ def build_parser() -> argparse.ArgumentParser:
         description="Will this servo hunt, and at which gain does it stop? Limit cycles of a servo with dry friction.",
         allow_abbrev=False,
     )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, dest=argparse.SUPPRESS, default=argparse.SUPPRESS, help="print the version"
-    )
+    nowhere = argparse.SUPPRESS
+    parser.add_argument("--version", action=_Version, nargs=0, dest=nowhere, default=nowhere, help="print the version")
     commands = parser.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
     for command in COMMANDS.values():
         command.add(commands)

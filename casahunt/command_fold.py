@@ -8,9 +8,10 @@ from typing import Any
 
 from .adapt import Options
 from .checks import known
-from .console import add_common, finite, progress, progress_line, say, servo_of
+from .console import add_common, finite, progress, progress_line, say, servo_of, writable
 from .fold import find_fold
 from .hunting import MODELS
+from .sensitivity import fold_sensitivities
 
 
 def add(commands: Any) -> None:
@@ -18,6 +19,7 @@ def add(commands: Any) -> None:
     fold = commands.add_parser("fold", allow_abbrev=False, help="the largest gain at which the servo can hunt")
     add_common(fold)
     fold.add_argument("--model", default="switch", help="switch (default) or lugre")
+    fold.add_argument("--plot", metavar="F.png", help="write a picture of the sensitivities")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -25,7 +27,13 @@ def run(options: argparse.Namespace) -> int:
     model = known("model", options.model, MODELS)
     how = Options(tol=finite("tol", options.tol))
     servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     fold = find_fold(servo, model, options=how)  # type: ignore[arg-type]
+    slopes = fold_sensitivities(fold)
+    if plot:
+        from . import pictures_fold, plotting
+
+        plotting.save(pictures_fold.elasticities([fold], [slopes]), plot)
     record = {
         "model": model,
         "gain": fold.gain,
@@ -33,6 +41,8 @@ def run(options: argparse.Namespace) -> int:
         "period": fold.orbit.period,
         "error_estimate": fold.error_estimate,
         "optimised_gain": fold.optimised_gain,
+        "sensitivities": slopes.derivatives,
+        "elasticities": slopes.elasticities,
         "status": fold.status.name.lower(),
         "wall_s": fold.wall_s,
     }
@@ -45,5 +55,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"  amplitude there  {fold.orbit.amplitude:.10g} rad")
     print(f"  period there     {fold.orbit.period:.10g} s")
     print(f"  as the maximum of an optimisation problem (IPOPT): {fold.optimised_gain:.10g}")
+    print("  one per cent more of      changes the fold gain by")
+    for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
+        print(f"    {name:28s} {value:+9.4f} %")
     print(f"  {fold.wall_s:.2f} s")
     return 0
