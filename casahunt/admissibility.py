@@ -20,12 +20,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
 
 from .collocation import Kind, Scheme, scheme
-from .cycle import Admissible, Feature
+from .cycle import Feature
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -36,12 +35,6 @@ NOISE = 1e-10
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 LARGEST_JUMP = 0.5  # of a mode's feature between neighbouring collocation points
 _BETWEEN = np.linspace(0, 1, 33)
-
-
-@lru_cache(maxsize=64)
-def _condition(admissible: Admissible, n: int, parameters: int) -> ca.Function:
-    x, p, sign = ca.SX.sym("x", n), ca.SX.sym("p", parameters), ca.SX.sym("sign")
-    return ca.Function("admissible", [x, p, sign], [admissible(x, p, sign)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +72,15 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             return Verdict(f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s", k, unclear)
         if mode.admissible is None:
             continue
-        f = _condition(mode.admissible, t.n, setting.p.size)
         if t.counts[k]:
             inside = w[t.phase_intervals(k)]
-            values = np.array(f(inside.reshape(-1, t.n).T, setting.p, mode.sign)).reshape(inside.shape[:2])
+            values = mode.admissible(inside.reshape(-1, t.n).T, setting.p, mode.sign).reshape(inside.shape[:2])
             resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
             unclear[t.phase_intervals(k)] = _not_clear(t.scheme, values, mode.slack)
             values = values @ _dense(t.degree, t.kind)[0]
         else:
             start = t.phase_end[k] - 1
-            values = np.array(f(nodes[start : start + 2].T, setting.p, mode.sign)).reshape(1, -1)
+            values = mode.admissible(nodes[start : start + 2].T, setting.p, mode.sign).reshape(1, -1)
             resolution = np.zeros(1)
         lowest = values.min(axis=1) + mode.slack + NOISE * max(1.0, float(np.max(np.abs(values))))
         if np.any(lowest < -resolution):

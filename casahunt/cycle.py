@@ -10,7 +10,7 @@ servo, is closed after half a period with half the unknowns; `repeats` = 2 says 
 anchored by its event, so there are as many equations as unknowns and no other phase condition.
 
 Nothing here computes: fields, flows and events are functions from CasADi symbols to CasADi
-expressions, called once by whoever builds a transcription.
+expressions, called once by whoever builds a transcription; conditions and features take numpy arrays.
 
 Symbols: n states, P phases, p parameters.
 """
@@ -35,8 +35,8 @@ Flow = Callable[[Expression, Expression, Expression], Expression]
 EventFunction = Callable[[Expression, Expression, Expression], Expression]
 """(x, duration, p) -> scalar that vanishes at the end of the phase; of order one away from it."""
 
-Admissible = Callable[[Expression, Expression, Expression], Expression]
-"""(x, p, sign) -> scalar, >= 0 where the mode is a motion of the system; of order one."""
+Admissible = Callable[[Any, Any, float], Any]
+"""(x, p, sign) -> scalar, >= 0 where the mode is a motion of the system; of order one; (n, m) arrays to (m,)."""
 
 
 Feature = Callable[[Any, Any], Any]

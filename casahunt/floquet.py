@@ -27,6 +27,7 @@ Symbols: n states, E elements, P phases.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -41,6 +42,8 @@ MAX_ROUNDS = 12
 ROUND_TOLERANCE = 1e-13
 SMALLEST = 1e-12
 """Half multipliers below this are zero for every purpose and do not delay the iteration."""
+LARGEST = 1e150
+"""Half multipliers beyond this are cut to it, and the set is not trusted: their squares would overflow."""
 TRUSTED = 1e-5
 """A set whose trivial multiplier is off by more than this is not to be trusted."""
 
@@ -56,7 +59,7 @@ class Multipliers:
     full : (n,) complex multipliers of the full period, in the same order.
     leading : the nontrivial entry of `half` of largest modulus.
     log10_leading : log10 |leading|.
-    trivial_error : |trivial multiplier - 1|, the health figure.
+    trivial_error : |trivial multiplier - 1|, the health figure; inf where a multiplier was cut to `LARGEST`.
     """
 
     half: Array
@@ -169,7 +172,7 @@ def _field(t: Transcription, k: int, x: Array, setting: Setting) -> Array:
 def product_eigenvalues(factors: list[Array]) -> Array:
     """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
 
-    Orthogonal iteration around the cycle; see the module docstring.
+    Orthogonal iteration around the cycle; see the module docstring.  Moduli beyond `LARGEST` are cut to it.
     """
     n = factors[0].shape[1]
     if n == 0:
@@ -178,11 +181,15 @@ def product_eigenvalues(factors: list[Array]) -> Array:
     previous = np.full(n, np.inf, dtype=complex)
     values = previous
     for _ in range(MAX_ROUNDS):
-        start, triangular = q, np.eye(n)
+        start, triangular, exponent = q, np.eye(n), 0
         for factor in factors:
             q, r = np.linalg.qr(factor @ q)
             triangular = r @ triangular
-        values = np.linalg.eigvals((start.T @ q) @ triangular)
+            size = float(np.max(np.abs(triangular)))
+            if size > LARGEST:  # by a power of two: no digit changes
+                power = math.frexp(size)[1]
+                triangular, exponent = np.ldexp(triangular, -power), exponent + power
+        values = _cut(np.linalg.eigvals((start.T @ q) @ triangular), exponent)
         values = values[np.argsort(-np.abs(values), kind="stable")]
         alive = np.abs(values) > SMALLEST
         change = np.abs(np.abs(values) - np.abs(previous))[alive] / np.abs(values[alive])
@@ -190,6 +197,17 @@ def product_eigenvalues(factors: list[Array]) -> Array:
             break
         previous = values
     return values
+
+
+def _cut(values: Array, exponent: int) -> Array:
+    """values 2^exponent, with moduli of at most `LARGEST`."""
+    with np.errstate(divide="ignore"):
+        logs = np.log(np.abs(values)) + exponent * math.log(2)
+    large = logs > math.log(LARGEST)
+    if not large.any():
+        return values if exponent == 0 else np.ldexp(values.real, exponent) + 1j * np.ldexp(values.imag, exponent)
+    size = np.where(values == 0, 1.0, np.abs(values))
+    return values / size * np.where(large, LARGEST, np.exp(np.minimum(logs, math.log(LARGEST))))
 
 
 def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
@@ -209,7 +227,7 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
         full=half**repeats,
         leading=leading,
         log10_leading=float(np.log10(max(abs(leading), 1e-300))),
-        trivial_error=float(abs(trivial - 1)),
+        trivial_error=float(abs(trivial - 1)) if np.max(np.abs(half)) < 0.99 * LARGEST else math.inf,
     )
 
 

@@ -125,7 +125,7 @@ def _moves_forward(x: Any, p: Any, sign: Any) -> Any:
 def _slides_forward(x: Any, p: Any, sign: Any) -> Any:
     """s x2 as the reversal strength of a ring-down with that peak speed: x2 sqrt(sigma0 J)/Fs."""
     q = _symbols(p)
-    return sign * x[1] * ca.sqrt(q.sigma0 * q.J) / q.Fs
+    return sign * x[1] * np.sqrt(q.sigma0 * q.J) / q.Fs
 
 
 def _stribeck_drop(x: Any, p: Any) -> Any:
@@ -135,7 +135,7 @@ def _stribeck_drop(x: Any, p: Any) -> Any:
 
 
 def _torque_below_static(x: Any, p: Any, sign: Any) -> Any:
-    return 1 - ca.fabs(motor_torque(x, p)) / _symbols(p).Fs
+    return 1 - np.abs(motor_torque(x, p)) / _symbols(p).Fs
 
 
 def _velocity(x: Any, duration: Any, p: Any) -> Any:
