@@ -1,7 +1,7 @@
 """Special points of a branch, located between two orbits and stored with what they mean.
 
 A monitor is a function of an orbit and of the curve's tangent there that changes sign at the special
-point.  Between two successive orbits where it does, the root is found in arclength by Illinois steps of
+point.  Between two successive orbits where it does, the root is found in arclength by inverse interpolation between
 true corrections, down to rounding of the function or to the precision that it can have:
 
     fold               d lambda/d s = 0, the tangent's parameter component (multiplier mu = +1)
@@ -36,6 +36,8 @@ from .orbit import Orbit
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
+INVERSE_ROUNDS = 8
+"""Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
 MAX_FAILURES = 8
 ACCEPTED = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose gain is second
@@ -141,9 +143,14 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
     f_low = monitor.value(before, start)
     f_high = monitor.value(after, curve_point(after, vary, like=towards))
     best: tuple[float, Orbit] | None = None
+    seen = [(low, f_low), (high, f_high)]
     side, failures = 0, 0
-    for _ in range(LOCATE_ROUNDS):
+    for k in range(LOCATE_ROUNDS):
         ds = high - f_high * (high - low) / (f_high - f_low)
+        if 0 < k < INVERSE_ROUNDS:
+            ds = _inverse_interpolation(seen)
+        if not low < ds < high:
+            ds = high - f_high * (high - low) / (f_high - f_low)
         if failures:  # another length near by: mesh and phases may fall into place there
             ds += (0.02 if failures % 2 else -0.02) * failures * (high - low)
         if not low < ds < high:
@@ -157,6 +164,7 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
         failures = 0
         orbit = outcome[0]
         f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
+        seen.append((ds, f))
         if best is None or abs(f) < abs(best[0]):
             best = (f, orbit)
         if abs(f) <= monitor.tolerance or high - low <= 1e-13 * max(high, 1e-300):
@@ -170,6 +178,14 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
             f_high = f_high * 0.5 if side == -1 else f_high
             side = -1
     return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
+
+
+def _inverse_interpolation(seen: list[tuple[float, float]]) -> float:
+    """Where the polynomial s(f) through the three points nearest to the root has f = 0; nan where two coincide."""
+    s, f = np.array(sorted(seen, key=lambda point: abs(point[1]))[:3]).T
+    with np.errstate(all="ignore"):
+        weights = [np.prod([f[j] / (f[j] - f[i]) for j in range(f.size) if j != i]) for i in range(f.size)]
+        return float(np.dot(weights, s))
 
 
 def _change_of_sequence(before: Orbit, after: Orbit, vary: str, options: Options) -> Orbit | None:
