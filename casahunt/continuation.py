@@ -220,7 +220,7 @@ def walk(
         yield orbit
         if reached:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        like = _in_units_of(point.row, point.setting.scale, solved.setting.scale)
+        like = in_units_of(point.row, point.setting.scale, solved.setting.scale)
         lin = solved.solution.linearisation if not reached else None
         following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like, lin=lin)
         following = replace(following, bend=_bend(point, following, value_of(last.servo, last.gain, vary)))
@@ -245,14 +245,14 @@ def secant(before: Orbit, after: Orbit, vary: str) -> Array:
     return np.concatenate([x, [longer, there / here - 1]])
 
 
-def _in_units_of(row: Array, scale: Array, other: Array) -> Array:
+def in_units_of(row: Array, scale: Array, other: Array) -> Array:
     """A direction (n + 2,) in units of the state scale `scale`, in units of `other`."""
     n = scale.size
     return np.concatenate([row[:n] * scale / other, row[n:]])
 
 
 def _cosine(before: Point, after: Point) -> float:
-    carried = _in_units_of(before.row, before.setting.scale, after.setting.scale)
+    carried = in_units_of(before.row, before.setting.scale, after.setting.scale)
     return float(carried @ after.row / np.linalg.norm(carried))
 
 
@@ -318,7 +318,7 @@ def step_along(
         ds *= (bound / here - 1) / lam
         u, lam = predict(point, ds)
         lam = bound / here - 1
-    solved = _corrected(point, u, lam, last.model, options, ds=ds, border=None if reached else point.row)
+    solved = corrected(point, u, lam, last.model, options, ds=ds, border=None if reached else point.row)
     value = bound if reached else here * (1 + lam + solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
@@ -330,7 +330,7 @@ def step_along(
         model=last.model, servo=servo, gain=gain, status=solved.status, solver="newton",
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip
-    moved = _in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
+    moved = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
     if not 0.3 * ds < float(moved @ point.row) or np.linalg.norm(moved) > 3 * ds:
         return "the corrector went to another part of the curve"
     return orbit, solved, reached
@@ -387,7 +387,7 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
     target = value / here - 1
     ds = target / point.row[-1]
     u, _ = predict(point, ds)
-    solved = _corrected(point, u, target, last.model, options, ds=ds, border=None, solver=options.solver)
+    solved = corrected(point, u, target, last.model, options, ds=ds, border=None, solver=options.solver)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     servo, gain = with_value(last.servo, last.gain, vary, value)
@@ -402,7 +402,7 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
     return orbit
 
 
-def _corrected(
+def corrected(
     point: Point,
     u: Array,
     lam: float,
