@@ -440,6 +440,14 @@ def figure11(study: Study) -> Drawn:
         )
     above, below = figure.axes[:2]
     above.set_yscale("linear")
+    for text in list(above.texts):  # placed for the logarithmic axis
+        text.remove()
+    for branch in branches:
+        fold = _fold(branch)
+        above.annotate(
+            f"{NAMES[branch.model]} fold\nK = {fold.gain:.6g}", (fold.gain, fold.amplitude), (12, 0), fontsize=SMALL,
+            textcoords="offset points", va="center",
+        )  # fmt: skip
     above.plot([], [], marker="X", linestyle="none", color=MARK, markeredgecolor="black", markersize=9,
                label="where the report's shooting stopped")  # fmt: skip
     above.legend(loc="upper right", fontsize=SMALL, frameon=False)
