@@ -1,0 +1,430 @@
+"""The fold in two parameters: the curve K_fold(q), below which the servo can hunt.
+
+At a fold of the branch in the gain the tangent has no parameter component.  With a second parameter q the orbits
+near a fold form a surface with the coordinates
+
+    s   arclength along the branch:  r . (y - y_0),  r the tangent of the branch at the fold, y = (x_0, ln T_1, lambda)
+    c   the place of q in its range, 0 to 1: (q - A)/(B - A), or (ln q - ln A)/(ln B - ln A) for a wide range
+    phi(s, c) = d lambda/d s                 the parameter component of the unit tangent at the orbit (s, c)
+
+and the fold curve is phi = 0, followed by plane_curve.py.  Every value of phi is one corrected orbit with its error
+estimate: q is set, K = K_fold (1 + lambda) is free under the border row r.  The curve may turn back in q: a cusp,
+phi_s = 0, where two folds meet and vanish.
+
+Every point is checked against the optimisation problem (fold.py) - the largest gain nearby, or the smallest where
+phi_s > 0 - whose multipliers give the exact slope dK/dq (sensitivity.py).  Within `NEXT_TO_CUSP` of a cusp there is
+no extremum to be found; the slope is taken from the gain of the orbits beside the fold, d lambda/d c at s = 0.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .adapt import Options
+from .branch import SpecialPoint
+from .checks import known, require, shown
+from .continuation import Point, corrected, curve_point, in_units_of, predict, with_value
+from .errors import InputError, NoOrbit, Status
+from .fold import Fold, confirmed, find_fold
+from .hunting import MODELS, Model
+from .monitor import FOLD
+from .orbit import Orbit, direction_of, orbit_of, unknowns_of
+from .plane_curve import Reading, follow
+from .sensitivity import NAMES, fold_sensitivities
+from .servo import Servo, flatten
+from .solve import maximise_parameter
+
+Array = np.ndarray
+
+POINTS = 17
+"""Points over the range where the curve is not steep."""
+WIDE = 5.0
+"""Ratio of the ends of a range from which on the points are spread over the logarithm of the parameter."""
+LARGEST_CHANGE = 0.4
+"""Relative change of the gain from one point to the next, at most."""
+LARGEST_S = 0.3
+"""Largest step along the branch."""
+DIFFERENCE = 1e-3
+"""Step of the differences of phi, as a part of the largest step in c, and in s."""
+NEXT_TO_CUSP = 1e-3
+"""|phi_s| below which a fold is not an extremum that could be found."""
+VANISHING = 1e-4
+"""Part of the largest fold gain of the curve below which the fold counts as gone."""
+ASTRAY = 0.2
+"""Largest departure of the gain from the two slopes beside it, relative to its change."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The second parameter: its name and range."""
+
+    vary: str
+    start: float
+    end: float
+
+    @property
+    def wide(self) -> bool:
+        """Whether c is spread over the logarithm."""
+        a, b = sorted((self.start, self.end))
+        return a > 0 and b >= WIDE * a
+
+    def value(self, c: float) -> float:
+        """q at c; the ends exactly."""
+        if c in (0.0, 1.0):
+            return self.end if c else self.start
+        if self.wide:
+            return float(self.start * (self.end / self.start) ** c)
+        return self.start + c * (self.end - self.start)
+
+    def rate(self, c: float) -> float:
+        """dq/dc."""
+        return self.value(c) * float(np.log(self.end / self.start)) if self.wide else self.end - self.start
+
+
+@dataclass(frozen=True, eq=False)
+class FoldPoint:
+    """A point of a fold curve.
+
+    Attributes
+    ----------
+    value : the second parameter q.
+    gain : the fold gain K [V/rad].
+    slope : dK/dq.
+    orbit : the orbit at the fold, with the servo there.
+    error_estimate : the largest estimated relative error of gain, amplitude and period.
+    curvature : phi_s, the second derivative of lambda along the branch: < 0 where the gain is the largest, > 0 where
+        it is the smallest, 0 at a cusp.
+    status : as everywhere.
+    """
+
+    value: float
+    gain: float
+    slope: float
+    orbit: Orbit
+    error_estimate: float
+    curvature: float
+    status: Status
+
+    @property
+    def elasticity(self) -> float:
+        """q/K dK/dq, per cent of gain for one per cent of the parameter."""
+        return self.value * self.slope / self.gain
+
+
+@dataclass(frozen=True, eq=False)
+class FoldCurve:
+    """The fold gain against a second parameter.
+
+    Attributes
+    ----------
+    model, servo, vary : the problem; the servo as given.
+    points : in order along the curve, cusps among them.
+    cusps : the points where the curve turns back in q.
+    ended : sentence that says why the curve ended.
+    status : CONVERGED where the whole range, or all of it that has a fold, was covered.
+    wall_s : time [s].
+    """
+
+    model: Model
+    servo: Servo
+    vary: str
+    points: tuple[FoldPoint, ...]
+    cusps: tuple[FoldPoint, ...]
+    ended: str
+    status: Status
+    wall_s: float
+
+    @property
+    def values(self) -> Array:
+        """The second parameter."""
+        return np.array([point.value for point in self.points])
+
+    @property
+    def gains(self) -> Array:
+        """The fold gains."""
+        return np.array([point.gain for point in self.points])
+
+    @property
+    def slopes(self) -> Array:
+        """dK/dq."""
+        return np.array([point.slope for point in self.points])
+
+
+def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
+    """(q, K) of the cubic through the points of a curve with their exact slopes, `samples` for each gap."""
+    q, K, slope = curve.values, curve.gains, curve.slopes
+    if len(q) < 2:
+        return q, K
+    x = np.linspace(0, 1, samples, endpoint=False)
+    h, rise = np.diff(q)[:, None], np.diff(K)[:, None]
+    a, b = slope[:-1, None] * h - rise, rise - slope[1:, None] * h
+    between = K[:-1, None] + x * rise + x * (1 - x) * (a * (1 - x) + b * x)
+    return np.append((q[:-1, None] + x * h).ravel(), q[-1]), np.append(between.ravel(), K[-1])
+
+
+# The surface of orbits beside a fold ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What all charts share."""
+
+    model: Model
+    servo: Servo
+    axis: Axis
+    options: Options
+    spacing: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Chart:
+    """Coordinates (s, m) around a fold (plane_curve.Chart)."""
+
+    problem: _Problem
+    orbit: Orbit
+    point: Point
+    position: float
+    steepness: float = 0.0
+    """d ln K/dc."""
+    tilt: Array | None = field(default=None, repr=False)
+    """(size,) derivative of u by c at s = 0 and along the fold gain; durations by their logarithms."""
+    gradient: tuple[float, float] = (0.0, 0.0)
+    fold: FoldPoint | None = None
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        return LARGEST_S, min(self.problem.spacing, LARGEST_CHANGE / max(abs(self.steepness), 1e-9))
+
+    def value(self, s: float, m: float) -> Reading | str:
+        began = time.perf_counter()
+        problem, t = self.problem, self.point.t
+        q = problem.axis.value(self.position + m)
+        gain = self.orbit.gain * float(np.exp(np.clip(self.steepness * m, -1.0, 1.0)))
+        try:
+            servo = problem.servo.replace(**{problem.axis.vary: q})
+        except InputError as error:
+            return str(error)
+        u, _ = predict(self.point, s)
+        if self.tilt is not None:
+            u[: -t.phases] += m * self.tilt[: -t.phases]
+            t.durations_of(u)[:] *= np.exp(np.clip(m * self.tilt[-t.phases :], -1.0, 1.0))
+        p = servo.parameters(gain)
+        setting = replace(self.point.setting, p=p, dp=direction_of("gain") * gain)
+        ds = float(np.hypot(s, m))
+        solved = corrected(
+            replace(self.point, setting=setting), u, 0.0, problem.model, problem.options, ds=ds, border=self.point.row
+        )
+        if not solved.status.ok or solved.estimate is None:
+            return solved.complaint()
+        gain *= 1 + solved.solution.parameter
+        if not gain > 0:
+            return "the corrector came to a gain below zero"
+        orbit = orbit_of(
+            solved.t, solved.solution, solved.setting, solved.estimate,
+            model=problem.model, servo=servo, gain=gain, status=solved.status, solver="newton",
+            iterations=solved.iterations, wall_s=time.perf_counter() - began,
+        )  # fmt: skip
+        like = in_units_of(self.point.row, self.point.setting.scale, orbit.scale)
+        return Reading(float(curve_point(orbit, "gain", like=like).row[-1]), orbit)
+
+    def moved(self, s: float, m: float, reading: Reading) -> _Chart | str:
+        chart = _chart(self.problem, reading.data, self.position + m, like=self)
+        if isinstance(chart, str):
+            return chart
+        # A step to another fold is seen by the slopes: the curve would have a bend between them.
+        rise = float(np.log(chart.orbit.gain / self.orbit.gain))
+        first, second = self.steepness * m, chart.steepness * m
+        if abs(rise - (first + second) / 2) > ASTRAY * max(abs(rise), abs(first), abs(second)) + 1e-3:
+            return "the corrector went to another fold"
+        return chart
+
+
+def _chart(problem: _Problem, orbit: Orbit, position: float, *, like: _Chart | None) -> _Chart | str:
+    """The chart of a fold, with slope, gradient and tilt, or a sentence."""
+    row = None if like is None else in_units_of(like.point.row, like.point.setting.scale, orbit.scale)
+    bare = _Chart(problem, orbit, curve_point(orbit, "gain", like=row), position)
+    beside = [bare.value(sign * DIFFERENCE, 0.0) for sign in (1, -1)]
+    if isinstance(beside[0], str):
+        return beside[0]
+    if isinstance(beside[1], str):
+        return beside[1]
+    phi_s = (beside[0].value - beside[1].value) / (2 * DIFFERENCE)
+    # Inwards, where the parameter has its range; K may be steep.
+    m = DIFFERENCE * problem.spacing * (1 if position < 0.5 else -1)
+    name = problem.axis.vary
+    slope: float | None = None
+    error = max(orbit.parameter_error, orbit.error_estimate)
+    if abs(phi_s) > NEXT_TO_CUSP:
+        try:
+            fold = _extremum(orbit, phi_s < 0, problem.options)
+        except NoOrbit as complaint:
+            return str(complaint)
+        slope, error = fold_sensitivities(fold).derivatives[name], fold.error_estimate
+    rate = problem.axis.rate(position)
+    bare = replace(bare, steepness=0.0 if slope is None else slope * rate / orbit.gain)
+    ahead = bare.value(0.0, m)
+    if isinstance(ahead, str):
+        return ahead
+    if slope is None:  # d lambda/d s vanishes: the gain beside the fold, at s = 0, has the slope of the curve
+        steepness = float(np.log(ahead.data.gain / orbit.gain)) / m
+        slope = steepness * orbit.gain / rate
+        bare = replace(bare, steepness=steepness)
+    found = FoldPoint(problem.axis.value(position), orbit.gain, slope, orbit, error, phi_s, orbit.status)
+    gradient = (phi_s, ahead.value / m)
+    return replace(bare, tilt=_tilt(bare, ahead.data, m), gradient=gradient, fold=found)
+
+
+def _tilt(chart: _Chart, ahead: Orbit, m: float) -> Array | None:
+    """(size,) change of u by c from an orbit beside the fold; None where mesh or phases are others."""
+    t, u, setting = chart.point.t, chart.point.u, chart.point.setting
+    other, v, its = unknowns_of(ahead)
+    if other is not t or not np.array_equal(its.fractions, setting.fractions):
+        return None
+    factor = its.scale / setting.scale
+    v = v.copy()
+    durations = np.log(t.durations_of(v) / t.durations_of(u)) / m
+    nodes = t.nodes_of(v) * factor
+    t.intervals_of(v)[:] *= np.tile(factor, t.degree + 1)
+    v[t.node_index] = nodes
+    tilt = (v - u) / m
+    t.durations_of(tilt)[:] = durations
+    return tilt
+
+
+def _extremum(orbit: Orbit, largest: bool, options: Options) -> Fold:
+    """A located fold, checked against the optimisation problem: the largest gain nearby, or the smallest."""
+    if largest:
+        return confirmed(SpecialPoint(FOLD.kind, orbit, ""), options)
+    t, u, setting = unknowns_of(orbit)
+    least = maximise_parameter(t, u, replace(setting, dp=-direction_of("gain") * orbit.gain))
+    error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
+    if not least.status.ok or error > options.tol:
+        raise NoOrbit(f"the fold at gain {orbit.gain:.10g} is not confirmed as the smallest gain", least.status)
+    gain = orbit.gain * (1 - least.parameter)
+    return Fold(orbit, orbit.gain, error, gain, -least.multipliers, orbit.status, orbit.wall_s)
+
+
+# The curve -------------------------------------------------------------------------------------------------------
+
+
+def fold_curve(
+    servo: Servo,
+    model: Model,
+    *,
+    vary: str,
+    start: float,
+    end: float,
+    points: int = POINTS,
+    options: Options | None = None,
+) -> FoldCurve:
+    """The fold gain of a servo while one of its parameters runs over a range.
+
+    Parameters
+    ----------
+    servo, model
+        the problem; the servo's own value of the parameter need not lie in the range.
+    vary
+        name of the parameter (sensitivity.NAMES).
+    start, end
+        range of the parameter; the points run from `start` to `end`.
+    points
+        about how many, at least 2; more where the gain changes by more than 40 % between two of them.
+    options
+        `tol` bounds the relative errors of gain, amplitude and period at every point.
+
+    Returns
+    -------
+    FoldCurve; its `ended` says how far it leads where the range has no fold everywhere.
+
+    Raises
+    ------
+    InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
+    NoOrbit : no fold at either end of the range.
+    """
+    began = time.perf_counter()
+    options = options or Options()
+    known("model", model, MODELS)
+    check_range(servo, vary, start, end)
+    require("points", points, at_least=2)
+    axis = Axis(vary, float(start), float(end))
+    problem = _Problem(model, servo, axis, options, 1 / (points - 1))
+    first, c = _first_fold(problem)
+    chart = _chart(problem, first.orbit, c, like=None)
+    if isinstance(chart, str):
+        raise NoOrbit(f"the fold of the {model} servo at {vary} = {axis.value(c):g} cannot be followed: {chart}")
+    found: list[FoldPoint] = []
+    cusps: list[FoldPoint] = []
+    places = follow(chart, sense=1.0 if c == 0 else -1.0)
+    while True:
+        try:
+            place = next(places)
+        except StopIteration as stop:
+            reason = stop.value
+            break
+        found.append(place.chart.fold)
+        if place.turns:
+            cusps.append(place.chart.fold)
+        if found[-1].gain < VANISHING * max(point.gain for point in found):
+            reason = f"the fold gain has fallen to {found[-1].gain:.3g} and tends to zero"
+            break
+    if c == 1:
+        found, cusps = found[::-1], cusps[::-1]
+        last = found[0]
+    else:
+        last = found[-1]
+    sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason)
+    return FoldCurve(
+        model, servo, vary, tuple(found), tuple(cusps), sentence, status, time.perf_counter() - began
+    )
+
+
+def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
+    """Whether a parameter can run over a range.
+
+    Raises
+    ------
+    InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
+    """
+    known("parameter", vary, NAMES)
+    if start == end:
+        raise InputError(f"from = to = {shown(start)}: must differ")
+    for bound in (start, end):
+        servo.replace(**{vary: bound})
+
+
+def _first_fold(problem: _Problem) -> tuple[Fold, float]:
+    """(a fold at an end of the range, its c): the end next to the servo's own value, or else the other."""
+    axis = problem.axis
+    own = flatten(problem.servo)[axis.vary]
+    order = (0.0, 1.0) if abs(own - axis.start) <= abs(own - axis.end) else (1.0, 0.0)
+    complaints = []
+    for c in order:
+        servo, _ = with_value(problem.servo, 1.0, axis.vary, axis.value(c))
+        try:
+            return find_fold(servo, problem.model, options=problem.options), c
+        except NoOrbit as error:
+            complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {error}")
+    raise NoOrbit("no fold at either end of the range; " + "; ".join(complaints))
+
+
+def _ending(problem: _Problem, last: FoldPoint, goal: float, turned: bool, reason: str) -> tuple[str, Status]:
+    """(sentence about where the curve ends, CONVERGED where nothing is missing)."""
+    vary = problem.axis.vary
+    if not reason:
+        back = ", where it began, after a cusp" if turned and last.value != goal else ", the end of the range"
+        return f"{vary} reached {shown(last.value)}{back}", Status.CONVERGED
+    where = f"the fold was followed to {vary} = {last.value:.8g}, K = {last.gain:.6g}"
+    servo = problem.servo.replace(**{vary: goal})
+    if not servo.friction.falls:
+        return (
+            f"{where}; towards {vary} = {shown(goal)} the friction no longer falls with the velocity anywhere, and "
+            "nothing feeds a cycle",
+            Status.CONVERGED,
+        )
+    return f"{where}, and no further: {reason}", Status.NOT_CONVERGED
+
+
+__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "check_range", "fold_curve", "hermite"]
