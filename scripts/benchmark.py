@@ -22,13 +22,16 @@ Writes benchmark.csv, benchmark.json, benchmark.png and the table to standard ou
 from __future__ import annotations
 
 import argparse
+import cProfile
 import csv
 import json
 import platform
+import pstats
 import resource
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -296,6 +299,32 @@ def diagram_rows(model: str, repeats: int, quick: bool) -> list[Row]:
     return list(rows.values())
 
 
+SHARES = (
+    ("collocation equations and their Jacobian (CasADi)", ("interval.py",)),
+    ("stage elimination (numpy.linalg)", ("_linalg.py",)),
+    ("node systems: sparse QR (CasADi)", ("node_system.py", "casadi.py", "_casadi")),
+    ("assembly and Newton steps", ("transcription.py", "solve.py")),
+    ("error estimate and meshes", ("mesh.py", "collocation.py", "adapt.py")),
+    ("predictor, tangents, records", ("continuation.py", "monitor.py", "orbit.py")),
+    ("checks that a root is a motion", ("admissibility.py", "hunting.py", "resequence.py", "march.py")),
+)
+
+
+def where_the_time_goes(model: str) -> dict[str, float]:
+    """Shares of the time of a whole diagram, by what is done."""
+    start = find_orbit(table1.servo(), model, START, options=Options(tol=1e-9))  # type: ignore[arg-type]
+    whole_diagram(start, 1e-7, FOLD_TOLERANCE[model])
+    profile = cProfile.Profile()
+    profile.enable()
+    whole_diagram(start, 1e-7, FOLD_TOLERANCE[model])
+    profile.disable()
+    times: Counter[str] = Counter()
+    for (file, _, name), (_, _, own, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        where = file + name
+        times[next((what for what, parts in SHARES if any(part in where for part in parts)), "the rest")] += own
+    return {what: seconds / sum(times.values()) for what, seconds in times.most_common()}
+
+
 def table(rows: list[Row]) -> str:
     """The rows as text."""
     titles = f"{'scene':15s} {'model':7s} {'method':36s} {'setting':18s} {'seconds':>9s} {'error':>9s} {'points':>6s}"
@@ -396,13 +425,17 @@ def main() -> None:
                 fresh += diagram_rows(model, repeats, options.quick)
             print(table(fresh), flush=True)
             rows += fresh
-    facts = {
+    facts: dict[str, Any] = {
         "python": platform.python_version(), "casadi": casadi.__version__, "numpy": np.__version__,
         "processor": platform.machine(), "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "ratios": ratios(rows),
     }  # fmt: skip
+    facts["where_the_time_goes"] = {m: where_the_time_goes(m) for m in options.model if "diagram" in options.only}
     for line in facts["ratios"]:
         print(line)
+    for model, shares in facts["where_the_time_goes"].items():
+        print(f"where the time of the {model} diagram goes: "
+              + ", ".join(f"{what} {share:.0%}" for what, share in shares.items()))  # fmt: skip
     print(f"peak memory {facts['peak_memory_MB']:.0f} MB")
     (out / "benchmark.json").write_text(json.dumps(facts | {"rows": [asdict(r) for r in rows]}, indent=1) + "\n")
     with (out / "benchmark.csv").open("w", newline="") as file:
