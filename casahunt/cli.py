@@ -26,6 +26,7 @@ from . import (
     command_orbit,
     command_record,
     command_simulate,
+    command_uncertainty,
 )
 from .checks import known
 from .console import Parser, complain
@@ -41,6 +42,7 @@ COMMANDS = {
     "basin": command_basin,
     "simulate": command_simulate,
     "record": command_record,
+    "uncertainty": command_uncertainty,
 }
 
 
