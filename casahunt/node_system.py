@@ -145,6 +145,7 @@ class _LinearSolve:
     def __call__(self, nonzeros: Array, rhs: Array) -> Array:
         self._nonzeros[:] = nonzeros
         self._rhs[:] = rhs
+        self._out.fill(np.nan)  # a singular matrix leaves the output as it is: it must not be an earlier answer
         self._trigger()
         return self._out.copy()
 

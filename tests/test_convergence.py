@@ -6,15 +6,18 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from casahunt import Options, find_orbit
 from casahunt.cycle import Cycle
 from casahunt.errors import Status
 from casahunt.floquet import multipliers
 from casahunt.hunting import SWITCH_HALF, Signature, hunting_cycle
 from casahunt.nlp import graphs, lagrangian_hessian
+from casahunt.orbit import unknowns_of
 from casahunt.servo import PARAMETERS, Servo
 from casahunt.solve import ipopt, newton
 from casahunt.transcription import Setting, Transcription, transcribe
 from problems import stuart_landau as sl
+from problems import table1
 
 Array = np.ndarray
 
@@ -268,3 +271,14 @@ def test_adjoint_solve_is_the_transpose(name):
     (psi,) = t.system.solve_transposed(lin.matrix(t.system.border(parameter=1.0)), goal[None])
     expected = float(np.sum(np.linalg.solve(J, -residual)[-t.phases :]))
     assert psi @ lin.rhs() == pytest.approx(expected, rel=1e-15 * np.linalg.cond(J) + 1e-12)
+
+
+def test_a_singular_node_system_has_no_answer():
+    """CasADi's sparse solve leaves its output buffer alone where the matrix is singular."""
+    found = find_orbit(table1.servo(), "switch", 0.3, options=Options(tol=1e-6))
+    t, u, setting = unknowns_of(found)
+    lin = t.linearise(u, setting)
+    good, _ = lin.tangent(t.system.border(parameter=1.0))
+    assert np.isfinite(good).all()
+    bad, y = lin.tangent(t.system.border())
+    assert not np.isfinite(y).all() and not np.isfinite(bad).all()
