@@ -19,6 +19,7 @@ no extremum to be found; the slope is taken from the gain of the orbits beside t
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -51,8 +52,12 @@ DIFFERENCE = 1e-3
 """Step of the differences of phi, as a part of the largest step in c, and in s."""
 NEXT_TO_CUSP = 1e-3
 """|phi_s| below which a fold is not an extremum that could be found."""
-VANISHING = 1e-4
-"""Part of the largest fold gain of the curve below which the fold counts as gone."""
+VANISHING = 2e-2
+"""Part of the largest fold gain of the curve below which a fold that tends to zero counts as gone."""
+GONE = 1e-5
+"""The same where it is not known why it should."""
+STEEP = 30.0
+"""|d ln K/dc| from which on a gain tends to zero: a straight line would get there within 1/30 of the range."""
 ASTRAY = 0.2
 """Largest departure of the gain from the two slopes beside it, relative to its change."""
 
@@ -231,7 +236,7 @@ class _Chart:
         return Reading(float(curve_point(orbit, "gain", like=like).row[-1]), orbit)
 
     def moved(self, s: float, m: float, reading: Reading) -> _Chart | str:
-        chart = _chart(self.problem, reading.data, self.position + m, like=self)
+        chart: _Chart | str = _chart(self.problem, reading.data, self.position + m, like=self)
         if isinstance(chart, str):
             return chart
         # A step to another fold is seen by the slopes: the curve would have a bend between them.
@@ -319,6 +324,7 @@ def fold_curve(
     end: float,
     points: int = POINTS,
     options: Options | None = None,
+    report: Callable[[FoldPoint], None] | None = None,
 ) -> FoldCurve:
     """The fold gain of a servo while one of its parameters runs over a range.
 
@@ -334,6 +340,8 @@ def fold_curve(
         about how many, at least 2; more where the gain changes by more than 40 % between two of them.
     options
         `tol` bounds the relative errors of gain, amplitude and period at every point.
+    report
+        called with every point as it is found.
 
     Returns
     -------
@@ -351,12 +359,12 @@ def fold_curve(
     require("points", points, at_least=2)
     axis = Axis(vary, float(start), float(end))
     problem = _Problem(model, servo, axis, options, 1 / (points - 1))
-    first, c = _first_fold(problem)
-    chart = _chart(problem, first.orbit, c, like=None)
-    if isinstance(chart, str):
-        raise NoOrbit(f"the fold of the {model} servo at {vary} = {axis.value(c):g} cannot be followed: {chart}")
+    chart = _first_chart(problem)
+    c = chart.position
     found: list[FoldPoint] = []
     cusps: list[FoldPoint] = []
+    reason, gone = "", False
+    goal = servo.replace(**{vary: axis.value(1 - c)})
     places = follow(chart, sense=1.0 if c == 0 else -1.0)
     while True:
         try:
@@ -365,17 +373,23 @@ def fold_curve(
             reason = stop.value
             break
         found.append(place.chart.fold)
+        if report is not None:
+            report(found[-1])
         if place.turns:
             cusps.append(place.chart.fold)
-        if found[-1].gain < VANISHING * max(point.gain for point in found):
-            reason = f"the fold gain has fallen to {found[-1].gain:.3g} and tends to zero"
+        share = found[-1].gain / max(point.gain for point in found)
+        if share < VANISHING and unfed(goal) and abs(place.chart.steepness) > STEEP:
+            gone = True
+            break
+        if share < GONE:
+            reason = f"its gain has fallen to {share:.2g} of the largest one"
             break
     if c == 1:
         found, cusps = found[::-1], cusps[::-1]
         last = found[0]
     else:
         last = found[-1]
-    sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason)
+    sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason, gone)
     return FoldCurve(
         model, servo, vary, tuple(found), tuple(cusps), sentence, status, time.perf_counter() - began
     )
@@ -395,36 +409,53 @@ def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
         servo.replace(**{vary: bound})
 
 
-def _first_fold(problem: _Problem) -> tuple[Fold, float]:
-    """(a fold at an end of the range, its c): the end next to the servo's own value, or else the other."""
+def _first_chart(problem: _Problem) -> _Chart:
+    """The fold at an end of the range: the end next to the servo's own value, or else the other."""
     axis = problem.axis
     own = flatten(problem.servo)[axis.vary]
     order = (0.0, 1.0) if abs(own - axis.start) <= abs(own - axis.end) else (1.0, 0.0)
     complaints = []
     for c in order:
         servo, _ = with_value(problem.servo, 1.0, axis.vary, axis.value(c))
+        chart: _Chart | str
         try:
-            return find_fold(servo, problem.model, options=problem.options), c
+            chart = _chart(problem, find_fold(servo, problem.model, options=problem.options).orbit, c, like=None)
         except NoOrbit as error:
-            complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {error}")
-    raise NoOrbit("no fold at either end of the range; " + "; ".join(complaints))
+            chart = str(error)
+        if isinstance(chart, _Chart):
+            return chart
+        complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {chart}")
+    raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints))
 
 
-def _ending(problem: _Problem, last: FoldPoint, goal: float, turned: bool, reason: str) -> tuple[str, Status]:
+def _ending(
+    problem: _Problem, last: FoldPoint, goal: float, turned: bool, reason: str, gone: bool
+) -> tuple[str, Status]:
     """(sentence about where the curve ends, CONVERGED where nothing is missing)."""
     vary = problem.axis.vary
+    where = f"the fold was followed to {vary} = {last.value:.8g}, K = {last.gain:.6g}"
+    if gone:
+        return (
+            f"{where}, and tends to zero from there: towards {vary} = {shown(goal)} the friction curve falls too "
+            "little to feed a cycle",
+            Status.CONVERGED,
+        )
     if not reason:
         back = ", where it began, after a cusp" if turned and last.value != goal else ", the end of the range"
         return f"{vary} reached {shown(last.value)}{back}", Status.CONVERGED
-    where = f"the fold was followed to {vary} = {last.value:.8g}, K = {last.gain:.6g}"
-    servo = problem.servo.replace(**{vary: goal})
-    if not servo.friction.falls:
-        return (
-            f"{where}; towards {vary} = {shown(goal)} the friction no longer falls with the velocity anywhere, and "
-            "nothing feeds a cycle",
-            Status.CONVERGED,
-        )
     return f"{where}, and no further: {reason}", Status.NOT_CONVERGED
 
 
-__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "check_range", "fold_curve", "hermite"]
+def unfed(servo: Servo) -> bool:
+    """Whether the loop without dry friction, damped by the least slope of the friction curve, is stable at every gain.
+
+    Routh-Hurwitz: K cm tau_d + sigma > J/(tau_i + tau_d), where sigma = sigma2 - (Fs - Fc)/vs sqrt(2/e) is the least
+    slope of g(v) + sigma2 v.  Fold gains tend to zero on the way there; pure Coulomb friction lies beyond it where
+    sigma2 does.
+    """
+    f, c = servo.friction, servo.controller
+    least = f.viscous - (f.static - f.coulomb) / f.stribeck_velocity * np.sqrt(2 / np.e)
+    return bool(least >= servo.inertia / (c.integral_time + c.lead_time)) or f.static == f.coulomb
+
+
+__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "check_range", "fold_curve", "hermite", "unfed"]

@@ -28,6 +28,10 @@ ACCEPTED = 1e-5
 ROUNDS = 40
 SHORTEST = 1e-4
 """Part of the largest step below which the curve is given up."""
+TURNED, UPRIGHT = 1e-6, 1e-3
+"""|t_c| at which a turn is located, and with which it is accepted."""
+CAUTION, RECOVERY = 0.7, 1.25
+"""After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
 LARGEST_ANGLE = 0.35
 """Angle between successive tangents [rad] at which the step is left as it is."""
 NEARLY = 1.3
@@ -55,11 +59,11 @@ class Chart(Protocol):
     """
 
     @property
-    def position(self) -> float: ...  # noqa: D102
+    def position(self) -> float: ...
     @property
-    def gradient(self) -> tuple[float, float]: ...  # noqa: D102
+    def gradient(self) -> tuple[float, float]: ...
     @property
-    def reach(self) -> tuple[float, float]: ...  # noqa: D102
+    def reach(self) -> tuple[float, float]: ...
 
     def value(self, s: float, m: float) -> Reading | str:
         """phi, or a sentence about why there is none."""
@@ -97,7 +101,7 @@ def tangent_at(chart: Chart, like: Array) -> Array:
 
 
 def follow(
-    chart: Chart, *, sense: float, low: float = 0.0, high: float = 1.0, most: int = 500
+    chart: Chart, *, sense: float, low: float = 0.0, high: float = 1.0, most: int = 200
 ) -> Generator[Place, None, str]:
     """Places along the curve, the given one first, until c leaves [low, high].
 
@@ -119,11 +123,12 @@ def follow(
     """
     last = Place(chart, tangent_at(chart, np.array([0.0, sense])))
     yield last
-    share = 1.0
+    share = ceiling = 1.0
     for _ in range(most):
         step = share * _longest(last)
         found = _stepped(last, step, low, high)
         if isinstance(found, str):
+            ceiling = CAUTION * share
             share *= 0.5
             if share < SHORTEST:
                 return found
@@ -131,15 +136,27 @@ def follow(
         place, reached = found
         if place.tangent[1] * last.tangent[1] < 0:
             turn = _located_turn(last, step, place, low, high)
-            if turn is not None:
-                yield turn
+            if turn is None:  # a jump of the tangent, not a turn
+                ceiling = CAUTION * share
+                share *= 0.5
+                if share < SHORTEST:
+                    return "the curve seems to turn back, but no place is found where it does"
+                continue
+            yield turn
         yield place
         if reached:
             return ""
-        angle = float(np.arccos(np.clip(place.tangent @ last.tangent, -1, 1)))
-        share = min(1.0, share * float(np.clip(LARGEST_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
+        angle = _angle(place.tangent, last.tangent, last.chart.reach)
+        share = min(ceiling, share * float(np.clip(LARGEST_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
+        ceiling = min(RECOVERY * ceiling, 1.0)
         last = place
     return f"stopped after {most} places"
+
+
+def _angle(one: Array, other: Array, reach: tuple[float, float]) -> float:
+    """Angle between two directions where the largest steps in s and c count alike."""
+    a, b = one / reach, other / reach
+    return float(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
 
 
 def _longest(place: Place) -> float:
@@ -232,7 +249,7 @@ def _located_turn(before: Place, step: float, after: Place, low: float, high: fl
         f = float(place.tangent[1])
         if best is None or abs(f) < abs(best.tangent[1]):
             best = place
-        if abs(f) <= 1e-6:
+        if abs(f) <= TURNED:
             break
         if f * f_b > 0:
             b, f_b = h, f
@@ -242,4 +259,6 @@ def _located_turn(before: Place, step: float, after: Place, low: float, high: fl
             a, f_a = h, f
             f_b *= 0.5 if side == -1 else 1.0
             side = -1
-    return None if best is None else Place(best.chart, best.tangent, turns=True)
+    if best is None or abs(best.tangent[1]) > UPRIGHT:
+        return None
+    return Place(best.chart, best.tangent, turns=True)

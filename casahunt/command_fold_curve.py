@@ -1,0 +1,155 @@
+"""casahunt fold-curve: the largest gain at which the servo can hunt, while another parameter runs over a range."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from .adapt import Options
+from .checks import known
+from .console import add_common, complain, finite, progress, say, servo_of, writable
+from .errors import InputError, NoOrbit
+from .fold_curve import POINTS, FoldCurve, FoldPoint, check_range, fold_curve
+from .hunting import MODELS
+
+CSV_COLUMNS = (
+    "model",
+    "parameter",
+    "value",
+    "gain",
+    "amplitude_rad",
+    "period_s",
+    "slope",
+    "elasticity",
+    "error_estimate",
+    "status",
+    "special",
+)
+MOST_POINTS = 1000
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser(
+        "fold-curve", allow_abbrev=False, help="the fold gain against another parameter: where the servo cannot hunt"
+    )
+    add_common(command)
+    command.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
+    command.add_argument("--vary", required=True, metavar="KEY", help="the parameter, e.g. friction.static")
+    command.add_argument("--from", dest="start", required=True, metavar="A", help="where its range begins")
+    command.add_argument("--to", required=True, metavar="B", help="where its range ends")
+    command.add_argument("--points", default=POINTS, metavar="N", help=f"about how many points (default {POINTS})")
+    command.add_argument("--csv", metavar="F.csv", help="write the points")
+    command.add_argument("--plot", metavar="F.png", help="write a picture of the gains with and without hunting")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute, write and print; returns the exit code."""
+    models = [known("model", model, MODELS) for model in options.model or MODELS]
+    if len(set(models)) != len(models):
+        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+    how = Options(tol=finite("tol", options.tol))
+    servo = servo_of(options)
+    start, end = finite("from", options.start), finite("to", options.to)
+    check_range(servo, options.vary, start, end)
+    points = _count(options.points)
+    table = writable("csv", options.csv, (".csv",))
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    began = time.perf_counter()
+    stream = progress(options.quiet)
+    curves: list[FoldCurve] = []
+    failures: list[str] = []
+    for model in models:
+        try:
+            curve = fold_curve(
+                servo, model, vary=options.vary, start=start, end=end, points=points, options=how,  # type: ignore[arg-type]
+                report=lambda point: say(stream, _line(options.vary, point)),
+            )  # fmt: skip
+        except NoOrbit as error:
+            failures.append(str(error))
+        else:
+            curves.append(curve)
+            if not curve.status.ok:
+                failures.append(f"the curve of the {model} servo is not complete: {curve.ended}")
+    if not curves:
+        raise NoOrbit("; ".join(failures))
+    for failure in failures:
+        complain("casahunt fold-curve", failure)
+    if table:
+        _write(curves, table)
+    if plot:
+        from . import pictures_fold_curve, plotting
+
+        plotting.save(pictures_fold_curve.regions(curves), plot)
+    if options.json:
+        records = [_record(curve) for curve in curves]
+        print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - began}))
+        return 1 if failures else 0
+    for curve in curves:
+        print(f"{curve.model} servo: {len(curve.points)} points; {curve.ended}")
+        print(f"  {curve.vary:>28s}  {'fold gain':>13s}  {'amplitude rad':>13s}  {'period s':>11s}  {'elasticity':>10s}")
+        for point in curve.points:
+            print(
+                f"  {point.value:28.9g}  {point.gain:13.9g}  {point.orbit.amplitude:13.7g}  {point.orbit.period:11.7g}  "
+                f"{point.elasticity:+10.4f}" + ("  cusp" if point in curve.cusps else "")
+            )
+        print(f"  {curve.wall_s:.2f} s")
+    return 1 if failures else 0
+
+
+def _count(text: Any) -> int:
+    """--points as a whole number."""
+    value = finite("points", text)
+    if value != int(value) or not 2 <= value <= MOST_POINTS:
+        raise InputError(f"points = {text}: must be a whole number from 2 to {MOST_POINTS}")
+    return int(value)
+
+
+def _line(vary: str, point: FoldPoint) -> str:
+    """A line of progress."""
+    return (
+        f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {point.gain:.8g}  "
+        f"amplitude = {point.orbit.amplitude:.6g} rad  period = {point.orbit.period:.6g} s"
+    )
+
+
+def _record(curve: FoldCurve) -> dict[str, Any]:
+    return {
+        "model": curve.model,
+        "vary": curve.vary,
+        "points": [
+            {
+                "value": point.value,
+                "gain": point.gain,
+                "amplitude": point.orbit.amplitude,
+                "period": point.orbit.period,
+                "slope": point.slope,
+                "elasticity": point.elasticity,
+                "error_estimate": point.error_estimate,
+            }
+            for point in curve.points
+        ],
+        "special": [{"kind": "cusp", "value": point.value, "gain": point.gain} for point in curve.cusps],
+        "ended": curve.ended,
+        "status": curve.status.name.lower(),
+        "wall_s": curve.wall_s,
+    }
+
+
+def _write(curves: list[FoldCurve], path: Path) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(CSV_COLUMNS)
+        for curve in curves:
+            for p in curve.points:
+                writer.writerow(
+                    [
+                        curve.model, curve.vary, repr(p.value), repr(p.gain), repr(p.orbit.amplitude),
+                        repr(p.orbit.period), repr(p.slope), repr(p.elasticity), f"{p.error_estimate:.3g}",
+                        p.status.name.lower(), "cusp" if p in curve.cusps else "",
+                    ]
+                )  # fmt: skip

@@ -1,0 +1,106 @@
+"""Picture of fold curves: the gains with and without hunting, against another parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .fold_curve import FoldCurve, hermite
+from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Figure, new_figure
+
+UNITS = {
+    "servo.inertia": "J [kg m$^2$]",
+    "servo.motor_gain": "c$_m$ [N m/V]",
+    "controller.lead_time": "\N{GREEK SMALL LETTER TAU}$_d$ [s]",
+    "controller.integral_time": "\N{GREEK SMALL LETTER TAU}$_i$ [s]",
+    "friction.static": "F$_s$ [N m]",
+    "friction.coulomb": "F$_c$ [N m]",
+    "friction.stribeck_velocity": "v$_s$ [rad/s]",
+    "friction.viscous": "\N{GREEK SMALL LETTER SIGMA}$_2$ [N m s/rad]",
+    "friction.stiffness": "\N{GREEK SMALL LETTER SIGMA}$_0$ [N m/rad]",
+    "friction.damping": "\N{GREEK SMALL LETTER SIGMA}$_1$ [N m s/rad]",
+}
+"""Symbol and unit of every parameter."""
+SHADE = 0.16
+WIDE = 30.0
+"""Ratio of the gains from which on their axis is logarithmic."""
+ROOM = 1.12
+"""The axis reaches this factor beyond the highest gain."""
+
+
+def regions(curves: Sequence[FoldCurve]) -> Figure:
+    """The fold gain against a parameter of the servo, the gains with hunting shaded.
+
+    The line is the cubic through the computed points with their exact slopes.  A curve that turns back in a cusp is
+    drawn without shade: what lies below it is not the gains with hunting.
+
+    Parameters
+    ----------
+    curves
+        fold curves in the same parameter, one of each model at most.
+
+    Raises
+    ------
+    InputError : none, or curves in different parameters.
+    """
+    if not curves or len({curve.vary for curve in curves}) != 1:
+        raise InputError(f"{len(curves)} fold curves: must be at least one, all in the same parameter")
+    vary = curves[0].vary
+    figure = new_figure()
+    axes = figure.subplots()
+    highest = max(float(curve.gains.max()) for curve in curves)
+    lowest = min(float(curve.gains.min()) for curve in curves)
+    wide = highest > WIDE * lowest and not any("tends to zero" in curve.ended for curve in curves)
+    if wide:
+        axes.set_yscale("log")
+    floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * ROOM)
+    for curve in curves:
+        look = LOOKS[curve.model]
+        q, K = hermite(curve)
+        label = f"fold, {NAMES[curve.model]} friction"
+        axes.plot(q, K, color=look.colour, linewidth=look.width, zorder=look.zorder)
+        axes.plot(
+            curve.values, curve.gains, color=look.colour, linestyle="none", marker=look.marker, markersize=4,
+            zorder=look.zorder, label=label,
+        )  # fmt: skip
+        if not curve.cusps:
+            axes.fill_between(q, floor, K, color=look.colour, alpha=SHADE, linewidth=0, zorder=1)
+        for cusp in curve.cusps:
+            axes.plot(cusp.value, cusp.gain, color=look.colour, marker="D", markersize=8, fillstyle="none", zorder=9)
+            axes.annotate("cusp", (cusp.value, cusp.gain), textcoords="offset points", xytext=(8, 4), fontsize=SMALL)
+    axes.set_ylim(floor, ceiling)
+    axes.set_xlim(min(c.values.min() for c in curves), max(c.values.max() for c in curves))
+    if not any(curve.cusps for curve in curves):
+        _words(axes, curves, wide)
+    axes.set_xlabel(f"{vary.split('.')[1].replace('_', ' ')} {UNITS[vary]}")
+    axes.set_ylabel(GAIN_LABEL)
+    axes.grid(True, which="major", color="0.88", linewidth=0.6)
+    axes.legend(loc="best", fontsize=SMALL)
+    axes.set_title("The largest gain at which the servo can hunt")
+    return figure
+
+
+def _words(axes: Any, curves: Sequence[FoldCurve], wide: bool) -> None:
+    """What the regions are, where each is widest."""
+    left, right = axes.get_xlim()
+    floor, ceiling = axes.get_ylim()
+    place = np.linspace(left, right, 41)[5:-5]
+    size = np.log if wide else np.asarray
+    lower = np.full(place.size, np.inf)
+    upper = np.full(place.size, -np.inf)
+    for curve in curves:
+        q, K = hermite(curve)
+        order = np.argsort(q)
+        there = np.interp(place, q[order], K[order])
+        lower, upper = np.minimum(lower, there), np.maximum(upper, there)
+    back = np.exp if wide else np.asarray
+    below, above = int(np.argmax(size(lower))), int(np.argmin(size(upper)))
+    texts = (
+        (place[below], back((size(floor) + size(lower[below])) / 2), "hunting"),
+        (place[above], back((size(upper[above]) + size(ceiling)) / 2), "no hunting cycle"),
+    )
+    for x, y, text in texts:
+        axes.text(x, float(y), text, color=NEUTRAL, ha="center", va="center", zorder=10)
