@@ -13,10 +13,12 @@ than any likely servo, and normal samples may lie outside it.
 
 The search for the worst corner is a local one.  K is monotone in most parameters, so it goes straight to the corner
 that the signs of g give, takes the gradient there, and goes on until no bound and no interior point is better to
-first order: what a concave K could still gain, sum_i |g_i| (room_i), is below the tolerance.  A coordinate along
+first order: what a concave K could still gain, sum_i |g_i| room_i, is below the tolerance.  A coordinate along
 which the gradient changes sign is brought to its zero by a search along that coordinate.  It is started from the
-servo, from a few random corners, and from where the caller likes.  Where a servo has no cycle K is 0: with
-static <= Coulomb friction there is none, and static < Coulomb is no friction at all.
+servo, from a few random corners, and from where the caller likes.
+
+K is 0 where the search of fold.py finds no cycle at any of its gains; with static = Coulomb friction there is none
+(Bisoffi et al.), and static < Coulomb is no friction at all.  Such a servo costs a hundred times as much as another.
 
 Units: K in V/rad, q as in servo.py.
 Symbols: k uncertain parameters, n samples, q, l, h (k,) values and bounds, g (k,) gradient.
@@ -26,6 +28,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -41,6 +44,7 @@ from .event_map import scan
 from .find import WALK_TOLERANCE, find_orbit
 from .fold import Fold, find_fold
 from .hunting import MODELS, Model
+from .orbit import Orbit
 from .sensitivity import NAMES, fold_sensitivities
 from .servo import Servo, flatten
 
@@ -290,15 +294,28 @@ def _fold_near(servo: Servo, model: Model, expected: float, options: Options) ->
         except NoOrbit:
             pass  # the prediction was too far off: search from nothing
     try:
-        return find_fold(servo, model, options=options, start=start)
+        fold, doubt = _walked(servo, model, options, start)
+        if doubt:  # a walk that lost sight of a fold may have taken the next one: another walk must agree
+            other = _walked(servo, model, options, None)[0] if start is not None else None
+            if other is None or abs(other.gain / fold.gain - 1) > 2 * options.tol:
+                raise NoOrbit(f"the fold at gain {fold.gain:.6g} is in doubt: {doubt}", Status.NOT_CONVERGED)
+        return fold
     except NoOrbit as error:
         if error.status is not None:
             raise
         # The search found no cycle at any gain; the map at the expected gain is asked once more.
-        if servo.friction.falls and np.isfinite(expected) and scan("switch", servo, BELOW * expected).upper is not None:
+        if np.isfinite(expected) and scan("switch", servo, BELOW * expected).upper is not None:
             sentence = f"{error}, but the event map has one near gain {expected:.4g}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
         return None
+
+
+def _walked(servo: Servo, model: Model, options: Options, start: Orbit | None) -> tuple[Fold, str]:
+    """(fold, warnings on the way to it)."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        fold = find_fold(servo, model, options=options, start=start)
+    return fold, "; ".join(str(one.message) for one in seen if one.category is UserWarning)
 
 
 @dataclass(frozen=True)
@@ -389,7 +406,7 @@ class Samples:
     ----------
     names : the k uncertain parameters.
     parameters : (n, k) their values.
-    gains : (n,) fold gains; 0 where the servo cannot hunt, nan where the fold was not computed.
+    gains : (n,) fold gains; 0 where the search finds no cycle at any gain, nan where the fold was not computed.
     failures : (index, sentence) of every sample that was not computed.
     """
 
