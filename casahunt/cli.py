@@ -27,6 +27,7 @@ from . import (
     command_orbit,
     command_record,
     command_simulate,
+    command_tune,
     command_uncertainty,
 )
 from .checks import known
@@ -45,6 +46,7 @@ COMMANDS = {
     "simulate": command_simulate,
     "record": command_record,
     "uncertainty": command_uncertainty,
+    "tune": command_tune,
 }
 
 

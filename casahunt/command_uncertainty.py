@@ -109,7 +109,7 @@ def _solved(
     from concurrent.futures import ProcessPoolExecutor
 
     # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts)
     try:
         return sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold)
     except BrokenExecutor:
@@ -119,6 +119,13 @@ def _solved(
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _leave_interrupts() -> None:
+    """An interrupt goes to every process of the terminal; the one that started the others answers it."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _whole(key: str, text: Any, least: int) -> int:

@@ -45,8 +45,10 @@ NEAR_FOLD = 0.4
 """Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
 FAR_OFF, SECANT_ROUNDS, LARGEST_SECANT = 10.0, 7, 1.0
 """Short cut to the stable fixed point: largest ratio P(a)/a or a/P(a) met, steps, and their length in log a."""
-CLOSE = 0.03
-"""|log P(a)/a| from which the boundary value problem converges with room to spare."""
+CLOSE = {"switch": 0.03, "lugre": 0.005}
+"""|log P(a)/a| from which the boundary value problem mostly converges."""
+CLOSER = 1e-4
+"""The same where it has not."""
 TYPICAL = 0.1
 """Stick position of most stable cycles, in units of Fs/kp."""
 PATIENCE = 1e6
@@ -302,12 +304,15 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
     )  # fmt: skip
 
 
-def near_stable(model: Model, servo: Servo, gain: float, a: float) -> HalfCycle | None:
+def near_stable(
+    model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None
+) -> HalfCycle | None:
     """A half cycle close to a stable fixed point next to a, or None; a short cut that replaces no scan.
 
     Secant steps in (log a, log P/a); the fixed point is taken for the stable one only where the ratio
     falls with a, as it does at P'(a) < 1.
     """
+    close = close or CLOSE[model]
     x, previous = float(np.log(a)), None
     for _ in range(SECANT_ROUNDS):
         try:
@@ -318,12 +323,12 @@ def near_stable(model: Model, servo: Servo, gain: float, a: float) -> HalfCycle 
             return None
         y = float(np.log(run.ratio))
         slope = -1.5 if previous is None or previous[0] == x else (y - previous[1]) / (x - previous[0])
-        if abs(y) < CLOSE and previous is not None:
+        if abs(y) < close and previous is not None:
             return replace(run, slope=slope) if slope < 0 else None
         if slope >= -0.1:
             return None
         previous = (x, y)
-        x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if abs(y) >= CLOSE else x + 0.02
+        x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if abs(y) >= close else x + 0.02
     return None
 
 

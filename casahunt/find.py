@@ -16,7 +16,7 @@ from .adapt import Options, Solved, solve_adaptively
 from .checks import known, require
 from .continuation import run, walk
 from .errors import NoOrbit, Status
-from .event_map import TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
+from .event_map import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, SCHEMES, Model
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import from_segments
@@ -92,7 +92,13 @@ def find_orbit(
         assert seen is not None
         orbit = _from_below(servo, model, gain, options, seen)
     else:
-        orbit = _solved_from(start, servo, model, gain, options, "the stable hunting cycle")
+        try:
+            orbit = _solved_from(start, servo, model, gain, options, "the stable hunting cycle")
+        except NoOrbit:
+            closer = near_stable(model, servo, gain, start.start, close=CLOSER)
+            if closer is None:
+                raise
+            orbit = _solved_from(closer, servo, model, gain, options, "the stable hunting cycle")
         # Far from the fold the slope of the map tells the branch; close to it the solver can slip over.
         if not start.slope < CLEARLY_STABLE and orbit.multipliers.leading.real > 1:
             orbit = _other_side(orbit, options)

@@ -750,9 +750,10 @@ def summary(fold: Fold, uncertainty: Uncertainty, samples: Samples, worst: Worst
     ]
     dead = ok & (samples.gains == 0)
     if dead.any():
+        highest = float(linear[dead].max())
         said.append(
-            f"{int(dead.sum())} of {int(ok.sum())} samples cannot hunt at all, where it gives up to "
-            f"{linear[dead].max():.4g}"
+            f"{int(dead.sum())} of {int(ok.sum())} samples cannot hunt at all"
+            + (f", where it gives up to {highest:.4g}" if highest > 0 else "")
         )
     if linear_range(fold, uncertainty)[0] <= 0:
         said.append("its lower end is no gain (not positive)")
