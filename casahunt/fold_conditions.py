@@ -1,0 +1,74 @@
+"""The conditions of a fold as equations, with their exact Jacobian, to be constraints of a larger optimisation problem.
+
+A fold of G(u, lambda; q) = 0 with the gain K = K_0 (1 + lambda) is where, with multipliers nu of the equations,
+
+    G(u, lambda; q) = 0,    G_u^T nu = 0,    nu . G_lambda = 1         (2 size + 1 equations)
+
+in u, nu (size each) and lambda: the Karush-Kuhn-Tucker conditions of the largest lambda, and at the same time the
+extended system of bifurcation theory with the left null vector.  Here q are the logarithms of the controller times,
+
+    tau_d = exp(q_1), tau_i = exp(q_2)  [s],
+
+unknowns as well.  nu = S n with a number S, the largest |nu| at the start, so that n is of size one.  Jacobian:
+
+              q                    (u, lambda)       n
+    G         G_q                  [G_u, G_lambda]   0
+    G_u^T n   d/dq (G_u^T n)       H_u               G_u^T
+    S n.G_l   S d/dq (n.G_lambda)  S H_lambda        S G_lambda^T
+
+with H the Hessian of n . G in (u, lambda), mapped over the mesh (nlp.py); only the two columns of q are
+differentiated at the level of the whole mesh.  Symbols as in nlp.py.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from .nlp import graphs, lagrangian_hessian
+from .servo import PARAMETERS
+from .transcription import Setting, Transcription
+
+TIMES = ("controller.lead_time", "controller.integral_time")
+"""The parameters that q stands for, in order."""
+
+
+@lru_cache(maxsize=8)
+def fold_conditions(t: Transcription) -> tuple[ca.Function, ca.Function]:
+    """Functions of (q (2), z = (u, lambda), n, data, S): the equations, and their sparse Jacobian in (q, z, n).
+
+    `data` is that of nlp.py, `data_of`; its controller times are overruled by q.
+    """
+    g = graphs(t)
+    parts = ca.Function("parts", [g.z, g.data], [g.residual, g.jacobian])
+    curvature = ca.Function("curvature", [g.z, g.data, g.nu], [lagrangian_hessian(t, g)])
+    q, z, n = ca.MX.sym("q", len(TIMES)), ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
+    data, scale = ca.MX.sym("data", g.data.numel()), ca.MX.sym("S")
+    entries = [t.intervals + PARAMETERS.index(name) for name in TIMES]
+    place = ca.DM(ca.Sparsity.triplet(data.numel(), len(TIMES), entries, [0, 1]), 1.0)
+    keep = np.ones(data.numel())
+    keep[entries] = 0.0
+    moved = ca.DM(keep) * data + ca.densify(place @ ca.exp(q))
+    residual, jacobian = parts(z, moved)
+    stationary = ca.mtimes(jacobian.T, n)  # (size + 1): G_u^T n, then n . G_lambda
+    weights = ca.vertcat(ca.DM.ones(t.size), scale)
+    equations = ca.vertcat(residual, weights * stationary)
+    columns = [ca.jtimes(equations, q, ca.DM(np.eye(len(TIMES))[:, k])) for k in range(len(TIMES))]
+    H = curvature(z, moved, n)
+    H = H + ca.triu(H, False).T
+    S = ca.diag(weights)
+    empty = ca.MX(t.size, t.size)
+    rest = ca.blockcat([[jacobian, empty], [ca.mtimes(S, H), ca.mtimes(S, jacobian.T)]])
+    whole = ca.horzcat(*map(ca.densify, columns), rest)
+    inputs = [q, z, n, data, scale]
+    return (
+        ca.Function("fold_conditions", inputs, [equations]),
+        ca.Function("fold_conditions_jacobian", inputs, [whole]),
+    )
+
+
+def data_of(setting: Setting) -> np.ndarray:
+    """The data vector of nlp.py."""
+    return np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
