@@ -82,7 +82,8 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(record))
     else:
         print(f"{model} servo: hunting is possible up to gain {fold.gain:.8g}; with the uncertainty")
-        print(f"  linearised       {seen.linear[0]:.6g} to {seen.linear[1]:.6g} (standard deviation {seen.std:.3g})")
+        low_text, high_text = (f"{value:.6g}" for value in seen.linear)
+        print(f"  linearised       {low_text} to {high_text} ({seen.range_name}; standard deviation {seen.std:.3g})")
         if seen.quantiles:
             shown = ", ".join(f"{key} {value:.6g}" for key, value in seen.quantiles.items())
             print(f"  {n} samples      {shown}")

@@ -43,7 +43,7 @@ def histogram(fold: Fold, samples: Samples, worst: WorstCase, seen: Summary) -> 
     low, high = seen.linear
     axes.errorbar(
         [(low + high) / 2], [1.08 * top], xerr=[[(high - low) / 2]] * 2, color=NEUTRAL, linewidth=1.8, capsize=6,
-        capthick=1.8, label=f"linear interval: {low:.4g} to {high:.4g}",
+        capthick=1.8, label=f"linear {seen.range_name.replace('+-', '±')}: {low:.4g} to {high:.4g}",
     )  # fmt: skip
     axes.axvline(
         worst.gain, color="#7a1f3d", linewidth=1.8, linestyle=(0, (6, 2)), label=f"worst corner: {worst.gain:.4g}"

@@ -718,6 +718,7 @@ class Summary:
     linear : (low, high) of `linear_range`.
     mean, std : `linear_moments`.
     linear_quantiles, quantiles : of the linear gains at the samples, and of the solved ones.
+    range_name : what `linear` is, "interval" or so many standard deviations.
     relative_error : by place ("worst corner", "5%", "95%"), how far the linear answer is off, relative to the solved.
     misleading : whether, and where, the linear answer misleads.
     """
@@ -729,6 +730,7 @@ class Summary:
     quantiles: dict[str, float]
     relative_error: dict[str, float]
     misleading: str
+    range_name: str
 
 
 def summary(fold: Fold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
@@ -765,7 +767,14 @@ def summary(fold: Fold, uncertainty: Uncertainty, samples: Samples, worst: Worst
             f"the linear answer does not mislead here: within {100 * largest:.2g} % of the solved one at the worst "
             "corner and at the 5% and 95% quantiles of the samples"
         )
-    key_errors = {key.removeprefix("the "): error for key, error in errors.items()}
+    mean, std = linear_moments(fold, uncertainty)
     return Summary(
-        linear_range(fold, uncertainty), *linear_moments(fold, uncertainty), of_linear, solved, key_errors, text
+        linear=linear_range(fold, uncertainty),
+        mean=mean,
+        std=std,
+        linear_quantiles=of_linear,
+        quantiles=solved,
+        relative_error={key.removeprefix("the "): error for key, error in errors.items()},
+        misleading=text,
+        range_name="interval" if uncertainty.covariance is None else f"+- {uncertainty.sigmas:g} standard deviations",
     )

@@ -174,6 +174,29 @@ def test_failures_are_kept(servo, fold, monkeypatch):
         worst_corner(servo, "switch", off, options=QUICK, fold=fold)
 
 
+def test_a_walk_in_doubt(servo, fold, monkeypatch):
+    """A fold found after a warning counts only where a walk from elsewhere finds the same."""
+    import warnings
+    from dataclasses import replace
+
+    from casahunt import uncertainty
+
+    def doubtful(error):
+        def find(*_, start=None, **__):
+            if start is not None:
+                warnings.warn("a special point (fold) could not be located", stacklevel=2)
+            return fold if start is None else replace(fold, gain=fold.gain * (1 + error))
+
+        return find
+
+    own = Uncertainty({"friction.static": (0.53, 0.53)})
+    monkeypatch.setattr(uncertainty, "find_fold", doubtful(0.01))
+    samples = sample(servo, "switch", own, 1, options=QUICK, fold=fold)
+    assert np.isnan(samples.gains).all() and "could not be located" in samples.failures[0][1]
+    monkeypatch.setattr(uncertainty, "find_fold", doubtful(0.0))
+    assert sample(servo, "switch", own, 1, options=QUICK, fold=fold).gains.tolist() == [fold.gain]
+
+
 # The worst corner
 
 
