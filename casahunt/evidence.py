@@ -302,6 +302,7 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
             else p.n(f"verification/loops/{name}/highest_factor", ".5g"),
         ]
         for name, loop in check["loops"].items()
+        if name == "nominal" or record["worst"]["corner"]
     ]  # fmt: skip
     parts += [
         "<h2>Verified apart from the optimisation</h2>",
