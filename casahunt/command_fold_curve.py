@@ -91,11 +91,12 @@ def run(options: argparse.Namespace) -> int:
         return 1 if failures else 0
     for curve in curves:
         print(f"{curve.model} servo: {len(curve.points)} points; {curve.ended}")
-        print(f"  {curve.vary:>28s}  {'fold gain':>13s}  {'amplitude rad':>13s}  {'period s':>11s}  {'elasticity':>10s}")
+        heads = f"{'fold gain':>13s}  {'amplitude rad':>13s}  {'period s':>11s}  {'elasticity':>10s}"
+        print(f"  {curve.vary:>26s}  {heads}")
         for point in curve.points:
             print(
-                f"  {point.value:28.9g}  {point.gain:13.9g}  {point.orbit.amplitude:13.7g}  {point.orbit.period:11.7g}  "
-                f"{point.elasticity:+10.4f}" + ("  cusp" if point in curve.cusps else "")
+                f"  {point.value:26.9g}  {point.gain:13.9g}  {point.orbit.amplitude:13.7g}  "
+                f"{point.orbit.period:11.7g}  {point.elasticity:+10.4f}" + ("  cusp" if point in curve.cusps else "")
             )
         print(f"  {curve.wall_s:.2f} s")
     return 1 if failures else 0

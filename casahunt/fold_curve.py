@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .adapt import Options
+from .adapt import TOLERANCE_RANGE, Options
 from .branch import SpecialPoint
 from .checks import known, require, shown
 from .continuation import Point, corrected, curve_point, in_units_of, predict, with_value
@@ -50,6 +50,9 @@ LARGEST_S = 0.3
 """Largest step along the branch."""
 DIFFERENCE = 1e-3
 """Step of the differences of phi, as a part of the largest step in c, and in s."""
+FINER = 0.03
+"""Part of the tolerance to which the orbits are computed: the place of a fold on the branch takes a finer mesh than
+gain, period and amplitude of an orbit."""
 NEXT_TO_CUSP = 1e-3
 """|phi_s| below which a fold is not an extremum that could be found."""
 VANISHING = 2e-2
@@ -131,6 +134,7 @@ class FoldCurve:
     ended : sentence that says why the curve ended.
     status : CONVERGED where the whole range, or all of it that has a fold, was covered.
     wall_s : time [s].
+    vanishes : whether the curve was left where the gain tends to zero.
     """
 
     model: Model
@@ -141,6 +145,7 @@ class FoldCurve:
     ended: str
     status: Status
     wall_s: float
+    vanishes: bool = False
 
     @property
     def values(self) -> Array:
@@ -183,6 +188,11 @@ class _Problem:
     options: Options
     spacing: float
 
+    @property
+    def finer(self) -> Options:
+        """Options of the orbits on the surface."""
+        return replace(self.options, tol=max(FINER * self.options.tol, TOLERANCE_RANGE[0]))
+
 
 @dataclass(frozen=True, eq=False)
 class _Chart:
@@ -220,7 +230,7 @@ class _Chart:
         setting = replace(self.point.setting, p=p, dp=direction_of("gain") * gain)
         ds = float(np.hypot(s, m))
         solved = corrected(
-            replace(self.point, setting=setting), u, 0.0, problem.model, problem.options, ds=ds, border=self.point.row
+            replace(self.point, setting=setting), u, 0.0, problem.model, problem.finer, ds=ds, border=self.point.row
         )
         if not solved.status.ok or solved.estimate is None:
             return solved.complaint()
@@ -268,6 +278,7 @@ def _chart(problem: _Problem, orbit: Orbit, position: float, *, like: _Chart | N
         except NoOrbit as complaint:
             return str(complaint)
         slope, error = fold_sensitivities(fold).derivatives[name], fold.error_estimate
+        orbit = fold.orbit
     rate = problem.axis.rate(position)
     bare = replace(bare, steepness=0.0 if slope is None else slope * rate / orbit.gain)
     ahead = bare.value(0.0, m)
@@ -391,7 +402,7 @@ def fold_curve(
         last = found[-1]
     sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason, gone)
     return FoldCurve(
-        model, servo, vary, tuple(found), tuple(cusps), sentence, status, time.perf_counter() - began
+        model, servo, vary, tuple(found), tuple(cusps), sentence, status, time.perf_counter() - began, gone
     )
 
 

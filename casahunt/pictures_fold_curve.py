@@ -11,19 +11,19 @@ from .errors import InputError
 from .fold_curve import FoldCurve, hermite
 from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Figure, new_figure
 
-UNITS = {
-    "servo.inertia": "J [kg m$^2$]",
-    "servo.motor_gain": "c$_m$ [N m/V]",
-    "controller.lead_time": "\N{GREEK SMALL LETTER TAU}$_d$ [s]",
-    "controller.integral_time": "\N{GREEK SMALL LETTER TAU}$_i$ [s]",
-    "friction.static": "F$_s$ [N m]",
-    "friction.coulomb": "F$_c$ [N m]",
-    "friction.stribeck_velocity": "v$_s$ [rad/s]",
-    "friction.viscous": "\N{GREEK SMALL LETTER SIGMA}$_2$ [N m s/rad]",
-    "friction.stiffness": "\N{GREEK SMALL LETTER SIGMA}$_0$ [N m/rad]",
-    "friction.damping": "\N{GREEK SMALL LETTER SIGMA}$_1$ [N m s/rad]",
+LABELS = {
+    "servo.inertia": "inertia J [kg m$^2$]",
+    "servo.motor_gain": "motor gain c$_m$ [N m/V]",
+    "controller.lead_time": "lead time τ$_d$ [s]",
+    "controller.integral_time": "integral time τ$_i$ [s]",
+    "friction.static": "static friction F$_s$ [N m]",
+    "friction.coulomb": "Coulomb friction F$_c$ [N m]",
+    "friction.stribeck_velocity": "Stribeck velocity v$_s$ [rad/s]",
+    "friction.viscous": "viscous friction σ$_2$ [N m s/rad]",
+    "friction.stiffness": "bristle stiffness σ$_0$ [N m/rad]",
+    "friction.damping": "bristle damping σ$_1$ [N m s/rad]",
 }
-"""Symbol and unit of every parameter."""
+"""Name, symbol and unit of every parameter."""
 SHADE = 0.16
 WIDE = 30.0
 """Ratio of the gains from which on their axis is logarithmic."""
@@ -53,7 +53,7 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
     axes = figure.subplots()
     highest = max(float(curve.gains.max()) for curve in curves)
     lowest = min(float(curve.gains.min()) for curve in curves)
-    wide = highest > WIDE * lowest and not any("tends to zero" in curve.ended for curve in curves)
+    wide = highest > WIDE * lowest and not any(curve.vanishes for curve in curves)
     if wide:
         axes.set_yscale("log")
     floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * ROOM)
@@ -64,8 +64,9 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
         axes.plot(q, K, color=look.colour, linewidth=look.width, zorder=look.zorder)
         axes.plot(
             curve.values, curve.gains, color=look.colour, linestyle="none", marker=look.marker, markersize=4,
-            zorder=look.zorder, label=label,
+            zorder=look.zorder,
         )  # fmt: skip
+        axes.plot([], [], color=look.colour, linewidth=look.width, marker=look.marker, markersize=4, label=label)
         if not curve.cusps:
             axes.fill_between(q, floor, K, color=look.colour, alpha=SHADE, linewidth=0, zorder=1)
         for cusp in curve.cusps:
@@ -75,7 +76,7 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
     axes.set_xlim(min(c.values.min() for c in curves), max(c.values.max() for c in curves))
     if not any(curve.cusps for curve in curves):
         _words(axes, curves, wide)
-    axes.set_xlabel(f"{vary.split('.')[1].replace('_', ' ')} {UNITS[vary]}")
+    axes.set_xlabel(LABELS[vary])
     axes.set_ylabel(GAIN_LABEL)
     axes.grid(True, which="major", color="0.88", linewidth=0.6)
     axes.legend(loc="best", fontsize=SMALL)

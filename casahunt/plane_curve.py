@@ -49,21 +49,22 @@ class Reading:
 
 
 class Chart(Protocol):
-    """Coordinates (s, m) around a place of the curve, m = c - position.
-
-    Attributes
-    ----------
-    position : c of the place.
-    gradient : (phi_s, phi_c) there.
-    reach : largest steps in s and in c.
-    """
+    """Coordinates (s, m) around a place of the curve, m = c - position."""
 
     @property
-    def position(self) -> float: ...
+    def position(self) -> float:
+        """c of the place."""
+        ...
+
     @property
-    def gradient(self) -> tuple[float, float]: ...
+    def gradient(self) -> tuple[float, float]:
+        """(phi_s, phi_c) there."""
+        ...
+
     @property
-    def reach(self) -> tuple[float, float]: ...
+    def reach(self) -> tuple[float, float]:
+        """Largest steps in s and in c."""
+        ...
 
     def value(self, s: float, m: float) -> Reading | str:
         """phi, or a sentence about why there is none."""
