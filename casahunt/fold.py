@@ -23,18 +23,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .adapt import Options
+from .adapt import TOLERANCE_RANGE, Options, curve_border
 from .branch import SpecialPoint
-from .continuation import walk
+from .continuation import curve_point, secant, walk
 from .errors import InputError, NoOrbit, Status
 from .event_map import near_stable, scan
-from .find import WALK_TOLERANCE, check_problem, find_orbit, refined
+from .find import WALK_TOLERANCE, check_problem, find_orbit
 from .hunting import Model
 from .linear_loop import routh_hurwitz_gain
-from .monitor import FOLD, crossings
-from .orbit import Orbit, direction_of, unknowns_of
+from .mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
+from .monitor import FOLD, locate
+from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .servo import Servo
-from .solve import Maximum, maximise_parameter
+from .solve import Solution, maximise_parameter
 
 Array = np.ndarray
 
@@ -45,6 +46,10 @@ LUGRE_SEARCHES = 5
 CLIMB = (4.0, 2.0, 1.4)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
+FINER = (0.1, 1e-3)
+"""Parts of the tolerance to which the fold is located, in turn: its place on the branch takes a finer mesh than its
+gain, period and amplitude being first order in it."""
+OPTIMAL_ROUNDS = 8
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 
@@ -110,7 +115,6 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     raise NoOrbit(
         f"no hunting limit cycle of the {model} servo found: {len(gains)} gains from {min(gains):.3g} to "
         f"{max(gains):.3g} were scanned"
-        + ("" if servo.friction.falls else "; its friction rises with the velocity everywhere: nothing feeds a cycle")
     )
 
 
@@ -147,42 +151,90 @@ def find_fold(servo: Servo, model: Model, *, options: Options | None = None, sta
     options = options or Options()
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     first = start or find_any_orbit(servo, model, options=rough)
-    before, fold = first, None
+    before = first
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=rough)
-    ended = ""
-    while fold is None:
+    while True:
         try:
             after = next(steps)
         except StopIteration as end:
-            ended = str(end.value)
-            break
-        special = crossings(before, after, vary="gain", monitors=(FOLD,), options=options)
-        fold = special[0] if special else None
+            raise NoOrbit(
+                f"the fold of the {model} servo was not found: its cycles were followed from gain {first.gain:.6g} to "
+                f"{before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
+                Status.NOT_CONVERGED,
+            ) from None
+        for finer in FINER:
+            sharp = replace(options, tol=max(options.tol * finer, TOLERANCE_RANGE[0]))
+            if not _turns_back(before, after):
+                break
+            try:
+                return confirmed(_located(before, after, sharp), options, began)
+            except NoOrbit:
+                if finer == FINER[-1]:
+                    raise
         before = after
-    if fold is None:
-        raise NoOrbit(
-            f"the fold of the {model} servo was not found: its cycles were followed from gain {first.gain:.6g} to "
-            f"{before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: {ended}",
-            Status.NOT_CONVERGED,
-        )
-    if fold.orbit.error_estimate > options.tol:
-        fold = replace(fold, orbit=refined(fold.orbit, options))
-    return confirmed(fold, options, began)
+
+
+def _turns_back(before: Orbit, after: Orbit) -> bool:
+    """Whether the gain has a maximum between two successive orbits of a walk."""
+    way = secant(before, after, "gain")
+    slopes = [FOLD.value(orbit, curve_point(orbit, "gain", like=way)) for orbit in (before, after)]
+    return slopes[0] > 0 >= slopes[1]
+
+
+def _located(before: Orbit, after: Orbit, options: Options) -> SpecialPoint:
+    """The fold between two orbits: as a point of the branch, or where that is too sharp as the optimum next to them."""
+    orbit = locate(before, after, FOLD, vary="gain", options=options)
+    if orbit is None:
+        orbit = _optimal(max(before, after, key=lambda o: o.gain), options)
+    return SpecialPoint(FOLD.kind, orbit, FOLD.meaning.format(name="gain", value=orbit.gain))
+
+
+def _optimal(orbit: Orbit, options: Options) -> Orbit:
+    """The orbit of largest gain next to an orbit near the fold, on meshes adapted to the tolerance."""
+    t, u, setting = unknowns_of(orbit)
+    setting = replace(setting, dp=direction_of("gain") * orbit.gain)
+    across = np.append(np.zeros(t.n), [1.0, 0.0])  # at a fold the slip's duration moves, the gain does not
+    for k in range(OPTIMAL_ROUNDS):
+        best = maximise_parameter(t, u, setting)
+        if not best.status.ok:
+            break
+        moved = setting.moved(best.parameter)
+        error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
+        if error.error <= options.tol:
+            lin = t.linearise(best.u, moved)
+            solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin)
+            return orbit_of(
+                t, solution, moved, error, model=orbit.model, servo=orbit.servo, gain=orbit.gain * (1 + best.parameter),
+                status=best.status, solver="ipopt", iterations=best.iterations, wall_s=orbit.wall_s,
+            )  # fmt: skip
+        breaks = better_breaks(t, setting.fractions, error, options.tol, k)
+        t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
+        setting = replace(setting, fractions=fractions)
+    raise NoOrbit(
+        f"the fold of the {orbit.model} servo next to gain {orbit.gain:.10g} was not located on its branch, and as an "
+        "optimisation problem it was not solved to the tolerance; try another tolerance",
+        Status.NOT_CONVERGED,
+    )
 
 
 def confirmed(special: SpecialPoint, options: Options, began: float | None = None) -> Fold:
-    """A located fold, checked against the optimisation problem.
+    """A located fold, checked against the optimisation problem on its mesh and on the mesh with halved intervals.
+
+    What a coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see;
+    the second optimum does, and the errors of the orbit of the result are not less than the distance to it.
 
     Raises
     ------
     InputError : the special point is no fold.
-    NoOrbit : the two fold gains differ by more than the tolerance, or an error estimate exceeds it.
+    NoOrbit : the fold gains differ by more than the tolerance, or an error estimate exceeds it.
     """
     if special.kind != FOLD.kind:
         raise InputError(f"special point {special.kind!r}: must be a fold")
     began = time.perf_counter() if began is None else began
     orbit = special.orbit
-    best = optimum(orbit)
+    t, u, setting = unknowns_of(orbit)
+    setting = replace(setting, dp=direction_of("gain") * orbit.gain)
+    best = maximise_parameter(t, u, setting)
     gain = orbit.gain * (1 + best.parameter)
     if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {gain:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
@@ -191,17 +243,27 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
             f"{found}; try another tolerance",
             best.status,
         )
-    error = max(orbit.parameter_error, abs(best.parameter))
-    if max(error, orbit.error_estimate) > options.tol:
+    finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
+    judge = maximise_parameter(finer, u, replace(setting.moved(best.parameter), fractions=fractions))
+    if not judge.status.ok:
+        raise NoOrbit(
+            f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: on a mesh of half the "
+            "intervals' length the optimisation problem was not solved; try another tolerance",
+            judge.status,
+        )
+    period = float(np.sum(finer.durations_of(judge.u))) * t.cycle.repeats
+    amplitude = amplitude_row(finer, judge.u)[0] * float(setting.scale[0])
+    error = max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + judge.parameter))
+    orbit = replace(
+        orbit,
+        period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
+        amplitude_error=max(orbit.amplitude_error, abs(amplitude / orbit.amplitude - 1)),
+        parameter_error=error,
+    )
+    if orbit.error_estimate > options.tol:
         raise NoOrbit(
             f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not known to the tolerance: the error "
-            f"estimate is {max(error, orbit.error_estimate):.2g}; ask for a larger tolerance",
+            f"estimate is {orbit.error_estimate:.2g}; ask for a larger tolerance",
             Status.TOLERANCE_NOT_REACHED,
         )
     return Fold(orbit, orbit.gain, error, gain, best.multipliers, orbit.status, time.perf_counter() - began)
-
-
-def optimum(orbit: Orbit) -> Maximum:
-    """The optimisation problem on the mesh of an orbit near the fold, gain relative to the orbit's."""
-    t, u, setting = unknowns_of(orbit)
-    return maximise_parameter(t, u, replace(setting, dp=direction_of("gain") * orbit.gain))

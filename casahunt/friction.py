@@ -11,7 +11,6 @@ sigma0.  Both models have the same steady sliding friction, g(v) sgn(v) + sigma2
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,14 +55,6 @@ class Friction:
         require("friction.stick_band", self.stick_band, above=0)
         require("friction.stick_rate", self.stick_rate, above=0)
 
-    @property
-    def falls(self) -> bool:
-        """Whether the sliding friction g(v) + sigma2 v falls with v > 0 anywhere.
-
-        Its slope is least at v = vs/sqrt(2): sigma2 - (Fs - Fc)/vs sqrt(2/e).
-        """
-        drop = (self.static - self.coulomb) / self.stribeck_velocity * math.sqrt(2 / math.e)
-        return drop > self.viscous
 
 
 def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:

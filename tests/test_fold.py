@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import taylor
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, collect, diagram, find_fold, find_orbit
 from casahunt.fold import confirmed, find_any_orbit
+from casahunt.linear_loop import routh_hurwitz_gain
 from casahunt.monitor import FOLD, GRAZING
 from casahunt.orbit import direction_of, unknowns_of
 from problems import table1
@@ -177,7 +179,7 @@ def test_folds_where_the_slip_nearly_stops_half_way(model, changes):
     """Next to these folds the motion changes altogether while amplitude and gain move by 1e-7."""
     fold = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-9))
     assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-9)
-    finer = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-11))
+    finer = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-10))
     assert fold.gain == pytest.approx(finer.gain, rel=1e-9)
 
 
@@ -199,11 +201,15 @@ def test_folds_of_servos_never_seen(seed):
         "controller.integral_time": between(0.05, 1),
     }
     servo = Servo().replace(**changes)
-    if not servo.friction.falls:
-        with pytest.raises(NoOrbit, match="rises with the velocity everywhere"):
-            find_fold(servo, "switch")
+    try:
+        fold = find_fold(servo, "switch", options=Options(tol=1e-8))
+    except NoOrbit as refusal:  # one servo of the thirty: no motion of the other engine grows either
+        assert refusal.status is None and "no hunting limit cycle" in str(refusal)
+        for gain in routh_hurwitz_gain(servo) * np.array([0.01, 0.1, 1.0, 10.0]):
+            unit = servo.friction.static / servo.torque_gains(gain)[0]
+            for a in unit * np.geomspace(1e-3, 3, 25):
+                assert taylor.switch_half_cycle(servo, gain, a)[0] < a
         return
-    fold = find_fold(servo, "switch", options=Options(tol=1e-8))
     assert fold.status.ok
     assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-8)
 
