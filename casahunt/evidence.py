@@ -16,18 +16,19 @@ from typing import Any
 from .delayed_loop import Margins
 from .sensitivity import fold_sensitivities
 from .servo import flatten
-from .tune import COSTS, PERIODS, Task, Tuning, regulator_tasks
+from .tune import COSTS, Task, Tuning, regulator_tasks
 from .uncertainty import linear_range
 
 BEFORE = 0.5
 """Gain of the tasks before, in units of the nominal fold gain, where none is given."""
 PROVES_NOT = (
-    "The fold is the one that ends the symmetric hunting cycle found; the scan of the event map sees symmetric cycles "
-    "with sticking.",
+    "The fold ends the symmetric hunting cycle that was found; the scan of the event map speaks against all cycles "
+    "with sticking, lopsided ones too, but not against cycles without.",
     "The scan and the simulated tasks are samples: they find what is there to be found, and prove no absence.",
     "Optimum and worst friction are local; a better tuning, or a worse friction inside the set, may exist.",
     "Friction outside the set, flexibility, noise, backlash and saturation are not in the model.",
 )
+INSIDE = "The margins of the linear loop are kept at the nominal and at the worst friction, and not checked in between."
 DELAY = "The delay is in the margins of the linear loop only; fold, scan and simulation are without it."
 
 
@@ -44,9 +45,7 @@ def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task,
     check = tuning.verification
     fold = check.nominal_fold or check.fold
     gain = gain or (BEFORE * fold.gain if fold is not None else tuning.gain / 2)
-    span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
-    amplitude = 2 * fold.orbit.amplitude if fold is not None else 0.01
-    return gain, tuple(regulator_tasks(tuning.before, tuning.model, gain, span, amplitude, "nominal"))
+    return gain, tuple(regulator_tasks(tuning.before, tuning.model, gain, check.span, check.amplitude, "nominal"))
 
 
 def _number(value: float) -> float | None:
@@ -136,7 +135,7 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
             "tasks": [_task(task) for task in check.tasks],
         },
         "elasticities": slopes.elasticities if slopes is not None else {},
-        "proves_not": [*PROVES_NOT, *([DELAY] if demands.lag else [])],
+        "proves_not": [*PROVES_NOT, *([INSIDE] if tuning.corner else []), *([DELAY] if demands.lag else [])],
         "before": None
         if before is None
         else {

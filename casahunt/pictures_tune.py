@@ -19,6 +19,8 @@ from .tune import Task, Tuning
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
+SWINGS = 6
+"""Hunting periods that the picture of the tasks shows."""
 BEFORE, AFTER = "#b03020", "#1d6b3f"
 
 
@@ -63,6 +65,9 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Fi
     """
     tasks = [task for task in after if task.friction == "nominal"]
     pairs = list(zip(before[1], tasks, strict=True))
+    swings = [old.motion.verdict.period for old, _ in pairs if old.motion.verdict.kind == "hunting"]
+    whole = min(float(task.motion.times[-1]) for pair in pairs for task in pair)
+    shown = min(whole, SWINGS * max(swings)) if swings else whole
     figure = new_figure()
     panels = np.atleast_1d(figure.subplots(len(pairs), 1, sharex=True))
     for axes, (old, new) in zip(panels, pairs, strict=True):
@@ -78,7 +83,10 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Fi
         axes.axhline(0, color=NEUTRAL, linewidth=0.8)
         axes.grid(True, color="0.88", linewidth=0.6)
         axes.margins(x=0)
-        axes.legend(loc="upper right", fontsize=SMALL)
+        axes.set_xlim(0, shown)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.3 * (high - low))  # room for the legend
+        axes.legend(loc="upper right", fontsize=SMALL, ncols=2)
         axes.set_ylabel("θ - θ$_d$ [rad]".replace("-", "\N{MINUS SIGN}"))
     panels[-1].set_xlabel("time [s]")
     return figure

@@ -146,9 +146,11 @@ class Verification:
     fold, nominal_fold : of the worst and of the nominal servo, from nothing; None where the servo cannot hunt.
     margin : K/K_fold - 1 at the worst fold; inf without one.
     margin_kept : it is at least the margin asked for, to the tolerance.
-    scan_sentence, scan_clear : the event map at the worst friction: no fixed point, and nothing left unresolved.
+    scan_sentence, scan_clear : the event map at the worst friction: from every stick position scanned the servo sticks
+        nearer to the set point, and nothing is left unresolved.
     loops : margins of the linear loops of the nominal and the worst servo.
     loops_kept : they are what was asked for.
+    span, amplitude : length [s] of the simulated tasks, and where the breakaway of the last one starts [rad].
     tasks : simulated regulator tasks.
     """
 
@@ -160,6 +162,8 @@ class Verification:
     scan_clear: bool
     loops: dict[str, Margins]
     loops_kept: bool
+    span: float
+    amplitude: float
     tasks: tuple[Task, ...]
 
     @property
@@ -496,7 +500,7 @@ class _Search:
         if not answer.broken:
             return answer
         demands, gain, worst = self.demands, answer.gain, answer.worst
-        said = []
+        said, at_best = [], "at best" if len(answer.broken) == 1 else "there"
         loops = [margins(s, gain, delay=demands.lag) for s in (answer.servo, worst.servo)]
         for name in answer.broken:
             if name == "hunting margin":
@@ -506,13 +510,13 @@ class _Search:
                 )
             elif name == "phase margin":
                 best = min(loop.phase_margin for loop in loops)
-                said.append(f"the phase margin of {demands.phase_margin:g} degrees: it is {best:.5g} degrees at best")
+                said.append(f"the phase margin of {demands.phase_margin:g} degrees: it is {best:.5g} degrees {at_best}")
             else:
                 lowering = "lowering" in name
                 factors = [1 / f.lowest_factor if lowering and f.lowest_factor else f.highest_factor for f in loops]
                 best = min((f for f in factors if math.isfinite(f)), default=math.nan)
                 what = "fall" if lowering else "rise"
-                amount = f"by a factor of {best:.5g} at best" if math.isfinite(best) else "not at all (unstable loop)"
+                amount = f"by a factor of {best:.5g} {at_best}" if math.isfinite(best) else "not at all (unstable loop)"
                 said.append(f"the gain margin of {demands.gain_margin:g}: the gain may {what} {amount}")
         against = [b for b in answer.binding if b not in answer.broken]
         raise NoOrbit(
@@ -662,11 +666,11 @@ def _same(a: Servo, b: Servo) -> bool:
 
 
 def _fold(servo: Servo, model: Model, options: Options) -> Fold | None:
-    """The fold; None for a servo that cannot hunt."""
+    """The fold; None where no cycle was found at any gain, which the scan at the answer has to confirm."""
     try:
         return find_fold(servo, model, options=options)
     except NoOrbit as error:
-        if error.status is None and not servo.friction.falls:
+        if error.status is None:
             return None
         raise
 
@@ -695,16 +699,22 @@ def _verified(
         *(regulator_tasks(worst, model, gain, span, amplitude, "worst") if worst != servo else []),
     ]
     kept = margin >= demands.margin - 10 * options.tol
-    return Verification(fold, nominal, margin, kept, sentence, clear, loops, loops_kept, tuple(tasks))
+    return Verification(
+        fold, nominal, margin, kept, sentence, clear, loops, loops_kept, span, amplitude, tuple(tasks)
+    )
 
 
 def _scanned(servo: Servo, model: Model, gain: float) -> tuple[str, bool]:
-    """What the event map says, and whether that is: no fixed point."""
+    """What the event map says, and whether that is: every motion sticks nearer to the set point than it started.
+
+    Then no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.
+    """
     if model == "switch":
         seen = fixed_points(servo, gain)
-        return seen.sentence(), not seen.fixed and seen.conclusive
+        falls = all(abs(point.position) < point.start for point in seen.points)  # false for nan: it swings on
+        return seen.sentence(), not seen.fixed and seen.conclusive and falls
     found = scan(model, servo, gain)
-    clear = found.upper is None and not found.failures
+    clear = found.upper is None and not found.failures and found.best < 1
     cycles = "no cycle" if found.upper is None else f"a cycle at {found.upper.start:.6g} rad"
     return (
         f"{cycles} of the event map between {found.low:.4g} and {found.high:.4g} rad: {found.motions} motions, the "

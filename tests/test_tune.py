@@ -235,3 +235,17 @@ def test_json(unscanned, capsys):
                 "verification", "status", "wall_s"):  # fmt: skip
         assert key in record
     assert record["status"] == "converged" and record["before"] is None
+
+
+def test_a_motion_that_grows_speaks_against_a_tuning(servo, plain):
+    from casahunt.tune import _scanned
+
+    assert not _scanned(servo, "switch", 0.9 * plain.fold_gain)[1]
+    assert _scanned(servo, "lugre", plain.gain)[1]
+    assert not _scanned(servo, "lugre", 0.5 * plain.fold_gain)[1]
+
+
+def test_a_servo_that_cannot_hunt_is_left_to_its_margins(servo):
+    found = tune(servo.replace(**{"friction.static": 0.44}), "switch")
+    assert found.fold_gain == 0 and found.verification.ok
+    assert linear_loop(servo, found.gain).gain_crossovers[0].margin == pytest.approx(30, abs=1e-5)
