@@ -61,6 +61,8 @@ GONE = 1e-5
 """The same where it is not known why it should."""
 STEEP = 30.0
 """|d ln K/dc| from which on a gain tends to zero: a straight line would get there within 1/30 of the range."""
+MOST_RESTARTS = 4
+"""How often the curve is taken up again, by a fold computed from nothing, where the steps do not converge."""
 ASTRAY = 0.2
 """Largest departure of the gain from the two slopes beside it, relative to its change."""
 
@@ -249,12 +251,14 @@ class _Chart:
         chart: _Chart | str = _chart(self.problem, reading.data, self.position + m, like=self)
         if isinstance(chart, str):
             return chart
-        # A step to another fold is seen by the slopes: the curve would have a bend between them.
-        rise = float(np.log(chart.orbit.gain / self.orbit.gain))
-        first, second = self.steepness * m, chart.steepness * m
-        if abs(rise - (first + second) / 2) > ASTRAY * max(abs(rise), abs(first), abs(second)) + 1e-3:
-            return "the corrector went to another fold"
-        return chart
+        return chart if self.agrees(chart) else "the corrector went to another fold"
+
+    def agrees(self, other: _Chart) -> bool:
+        """Whether the slopes here and there explain the change of the gain: another fold would bend the curve."""
+        rise = float(np.log(other.orbit.gain / self.orbit.gain))
+        m = other.position - self.position
+        first, second = self.steepness * m, other.steepness * m
+        return abs(rise - (first + second) / 2) <= ASTRAY * max(abs(rise), abs(first), abs(second)) + 1e-3
 
 
 def _chart(problem: _Problem, orbit: Orbit, position: float, *, like: _Chart | None) -> _Chart | str:
@@ -376,13 +380,20 @@ def fold_curve(
     cusps: list[FoldPoint] = []
     reason, gone = "", False
     goal = servo.replace(**{vary: axis.value(1 - c)})
-    places = follow(chart, sense=1.0 if c == 0 else -1.0)
+    sense, restarts = 1.0 if c == 0 else -1.0, 0
+    places = follow(chart, sense=sense)
     while True:
         try:
             place = next(places)
         except StopIteration as stop:
             reason = stop.value
-            break
+            again = _restarted(problem, chart, sense) if reason and not cusps and restarts < MOST_RESTARTS else None
+            if again is None:
+                break
+            chart, restarts = again, restarts + 1
+            places = follow(chart, sense=sense)
+            continue
+        chart = place.chart
         found.append(place.chart.fold)
         if report is not None:
             report(found[-1])
@@ -437,6 +448,20 @@ def _first_chart(problem: _Problem) -> _Chart:
             return chart
         complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {chart}")
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints))
+
+
+def _restarted(problem: _Problem, last: _Chart, sense: float) -> _Chart | None:
+    """A fold computed from nothing a step further on, where the curve was lost; None where it is not the same one."""
+    c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
+    if c == last.position:
+        return None
+    servo, _ = with_value(problem.servo, 1.0, problem.axis.vary, problem.axis.value(c))
+    try:
+        fold = find_fold(servo, problem.model, options=problem.options)
+        chart = _chart(problem, fold.orbit, c, like=None)
+    except NoOrbit:
+        return None
+    return chart if isinstance(chart, _Chart) and last.agrees(chart) else None
 
 
 def _ending(
