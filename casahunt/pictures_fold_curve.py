@@ -26,7 +26,7 @@ LABELS = {
 """Name, symbol and unit of every parameter."""
 SHADE = 0.16
 WIDE = 30.0
-"""Ratio of the gains from which on their axis is logarithmic."""
+"""Ratio of the values of an axis from which on it is logarithmic."""
 ROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
@@ -73,7 +73,10 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
             axes.plot(cusp.value, cusp.gain, color=look.colour, marker="D", markersize=8, fillstyle="none", zorder=9)
             axes.annotate("cusp", (cusp.value, cusp.gain), textcoords="offset points", xytext=(8, 4), fontsize=SMALL)
     axes.set_ylim(floor, ceiling)
-    axes.set_xlim(min(c.values.min() for c in curves), max(c.values.max() for c in curves))
+    least, most = min(float(c.values.min()) for c in curves), max(float(c.values.max()) for c in curves)
+    if least > 0 and most > WIDE * least:
+        axes.set_xscale("log")
+    axes.set_xlim(least, most)
     if not any(curve.cusps for curve in curves):
         _words(axes, curves, wide)
     axes.set_xlabel(LABELS[vary])
@@ -88,7 +91,8 @@ def _words(axes: Any, curves: Sequence[FoldCurve], wide: bool) -> None:
     """What the regions are, where each is widest."""
     left, right = axes.get_xlim()
     floor, ceiling = axes.get_ylim()
-    place = np.linspace(left, right, 41)[5:-5]
+    spread = np.geomspace if axes.get_xscale() == "log" else np.linspace
+    place = spread(left, right, 41)[5:-5]
     size = np.log if wide else np.asarray
     lower = np.full(place.size, np.inf)
     upper = np.full(place.size, -np.inf)

@@ -139,7 +139,7 @@ def test_where_phi_ends_the_curve_ends():
         ("switch", "friction.static", 0.48, 0.6, TOL, 9),
         ("switch", "controller.lead_time", 0.05, 0.4, TOL, 5),
         ("switch", "friction.viscous", 0.0, 0.5, TOL, 5),
-        ("lugre", "friction.static", 0.5, 0.56, 1e-6, 4),
+        ("lugre", "friction.static", 0.53, 0.55, 1e-6, 2),
         pytest.param("lugre", "friction.static", 0.5, 0.56, TOL, 9, marks=pytest.mark.slow),
         pytest.param("lugre", "friction.stribeck_velocity", 0.01, 0.04, TOL, 9, marks=pytest.mark.slow),
         pytest.param("lugre", "friction.damping", 2.0, 12.0, TOL, 9, marks=pytest.mark.slow),
@@ -193,7 +193,7 @@ def test_motor_gain_times_fold_gain_is_constant():
 def test_friction_enters_through_the_drop_over_velocity():
     """K_fold(Fs) and K_fold(vs) are one curve in (Fs - Fc)/vs."""
     static = curve("switch", "friction.static", 0.5, 0.56, tol=1e-9)
-    for point in static.points[::3]:
+    for point in static.points[::4]:
         drop = (point.value - 0.44) / 0.02
         vs = 0.09 / drop
         velocity = fold_curve(
@@ -225,12 +225,12 @@ def test_the_other_direction_gives_the_same_curve():
 
 def test_it_ends_before_coulomb_friction():
     """Without a drop there is no cycle: the curve ends before it, and says so."""
-    found = curve("switch", "friction.static", 0.44, 0.5, tol=1e-6)
+    found = curve("switch", "friction.static", 0.44, 0.46, tol=1e-6, points=3)
     assert found.status is Status.CONVERGED
     assert found.vanishes
     assert "tends to zero" in found.ended
     assert 0.44 < found.points[0].value < 0.443
-    assert found.points[-1].value == 0.5
+    assert found.points[-1].value == 0.46
     # Nearly proportional to the drop down there.
     fresh = find_fold(Servo().replace(**{"friction.static": found.points[0].value}), "switch")
     assert found.points[0].gain == pytest.approx(fresh.gain, rel=2e-6)
