@@ -21,6 +21,8 @@ from .uncertainty import linear_range
 
 BEFORE = 0.5
 """Gain of the tasks before, in units of the nominal fold gain, where none is given."""
+SHORTER = 1 / 6
+"""Length of the tasks before, in units of those after: hunting shows sooner than rest, and costs more to follow."""
 PROVES_NOT = (
     "The fold ends the symmetric hunting cycle that was found; the scan of the event map speaks against all cycles "
     "with sticking, lopsided ones too, but not against cycles without.",
@@ -45,7 +47,8 @@ def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task,
     check = tuning.verification
     fold = check.nominal_fold or check.fold
     gain = gain or (BEFORE * fold.gain if fold is not None else tuning.gain / 2)
-    return gain, tuple(regulator_tasks(tuning.before, tuning.model, gain, check.span, check.amplitude, "nominal"))
+    span = SHORTER * check.span
+    return gain, tuple(regulator_tasks(tuning.before, tuning.model, gain, span, check.amplitude, "nominal"))
 
 
 def _number(value: float) -> float | None:

@@ -79,7 +79,7 @@ PRICE = 1e3
 BROKEN = 1e-7
 """A constraint broken by more than this is in the way; one kept with less than `TOUCHING` to spare is binding."""
 TOUCHING = 1e-5
-PERIODS = 20.0
+PERIODS = 60.0
 """Length of the simulated tasks in periods of the cycle at the fold."""
 SAFE = 1e-12
 """The gain is rounded up by this part, so that rounding cannot put it below its bound."""
