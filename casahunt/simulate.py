@@ -217,7 +217,8 @@ class _Run:
                 self.system, mode, x, self.p, scale=self.scale, until=lambda _: True, tol=tau,
                 degree=degree, kind=kind, max_time=self.time - now,
             )  # fmt: skip
-            if segment.duration > self.time - now:  # a closed form knows no end of time
+            closed = self.system.modes[segment.mode].flow is not None
+            if closed and segment.duration > self.time - now:  # a closed form knows no end of time
                 segment = self._cut(segment, self.time - now)
             segments.append(segment)
             starts.append(now)
