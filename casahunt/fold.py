@@ -27,7 +27,7 @@ from .adapt import TOLERANCE_RANGE, Options, curve_border
 from .branch import SpecialPoint
 from .continuation import curve_point, secant, walk
 from .errors import InputError, NoOrbit, Status
-from .event_map import near_stable, scan
+from .event_map import TYPICAL, near_stable, scan
 from .find import WALK_TOLERANCE, check_problem, find_orbit
 from .hunting import Model
 from .linear_loop import routh_hurwitz_gain
@@ -98,7 +98,8 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     check_problem(servo, model, base)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
     for gain in gains:
-        rigid = scan("switch", servo, gain).upper
+        unit = servo.friction.static / servo.torque_gains(gain)[0]
+        rigid = near_stable("switch", servo, gain, TYPICAL * unit) or scan("switch", servo, gain).upper
         if rigid is None:
             continue
         for higher in reversed(_climb(servo, gain, rigid.start)):

@@ -150,7 +150,7 @@ class _LinearSolve:
         return self._out.copy()
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=48)
 def node_system(
     elements: int, n: int, phase_of: tuple[int, ...], phase_end: tuple[int, ...], closure: bytes
 ) -> NodeSystem:

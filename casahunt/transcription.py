@@ -223,7 +223,7 @@ class Transcription:
         return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=48)
 def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
     """The transcription of a cycle for these numbers of intervals: built once, kept for reuse."""
     return Transcription(cycle, counts, degree, kind)

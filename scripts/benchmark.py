@@ -368,6 +368,8 @@ def ratios(rows: list[Row]) -> list[str]:
 
 
 COLOURS = {"casahunt": "#0b2f6b", "AUTO-07p": "#b3440c", "solve_ivp shooting": "#6b8e23", "solve_bvp": "#8a2be2"}
+DECADES = 30.0
+"""The time axes span this factor at least."""
 MARKERS = {"casahunt": "o", "AUTO-07p": "s", "solve_ivp shooting": "^", "solve_bvp": "D"}
 
 
@@ -375,6 +377,7 @@ def picture(rows: list[Row], path: Path) -> None:
     """Work-precision diagrams, one per scene and model."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     scenes = [scene for scene in SCENES if any(r.scene == scene for r in rows)]
     models = [model for model in MODELS if any(r.model == model for r in rows)]
@@ -385,7 +388,7 @@ def picture(rows: list[Row], path: Path) -> None:
         for axes, scene in zip(line, scenes, strict=True):
             for method, colour in COLOURS.items():
                 found = [r for r in rows if (r.scene, r.model, r.method) == (scene, model, method)]
-                done = sorted((r.seconds, max(r.error, 1e-13)) for r in found if r.seconds and r.error is not None)
+                done = [(r.seconds, max(r.error, 1e-13)) for r in found if r.seconds and r.error is not None]
                 if done:
                     x, y = zip(*done, strict=True)
                     axes.loglog(x, y, MARKERS[method] + "-", color=colour, label=method, markersize=5)
@@ -395,6 +398,10 @@ def picture(rows: list[Row], path: Path) -> None:
             axes.set_xlabel("run time [s]")
             axes.set_ylabel("relative error")
             axes.grid(True, which="major", alpha=0.3)
+            low, high = axes.get_xlim()
+            widen = max(1.0, DECADES * low / high) ** 0.5  # narrow ranges would drown in tick labels
+            axes.set_xlim(low / widen, high * widen)
+            axes.xaxis.set_minor_formatter(NullFormatter())
             axes.legend(fontsize=8)
     figure.savefig(path, dpi=130)
 
