@@ -45,6 +45,7 @@ SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
 EASY_ITERATIONS = 7  # Newton iterations at which the step is left as it is
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
+LARGEST_TURN, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 
 
@@ -209,27 +210,46 @@ def walk(
     largest_step = largest_step or LARGEST_STEP[start.model]
     ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
-        outcome = step_along(point, last, vary, ds, low, high, options)
+        outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
         while isinstance(outcome, str):
             ceiling = CAUTION * ds
             ds *= 0.4
             if ds < SMALLEST_STEP:
                 return f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
-            outcome = step_along(point, last, vary, ds, low, high, options)
-        orbit, solved, reached = outcome
+            outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
+        orbit, following, iterations = outcome
         yield orbit
-        if reached:
+        if following is None:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        like = in_units_of(point.row, point.setting.scale, solved.setting.scale)
-        lin = solved.solution.linearisation if not reached else None
-        following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like, lin=lin)
         following = replace(following, bend=_bend(point, following, value_of(last.servo, last.gain, vary)))
         angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
-        effort = EASY_ITERATIONS / max(solved.solution.iterations, 1)
+        effort = EASY_ITERATIONS / max(iterations, 1)
         ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
         ceiling = min(RECOVERY * ceiling, largest_step)
         point, last = following, orbit
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+
+
+def _step_and_tangent(
+    point: Point, last: Orbit, vary: str, ds: float, low: float, high: float, options: Options
+) -> tuple[Orbit, Point | None, int] | str:
+    """(orbit, the curve there or None at a bound, iterations) of one step, or what went wrong.
+
+    The new tangent is oriented along the way from the last orbit, and a step in which it turns by more than a
+    little is not taken: a tangent turned by more than a right angle would lead back along the branch unnoticed.
+    """
+    outcome = step_along(point, last, vary, ds, low, high, options)
+    if isinstance(outcome, str):
+        return outcome
+    orbit, solved, reached = outcome
+    if reached:
+        return orbit, None, solved.solution.iterations
+    like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
+    lin = solved.solution.linearisation
+    following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like, lin=lin)
+    if ds > SHARP_STEP and _cosine(point, following) < LARGEST_TURN:
+        return "the branch turns by too much in one step"
+    return orbit, following, solved.solution.iterations
 
 
 def _setting_at(solved: Solved) -> Setting:

@@ -123,3 +123,12 @@ def test_whole_diagrams(model, changes):
     assert branch.stable[0] and not branch.stable[-1]
     if not changes:
         assert branch.periods[-1] == pytest.approx(3318 if model == "switch" else 1273, rel=1e-3)
+
+
+def test_large_steps_do_not_turn_back_at_the_fold():
+    """A step over the fold turns the tangent by more than a right angle: it must not lead back unnoticed."""
+    servo = Servo().replace(**{"friction.viscous": 0.2})
+    branch = collect(servo, "switch", diagram(servo, "switch", start=0.3, options=Options(tol=1e-9), largest_step=0.5))
+    assert [s.kind for s in branch.special].count("fold") == 1
+    assert branch.orbits[-1].gain == 0.3 and branch.amplitudes[-1] < 0.5 * branch.amplitudes[0]
+    assert not branch.stable[-1]
