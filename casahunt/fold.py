@@ -49,7 +49,7 @@ MOST_CLIMBS = 20
 FINER = (0.1, 1e-3)
 """Parts of the tolerance to which the fold is located, in turn: its place on the branch takes a finer mesh than its
 gain, period and amplitude being first order in it."""
-OPTIMAL_ROUNDS = 8
+OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 
@@ -185,9 +185,28 @@ def _turns_back(before: Orbit, after: Orbit) -> bool:
 def _located(before: Orbit, after: Orbit, options: Options) -> SpecialPoint:
     """The fold between two orbits: as a point of the branch, or where that is too sharp as the optimum next to them."""
     orbit = locate(before, after, FOLD, vary="gain", options=options)
+    if orbit is None:  # from the other side: the steps are other ones
+        orbit = locate(after, before, FOLD, vary="gain", options=options)
+    if orbit is None:  # the way between the two bends too much for one tangent to measure it
+        orbit = _located_in_small_steps(before, after, options)
     if orbit is None:
         orbit = _optimal(max(before, after, key=lambda o: o.gain), options)
     return SpecialPoint(FOLD.kind, orbit, FOLD.meaning.format(name="gain", value=orbit.gain))
+
+
+def _located_in_small_steps(before: Orbit, after: Orbit, options: Options) -> Orbit | None:
+    step = float(np.linalg.norm(secant(before, after, "gain"))) / SMALL_STEPS
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    steps = walk(
+        before, low=0.5 * before.gain, high=2 * before.gain, options=rough, first_step=step, largest_step=step,
+        max_points=4 * SMALL_STEPS,
+    )  # fmt: skip
+    here = before
+    for following in steps:
+        if _turns_back(here, following):
+            return locate(here, following, FOLD, vary="gain", options=options)
+        here = following
+    return None
 
 
 def _optimal(orbit: Orbit, options: Options) -> Orbit:
