@@ -49,6 +49,8 @@ MOST_CLIMBS = 20
 FINER = (0.1, 1e-3)
 """Parts of the tolerance to which the fold is located, in turn: its place on the branch takes a finer mesh than its
 gain, period and amplitude being first order in it."""
+SHARP_TOLERANCE = 1e-8
+"""Of the walk to a fold that the rough walk has not led to."""
 OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
@@ -152,8 +154,17 @@ def find_fold(servo: Servo, model: Model, *, options: Options | None = None, sta
     options = options or Options()
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     first = start or find_any_orbit(servo, model, options=rough)
-    before = first
-    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=rough)
+    try:
+        return _walked_to(first, rough, options, began)
+    except NoOrbit:
+        # Next to a very sharp fold the errors of the rough way are as large as what is left of the branch.
+        return _walked_to(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
+
+
+def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fold:
+    """The confirmed fold at the end of a walk from `first` with the tolerance of `way`."""
+    before, model = first, first.model
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
     while True:
         try:
             after = next(steps)
