@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .adapt import TOLERANCE_RANGE, Options, curve_border
+from .admissibility import judge
 from .branch import SpecialPoint
 from .continuation import curve_point, secant, walk
 from .errors import InputError, NoOrbit, Status
@@ -196,8 +197,6 @@ def _turns_back(before: Orbit, after: Orbit) -> bool:
 def _located(before: Orbit, after: Orbit, options: Options) -> SpecialPoint:
     """The fold between two orbits: as a point of the branch, or where that is too sharp as the optimum next to them."""
     orbit = locate(before, after, FOLD, vary="gain", options=options)
-    if orbit is None:  # from the other side: the steps are other ones
-        orbit = locate(after, before, FOLD, vary="gain", options=options)
     if orbit is None:  # the way between the two bends too much for one tangent to measure it
         orbit = _located_in_small_steps(before, after, options)
     if orbit is None:
@@ -231,7 +230,7 @@ def _optimal(orbit: Orbit, options: Options) -> Orbit:
             break
         moved = setting.moved(best.parameter)
         error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
-        if error.error <= options.tol:
+        if error.error <= options.tol and judge(t, best.u, moved).admissible:
             lin = t.linearise(best.u, moved)
             solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin)
             return orbit_of(
@@ -275,16 +274,16 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
             best.status,
         )
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
-    judge = maximise_parameter(finer, u, replace(setting.moved(best.parameter), fractions=fractions))
-    if not judge.status.ok:
+    check = maximise_parameter(finer, u, replace(setting.moved(best.parameter), fractions=fractions))
+    if not check.status.ok:
         raise NoOrbit(
             f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: on a mesh of half the "
             "intervals' length the optimisation problem was not solved; try another tolerance",
-            judge.status,
+            check.status,
         )
-    period = float(np.sum(finer.durations_of(judge.u))) * t.cycle.repeats
-    amplitude = amplitude_row(finer, judge.u)[0] * float(setting.scale[0])
-    error = max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + judge.parameter))
+    period = float(np.sum(finer.durations_of(check.u))) * t.cycle.repeats
+    amplitude = amplitude_row(finer, check.u)[0] * float(setting.scale[0])
+    error = max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter))
     orbit = replace(
         orbit,
         period_error=max(orbit.period_error, abs(period / orbit.period - 1)),

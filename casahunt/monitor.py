@@ -11,7 +11,7 @@ true corrections, down to rounding of the function or to the precision that it c
     grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
 
 Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
-itself is bisected in arclength, to a relative width of `GRAZING_WIDTH` in the parameter.  Most LuGre cycles gain
+itself is bisected in arclength, to `GRAZING_WIDTH`.  Most LuGre cycles gain
 and lose weak reversals of their ring-down many times along a branch; it is located on request only.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
@@ -115,8 +115,6 @@ def crossings(
         if orbit is None and monitor.kind == "fold" and width <= options.tol:
             # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
             orbit = max(before, after, key=lambda o: parameter_value(o, vary))
-        if orbit is None:  # from the other side: the steps are other ones
-            orbit = locate(after, before, monitor, vary=vary, options=options)
         if orbit is None:
             warnings.warn(
                 f"a special point ({monitor.kind}) lies between {vary} = {parameter_value(before, vary):.8g} and "
@@ -132,8 +130,14 @@ def crossings(
 def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
     """The orbit between two at which `monitor` vanishes, or None where the steps there do not converge.
 
-    Steps start at `before`; their length along its tangent is the unknown.
+    Steps start at `before`; where they fail, at `after`: they are other ones.
     """
+    orbit = _located_from(before, after, monitor, vary=vary, options=options)
+    return orbit if orbit is not None else _located_from(after, before, monitor, vary=vary, options=options)
+
+
+def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
+    """`locate` by steps from `before`; their length along its tangent is the unknown."""
     if before.error_estimate > options.tol:  # once, on a mesh that serves all the steps
         with suppress(NoOrbit):
             before = refined(before, options)

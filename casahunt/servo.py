@@ -147,6 +147,19 @@ def unflatten(values: Mapping[str, float]) -> Servo:
     )
 
 
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """The tables of a TOML file; InputError, beginning with `what`, where it cannot be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            return tomllib.load(stream)
+    except FileNotFoundError:
+        raise InputError(f"{what}: no such file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{what}: not valid TOML: {error}") from None
+    except OSError as error:
+        raise InputError(f"{what}: cannot be read: {error.strerror}") from None
+
+
 def load(path: str | Path) -> Servo:
     """Read a servo from a TOML file with the tables [servo], [controller] and [friction].
 
@@ -156,16 +169,7 @@ def load(path: str | Path) -> Servo:
     ------
     InputError : missing file, broken TOML, unknown key, a value that is not a number or out of range.
     """
-    path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            tree = tomllib.load(stream)
-    except FileNotFoundError:
-        raise InputError(f"servo file {str(path)!r}: no such file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"servo file {str(path)!r}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise InputError(f"servo file {str(path)!r}: cannot be read: {error.strerror}") from None
+    tree = read_toml(path, f"servo file {str(path)!r}")
     try:
         return unflatten(_values(tree))
     except InputError as error:

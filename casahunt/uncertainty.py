@@ -27,7 +27,6 @@ Symbols: k uncertain parameters, n samples, q, l, h (k,) values and bounds, g (k
 from __future__ import annotations
 
 import re
-import tomllib
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -46,7 +45,7 @@ from .fold import Fold, find_fold
 from .hunting import MODELS, Model
 from .orbit import Orbit
 from .sensitivity import NAMES, fold_sensitivities
-from .servo import Servo, flatten
+from .servo import Servo, flatten, read_toml
 
 Array = np.ndarray
 
@@ -172,17 +171,8 @@ def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
     ------
     InputError : missing file, broken TOML, unknown key, or what `Uncertainty` refuses.
     """
-    path = Path(path)
     what = f"uncertainty file {str(path)!r}"
-    try:
-        with path.open("rb") as stream:
-            tree = tomllib.load(stream)
-    except FileNotFoundError:
-        raise InputError(f"{what}: no such file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{what}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise InputError(f"{what}: cannot be read: {error.strerror}") from None
+    tree = read_toml(path, what)
     try:
         uncertainty = _from_tree(tree, servo)
         check_box(servo, uncertainty)
