@@ -12,11 +12,12 @@ The loop works at a fixed parameter, or with the parameter free under a border r
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from .admissibility import judge
-from .checks import require, shown
+from .checks import known, require, shown
 from .collocation import Kind
 from .errors import InputError, Status
 from .hunting import SCHEMES, Model
@@ -46,6 +47,9 @@ ROUGH = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 
 
+SOLVERS = ("auto", "ipopt", "newton")
+
+
 @dataclass(frozen=True)
 class Options:
     """How orbits are computed; holds no problem data.
@@ -53,13 +57,14 @@ class Options:
     Attributes
     ----------
     tol : relative tolerance of period and amplitude.
-    solver : "ipopt" or "newton" for first solves; Newton corrects after a change of mesh.
+    solver : for first solves "ipopt", "newton", or "auto": Newton where the start is close, IPOPT where it is not
+        or Newton fails.  After a change of mesh Newton corrects.
     degree, kind : collocation scheme; None for the default of the model.
     half : exploit the symmetry x(t + T/2) = -x(t).
     """
 
     tol: float = 1e-6
-    solver: Solver = "ipopt"
+    solver: Literal["auto", "ipopt", "newton"] = "auto"
     degree: int | None = None
     kind: Kind | None = None
     half: bool = True
@@ -68,6 +73,7 @@ class Options:
         low, high = TOLERANCE_RANGE
         if not low <= require("tol", self.tol) <= high:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
+        known("solver", self.solver, SOLVERS)
 
     def scheme_of(self, model: Model) -> tuple[int, Kind]:
         """(degree, kind) for a model."""
@@ -153,7 +159,7 @@ def solve_adaptively(
         e = estimate(t, solution.u, setting.moved(solution.parameter), border=row)
         if not np.isfinite(e.error):
             return Solved(t, solution, setting, None, Status.NOT_FINITE, iterations)
-        presentable = float(e.shape.max()) <= ROUGH * shape_limit(options.tol)
+        presentable = _presentable(e, options)
         if e.error <= options.tol and verdict.admissible and presentable:
             return Solved(t, solution, setting, e, Status.CONVERGED, iterations)
         accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations)
@@ -179,6 +185,25 @@ def solve_adaptively(
                 setting = replace(fresh, p=accepted.setting.p)
                 solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter)
     return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
+
+
+def remeshed(start: Start, options: Options) -> Start:
+    """A marched motion on a mesh for the tolerance, before anything is solved.
+
+    A march solves the equations of every interval; the estimate of what each is to blame for does not need the
+    closure to hold.
+    """
+    t, u, setting = start
+    e = estimate(t, u, setting)
+    if not np.isfinite(e.indicators).all() or float(e.indicators.sum()) <= options.tol and _presentable(e, options):
+        return start
+    t, u, fractions = transfer(t, u, setting.fractions, better_breaks(t, setting.fractions, e, options.tol))
+    return t, u, replace(setting, fractions=fractions)
+
+
+def _presentable(e: Estimate, options: Options) -> bool:
+    """The solution may be shown between its nodes."""
+    return float(e.shape.max()) <= ROUGH * shape_limit(options.tol)
 
 
 def _on_mesh(

@@ -8,7 +8,7 @@ import math
 import time
 from typing import Any
 
-from .adapt import Options
+from .adapt import SOLVERS, Options
 from .archive import save_orbit
 from .checks import known
 from .console import add_common, complex_text, finite, positive, progress, progress_line, say, servo_of, writable
@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
     orbit.add_argument("--gain", help="controller gain K, to be given")
     orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
-    orbit.add_argument("--solver", default="ipopt", help="ipopt (default) or newton, for the first solve")
+    orbit.add_argument("--solver", default="auto", help="auto (default: Newton from a close start, else IPOPT), ipopt, newton")
     orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
 
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
     branch = known("branch", options.branch, BRANCHES)
-    solver = known("solver", options.solver, ("ipopt", "newton"))
+    solver = known("solver", options.solver, SOLVERS)
     if options.gain is None:
         raise InputError("gain: must be given, for example --gain 0.1")
     gain = positive("gain", options.gain)

@@ -407,13 +407,14 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
     target = value / here - 1
     ds = target / point.row[-1]
     u, _ = predict(point, ds)
-    solved = corrected(point, u, target, last.model, options, ds=ds, border=None, solver=options.solver)
+    solver: Solver = "newton" if options.solver == "auto" else options.solver
+    solved = corrected(point, u, target, last.model, options, ds=ds, border=None, solver=solver)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     servo, gain = with_value(last.servo, last.gain, vary, value)
     orbit = orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
-        model=last.model, servo=servo, gain=gain, status=solved.status, solver=options.solver,
+        model=last.model, servo=servo, gain=gain, status=solved.status, solver=solver,
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip
     after = curve_point(orbit, vary, like=secant(last, orbit, vary))

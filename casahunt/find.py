@@ -12,21 +12,25 @@ import time
 from dataclasses import replace
 from typing import Literal
 
-from .adapt import Options, Solved, solve_adaptively
+from .adapt import Options, Solved, remeshed, solve_adaptively
 from .checks import known, require
 from .continuation import run, walk
 from .errors import NoOrbit, Status
 from .event_map import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, SCHEMES, Model
+from .march import MarchFailure
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
-from .resequence import from_segments
+from .resequence import Start, from_segments
 from .servo import Servo
+from .solve import Solver
 
 BranchName = Literal["stable", "unstable"]
 CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
 LOWER_GAINS = (0.95, 0.7)
 """Parts of the gain from which a cycle is sought by walking up, where the scan found none."""
+NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
+"""Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
 WALK_TOLERANCE = 1e-5
 """The way round the fold needs no more accuracy than this; its end is computed to the tolerance."""
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
@@ -87,6 +91,9 @@ def find_orbit(
     known("branch", branch, BRANCHES)
     if branch == "unstable":
         return replace(_round_the_fold(servo, model, gain, options), wall_s=time.perf_counter() - began)
+    at_once = _at_once(servo, model, gain, options)
+    if at_once is not None:
+        return replace(at_once, wall_s=time.perf_counter() - began)
     start, seen = starting_half_cycle(servo, model, gain)
     if start is None:
         assert seen is not None
@@ -103,6 +110,41 @@ def find_orbit(
         if not start.slope < CLEARLY_STABLE and orbit.multipliers.leading.real > 1:
             orbit = _other_side(orbit, options)
     return replace(orbit, wall_s=time.perf_counter() - began)
+
+
+def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
+    """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
+
+    The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
+    does not arrive at a clearly stable cycle, the careful way has to be gone.
+    """
+    if options.solver == "ipopt":
+        return None
+    began = time.perf_counter()
+    degree, kind = options.scheme_of(model)
+    kp, _, _ = servo.torque_gains(gain)
+    a = TYPICAL * servo.friction.static / kp
+    try:
+        if model == "lugre":
+            a = half_cycle("switch", servo, gain, a).position
+        for _ in range(FIRST_MOTIONS):
+            if a <= 0:
+                return None
+            motion = half_cycle(model, servo, gain, a, degree=degree, kind=kind)
+            a = motion.position
+            if 1 / NEARBY[model] < motion.ratio < NEARBY[model]:
+                break
+        else:
+            return None
+        first = remeshed(_start(motion, servo, model, gain, options), options)
+        solved = solve_adaptively(model, first, options, solver="newton")
+        orbit = finished(solved, model, servo, gain, options, began, "", solver="newton")
+    except (MarchFailure, NoOrbit):
+        return None
+    linearisation = solved.solution.linearisation
+    if linearisation is None or not linearisation.return_map_eigenvalues().real.max() < 1 + CLEARLY_STABLE:
+        return None
+    return orbit
 
 
 def _from_below(servo: Servo, model: Model, gain: float, options: Options, seen: Scan) -> Orbit:
@@ -167,12 +209,18 @@ def _solved_from(
     degree, kind = options.scheme_of(model)
     if (degree, kind) != SCHEMES[model]:
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
-    first = from_segments(
-        model, start.segments, servo.parameters(gain), direction_of("gain"),
+    solver: Solver = "ipopt" if options.solver == "auto" else options.solver
+    solved = solve_adaptively(model, _start(start, servo, model, gain, options), options, solver=solver)
+    return finished(solved, model, servo, gain, options, began, what, solver=solver)
+
+
+def _start(motion: HalfCycle, servo: Servo, model: Model, gain: float, options: Options) -> Start:
+    """A motion as the starting point of the boundary value problem."""
+    degree, kind = options.scheme_of(model)
+    return from_segments(
+        model, motion.segments, servo.parameters(gain), direction_of("gain"),
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
-    solved = solve_adaptively(model, first, options, solver=options.solver)
-    return finished(solved, model, servo, gain, options, began, what)
 
 
 def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
@@ -245,7 +293,8 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
 
 
 def finished(
-    solved: Solved, model: Model, servo: Servo, gain: float, options: Options, began: float, what: str
+    solved: Solved, model: Model, servo: Servo, gain: float, options: Options, began: float, what: str,
+    *, solver: Solver = "newton",
 ) -> Orbit:
     """The Orbit of a converged `Solved`, or NoOrbit with the advice."""
     if not solved.status.ok or solved.estimate is None:
@@ -253,6 +302,6 @@ def finished(
         raise NoOrbit(sentence, solved.status)
     return orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
-        model=model, servo=servo, gain=gain, status=solved.status, solver=options.solver,
+        model=model, servo=servo, gain=gain, status=solved.status, solver=solver,
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip

@@ -21,7 +21,7 @@ import numpy as np
 
 from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
-from .cycle import Feature
+from .cycle import Feature, Field
 from .hunting import Exit, System
 from .interval import IntervalMap, interval_map
 
@@ -31,10 +31,17 @@ NEWTON_LIMIT = 12
 SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the start
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
 ROUNDING = 1e-14
+GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
+MOST_SLOW = 2  # Newton steps that do not halve before an interval is given up
+GROWTH = 2.5  # of an interval's length from one to the next
+KEEP = 0.001  # below this size of a Newton step its matrix serves the next ones too
+EXACT = 1e-16  # the same where an event is located
 STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
 EVENT_LIMIT = 1e-10  # an event counts as located
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
 RESOLUTION = 3.0  # a polynomial is known to this many times its last Legendre coefficient
+EXTRAPOLATED = 1.0  # the longest interval that its predecessor foretells, in units of that one's length
+SHORT = 1e-4  # part of an interval over which the rate of an event is measured
 ON_EVENT = 1e-12  # a state is on an event, not beside it
 _WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
 
@@ -118,7 +125,7 @@ def march(
     ------
     MarchFailure : NaN, a step size that vanishes, or too many intervals.
     """
-    s, n = scheme(degree, kind), x.size
+    s = scheme(degree, kind)
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
@@ -126,9 +133,7 @@ def march(
         if field.flow is not None:
             segment, mode = _closed_form(system, mode, x, p)
         else:
-            stepper = _Stepper(
-                interval_map(field.field, n, p.size, degree, kind, 1), s, p, scale, field.sign
-            )
+            stepper = _Stepper(field.field, s, p, scale, field.sign)
             segment, mode = _collocated(
                 system, mode, x, p, stepper, tol, max_time - time, max_intervals - used
             )
@@ -177,38 +182,58 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
 class _Stepper:
     """One interval from x of length h: Newton on its stages."""
 
+    def __init__(self, field: Field, s: Scheme, p: Array, scale: Array, sign: float) -> None:
+        what = (field, scale.size, p.size, s.degree, s.kind, 1)
+        self.block, self.residual = interval_map(*what), interval_map(*what, derivatives=False)
+        self.scheme, self.p, self.scale, self.sign = s, p, scale, sign
+        self.no_dp, self.no_next = np.zeros(p.size), np.zeros(scale.size)
+
     def scale_of(self, way_out: Exit) -> float:
         """Size of an event in a motion of the size of the state scale."""
         return abs(float(way_out.event.function(self.scale, 0.0, self.p)))
 
-    def __init__(self, function: IntervalMap, s: Scheme, p: Array, scale: Array, sign: float) -> None:
-        self.function, self.scheme, self.p, self.scale, self.sign = function, s, p, scale, sign
-        self.no_dp, self.no_next = np.zeros(p.size), np.zeros(scale.size)
+    def slope(self, x: Array) -> Array:
+        """f(x), scaled: minus d(node row)/dT of an interval whose stages all sit at x."""
+        rows = x.size * (self.scheme.degree + 1)
+        return -self._call(self.block, np.tile(x, self.scheme.degree + 1), 0.0)[rows + 1, rows - x.size :]
 
-    def __call__(self, x: Array, stages: Array, h: float, newton_tol: float) -> tuple[Array, Array] | None:
-        """(stages, end), both scaled, or None where Newton does not converge."""
+    def _call(self, function: IntervalMap, w: Array, h: float) -> Array:
+        return function(w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale)[0]
+
+    def __call__(self, x: Array, stages: Array, h: float, goal: float) -> tuple[Array, Array] | None:
+        """(stages, end), both scaled, to an error of about `goal`, or None where Newton does not converge.
+
+        Near the solution the inverse Jacobian is kept: a residual costs a quarter of it.
+        """
         n, rows = x.size, x.size + stages.size
         w = np.concatenate([x, stages])
-        last = np.inf
+        last, keep, slow = np.inf, False, 0
+        inverse = node_rows = np.zeros(0)
         for _ in range(NEWTON_LIMIT):
-            block = self.function(
-                w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale
-            )[0]
-            if not np.isfinite(block).all():
+            if keep:
+                residual = self._call(self.residual, w, h)[0]
+            else:
+                block = self._call(self.block, w, h)
+                residual, jacobian = block[0], block[n + 1 : rows + 1].T
+                try:
+                    inverse = np.linalg.inv(jacobian[: rows - n])
+                except np.linalg.LinAlgError:
+                    return None
+                node_rows = jacobian[rows - n :].copy()
+            step = inverse @ residual[: rows - n]
+            size = float(abs(step).max())
+            if not size < np.inf:
                 return None
-            try:
-                step = np.linalg.solve(block[n + 1 : rows + 1, : rows - n].T, block[0, : rows - n])
-            except np.linalg.LinAlgError:
-                return None
-            size = float(np.max(np.abs(step)))
             w[n:] -= step
-            stalled = size > 0.3 * last and size <= STALLED * max(1.0, float(np.max(np.abs(w))))
-            if size <= newton_tol or stalled:
-                end = -block[0, rows - n :] + block[n + 1 : rows + 1, rows - n :].T @ step
-                return w[n:], end
-            if size > 2 * last or size > 1e6:
+            # What is left: the square of a Newton step, or a step with the old matrix times its reduction.
+            left = size * (size / last if keep else min(size, 1.0))
+            stalled = size > 0.3 * last and size <= STALLED * max(1.0, float(abs(w).max()))
+            if left <= goal or stalled:
+                return w[n:], node_rows @ step - residual[rows - n :]
+            slow += size > 0.5 * last
+            if slow > MOST_SLOW or size > 1e6 or (size > 2 * last and not keep):
                 return None
-            last = size
+            keep, last = size < KEEP and size < 0.1 * last, size
         return None
 
 
@@ -224,12 +249,11 @@ def _collocated(
 ) -> tuple[Segment, str]:
     s, scale = stepper.scheme, stepper.scale
     d = s.degree
-    newton_tol = min(1e-3 * tol, 1e-8)
     lengths: list[float] = []
     pieces: list[Array] = []
     start = x / scale
     t, first = 0.0, True
-    slope = _slope(stepper, start)
+    slope = stepper.slope(start)
     h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: tuple[Array, float] | None = None
     while True:
@@ -240,9 +264,9 @@ def _collocated(
         if len(pieces) >= max_intervals:
             raise MarchFailure(f"mode {mode!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
         guess = _predict(s, previous, start, h)
-        solved = stepper(start, guess, h, newton_tol)
-        if solved is None and previous is not None:
-            solved = stepper(start, np.tile(start, d), h, newton_tol)
+        solved = stepper(start, guess, h, GOAL * tol)
+        if solved is None and _reaches(previous, h):
+            solved = stepper(start, np.tile(start, d), h, GOAL * tol)
         error = np.inf if solved is None else _last_mode(s, start, solved[0])
         if error > 4 * tol:
             h *= 0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d))
@@ -263,7 +287,7 @@ def _collocated(
             # A look at the polynomial saves locating an exit only to find that the interval hides something.
             rough = s.interpolation(crossing[1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
             hidden = _hidden(system.modes[mode].feature, start, rough[1:].ravel(), rough[-1], scale, p)
-            located = None if hidden else _locate(*crossing, stepper, start, stages, h, newton_tol)
+            located = None if hidden else _locate(*crossing, stepper, start, stages, h)
             if located is None:
                 h *= 0.5
                 if h < SMALLEST_STEP * max(t, 1.0):
@@ -289,7 +313,7 @@ def _collocated(
                 return Segment(mode, way_out.event.name, t, breaks / breaks[-1], w, end * scale), successor
         previous, start, first = (pieces[-1], h), end, crossing is not None
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
-        h = min(h * min(5.0, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
+        h = min(h * min(GROWTH, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
 
 
 def _hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:
@@ -299,22 +323,19 @@ def _hidden(feature: Feature | None, start: Array, stages: Array, end: Array, sc
     return bool(hides(feature, points, p)[0])
 
 
-def _slope(stepper: _Stepper, x: Array) -> Array:
-    """f(x), scaled: minus d(node row)/dT of an interval whose stages all sit at x."""
-    n, d = x.size, stepper.scheme.degree
-    block = stepper.function(
-        np.tile(x, d + 1), stepper.no_next, 0.0, 1.0, stepper.sign, stepper.p, stepper.no_dp, stepper.scale
-    )[0]
-    return -block[n * (d + 1) + 1, n * d :]
-
-
 def _predict(s: Scheme, previous: tuple[Array, float] | None, start: Array, h: float) -> Array:
     """Stages extrapolated from the previous interval; constant where that reaches too far."""
     d, n = s.degree, start.size
-    if previous is None or h > 2.5 * previous[1]:
+    if not _reaches(previous, h):
         return np.tile(start, d)
+    assert previous is not None
     w, last = previous
     return (s.interpolation(1 + s.stages * (h / last)) @ w.reshape(d + 1, n)).ravel()
+
+
+def _reaches(previous: tuple[Array, float] | None, h: float) -> bool:
+    """Whether the previous interval may be extrapolated to one of length h."""
+    return previous is not None and h <= EXTRAPOLATED * previous[1]
 
 
 def _last_mode(s: Scheme, start: Array, stages: Array) -> float:
@@ -362,40 +383,38 @@ def _first_crossing(
 
 
 def _locate(
-    way_out: Exit, beyond: float, stepper: _Stepper, start: Array, stages: Array, h: float, newton_tol: float
+    way_out: Exit, beyond: float, stepper: _Stepper, start: Array, stages: Array, h: float
 ) -> tuple[float, Array, Array] | None:
-    """Interval length at which the event vanishes at its end: Illinois iteration on true intervals."""
+    """Interval length at which the event vanishes at its end: Newton on true intervals, kept in a bracket."""
     s = stepper.scheme
 
     def value(state: Array) -> float:
         return way_out.direction * float(way_out.event.function(state * stepper.scale, 0.0, stepper.p))
 
     w = np.concatenate([start, stages]).reshape(s.degree + 1, -1)
-    inside = beyond - (_WATCH[1] - _WATCH[0])
-    low, high = inside, beyond
-    f_low = min(value((s.interpolation(np.array([inside])) @ w)[0]), 0.0)
-    f_high = value((s.interpolation(np.array([beyond])) @ w)[0])
-    theta, f = beyond, f_high
+    low, high = beyond - (_WATCH[1] - _WATCH[0]), beyond
+    ends = s.interpolation(np.array([low, high])) @ w
+    f_low, f_high = min(value(ends[0]), 0.0), value(ends[1])
     # Rounding in the states keeps the event from vanishing better than this.
-    tolerance = max(EVENT_TOLERANCE, ROUNDING * max(abs(f_low), f_high, stepper.scale_of(way_out)))
+    size = max(abs(f_low), f_high, stepper.scale_of(way_out))
+    tolerance = max(EVENT_TOLERANCE, ROUNDING * size)
+    theta = high - f_high * (high - low) / (f_high - f_low) if f_low < 0 < f_high else (low + high) / 2
     solved: tuple[Array, Array] | None = None
-    side = 0
+    f = last = np.inf
     for _ in range(60):
-        theta = high - f_high * (high - low) / (f_high - f_low) if f_low < 0 < f_high else (low + high) / 2
         guess = (s.interpolation(s.stages * theta) @ w).ravel()
-        solved = stepper(start, guess, theta * h, newton_tol)
+        solved = stepper(start, guess, theta * h, EXACT)
         if solved is None:
             return None
         f = value(solved[1])
         if abs(f) <= tolerance or high - low < 1e-15:
             break
-        if f > 0:
-            high, f_high = theta, f
-            f_low *= 0.5 if side > 0 else 1.0
-            side = 1
-        else:
-            low, f_low = theta, f
-            f_high *= 0.5 if side < 0 else 1.0
-            side = -1
+        low, high = (low, theta) if f > 0 else (theta, high)
+        # The event is nearly linear over so short a way: its rate is that of the motion at the end.
+        ahead = SHORT * stepper.slope(solved[1]) * h
+        rate = (value(solved[1] + ahead) - value(solved[1] - ahead)) / (2 * SHORT)
+        newton = theta - f / rate if rate > 0 and abs(f) < 0.5 * last else np.inf
+        theta, last = newton if low < newton < high else (low + high) / 2, abs(f)
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
-    return (theta * h, solved[0], solved[1]) if solved and abs(f) <= EVENT_LIMIT else None
+    confirmed = solved is not None and abs(f) <= EVENT_LIMIT
+    return (theta * h, *solved) if solved is not None and confirmed else None

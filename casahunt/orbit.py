@@ -158,8 +158,8 @@ class Orbit:
 
 MULTIPLIER_TOLERANCE = 1e-9
 """Error of the period on the mesh on which multipliers are computed."""
-HEALTHY = 1e-8
-"""Trivial multipliers nearer to 1 than this need no finer mesh."""
+HEALTHY = 4e-9
+"""Trivial multipliers nearer to 1 than this need no finer mesh: that of the full period, its square, is within 1e-8."""
 MORE_HALVINGS = 3
 LARGE, SETTLED = 10.0, 1e-7
 """Half multipliers beyond LARGE are computed on two meshes at least, until they agree to SETTLED."""

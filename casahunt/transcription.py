@@ -44,7 +44,7 @@ import numpy as np
 from .collocation import Kind, scheme
 from .cycle import Cycle, Field
 from .interval import IntervalMap, interval_map
-from .node_system import NodeSystem, node_system
+from .node_system import ADJOINTS, NodeSystem, node_system
 
 Array = np.ndarray
 
@@ -363,6 +363,20 @@ class Linearisation:
         rhs[-1] = 1.0
         y = self.transcription.system.solve(self.matrix(border), rhs)
         return self.expand(y, 0.0), y
+
+    def return_map_eigenvalues(self) -> Array:
+        """(n,) eigenvalues of the linearised map of the start to S times the end, one of them zero.
+
+        The quick look at the multipliers of a stable cycle: the start responds to a disturbance of the closure by
+        (I - M)^-1.  Digits that M loses there are lost; floquet.py loses none.
+        """
+        t = self.transcription
+        matrix, n = self.matrix(t.system.border(parameter=1.0)), t.n
+        response = np.concatenate(
+            [t.system.solve_transposed(matrix, np.eye(t.system.size)[k : min(k + ADJOINTS, n)])
+             for k in range(0, n, ADJOINTS)]
+        )[:, t.elements * n : (t.elements + 1) * n]  # fmt: skip
+        return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response))
 
     def expand(self, y: Array, inhomogeneous: float) -> Array:
         """du (size,) belonging to a node-system solution; `inhomogeneous` multiplies the stage residual."""
