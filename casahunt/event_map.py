@@ -150,6 +150,8 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
         max_time=patience(servo),
         max_intervals=MOST_INTERVALS["switch"],
     )
+    if segments[-1].event == "":
+        return HalfCycle(a, 0.0, segments)
     position = float(segments[-1].end[0])
     return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
 
@@ -361,7 +363,7 @@ def _maximise(at: Try, seen: list[HalfCycle], best: HalfCycle) -> HalfCycle:
     return best
 
 
-def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle:
+def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle | None:
     """A half cycle close to the fixed point between `above` (P >= a) and `below` (P < a).
 
     A few regula falsi steps in (log a, log P/a) for the stable one, where the boundary value problem needs
@@ -385,6 +387,8 @@ def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = F
             below = run
         if abs(run.ratio - 1) < abs(best.ratio - 1):
             best = run
+    if best.position <= 0:  # no fixed point, but a jump down to motions that come to rest
+        return None
     beside = at(best.start * (1 + LOCAL))
     if beside is None or min(beside.ratio, best.ratio) <= 0:
         return best

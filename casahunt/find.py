@@ -230,7 +230,12 @@ def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -
     inner fixed point of the event map is tried.
     """
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    stable = find_orbit(servo, model, gain, options=rough)
+    try:
+        stable = find_orbit(servo, model, gain, options=rough)
+    except NoOrbit as error:
+        if error.status is None or rough == options:
+            raise
+        stable = find_orbit(servo, model, gain, options=options)
     orbit = None
     for way in (rough, options):  # the accurate way is the slow one, and seldom needed
         last = stable

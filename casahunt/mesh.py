@@ -7,7 +7,7 @@ there, stages eliminated.  With J^T psi = c for the linear functional q = c . y 
     q(exact) - q(u) = sum_e psi_e . r_e,
 
 to first order in an error that the refined mesh makes 2^(2d) times smaller.  The sum is the error
-estimate; its terms say which interval is to blame and place the next mesh.  An interval far up-stream
+estimate (where its terms cancel, a part of their sizes: `CANCELLED`); its terms say which interval is to blame and place the next mesh.  An interval far up-stream
 of an unstable direction weighs exactly as much as it matters, which no local monitor can know.
 
 A second measure keeps the solution itself presentable between the nodes: the last Legendre coefficient
@@ -30,9 +30,14 @@ SHAPE = 1e-3
 """Largest last Legendre coefficient: the polynomial inside an interval is then good to about 1e-4."""
 KINK_POWER = 1 / 3
 """In a mode with a kink the blame of an interval falls no faster than h^3."""
-SAFETY = 0.1
-"""The next mesh aims at this part of the tolerance."""
+SAFETY = 0.01
+"""The next mesh aims at this part of the tolerance.  A fifth more intervals than at 0.1, and of a walk on which fast slips move
+about on their mesh a quarter fewer changes of it: 5 to 15 % less time."""
 ROUNDING = 4 * np.finfo(float).eps
+CANCELLED = 0.1
+"""No estimate is smaller than this part of the sum of its terms' sizes.  Where terms of both signs cancel, what is left
+is no better known than the refined mesh is accurate: met on an unstable LuGre cycle, where 4e-8 and -4e-8 left 3e-10 of
+a true error of 4e-9."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +207,7 @@ def estimate(t: Transcription, u: Array, setting: Setting, *, border: Array | No
         terms = psi * rhs
         per_element[g] = terms[: E * n].reshape(E, n).sum(axis=1)
         floor = ROUNDING * float(np.linalg.norm(psi[: E * n]))
-        errors[g] = abs(float(terms.sum())) + floor
+        errors[g] = max(abs(float(terms.sum())), CANCELLED * float(np.abs(per_element[g]).sum())) + floor
     blame = np.max(np.abs(per_element), axis=0)[t.interval_elements]
     return Estimate(float(errors[0]), float(errors[1]), float(errors[2]), blame, shape(t, u))
 

@@ -28,8 +28,11 @@ STEP_TOLERANCE = 1e-9
 """A Newton step below this leaves an error of its square."""
 FORESEEN_STEP = 1e-10
 """Where the next Newton step is sure to be smaller than this, it is not taken."""
+ROUNDED = 1e-8
+"""A Newton step below this that shrinks no more is rounding: relative to a ring-down of microseconds in a stick of hours."""
 RESIDUAL_LIMIT = 1e-8
-"""Largest residual of an accepted solution, after the last step."""
+"""Largest residual of an accepted solution, after the last step; where rounding leaves more, because an interval of hours
+multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
 
@@ -124,13 +127,15 @@ def newton(
         u += du
         lam += dlam
         # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
-        if size <= STEP_TOLERANCE or (iteration > 1 and size * (size / last) <= FORESEEN_STEP):
+        settled = size <= STEP_TOLERANCE or (iteration > 1 and size * (size / last) <= FORESEEN_STEP)
+        if settled or (size <= ROUNDED and size > 0.3 * last):
             try:
                 lin = t.linearise(u, setting.moved(lam))
             except np.linalg.LinAlgError:
                 return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
             residual = lin.residual_norm()
-            return Solution(u, lam, _verdict(t, start, u, residual, largest_move), iteration, residual, lin)
+            small = residual <= RESIDUAL_LIMIT or _size(t, u, lin.step(row)[0]) <= ROUNDED
+            return Solution(u, lam, _verdict(t, start, u, residual, small, largest_move), iteration, residual, lin)
         if size > 1e3 or (iteration > 3 and size > 2 * last):
             break
         if np.any(t.durations_of(u) <= 0):
@@ -145,10 +150,10 @@ def _size(t: Transcription, u: Array, du: Array) -> float:
     return float(np.maximum(np.max(np.abs(du[: -t.phases])), np.max(relative)))
 
 
-def _verdict(t: Transcription, start: Array, u: Array, residual: float, largest_move: float) -> Status:
+def _verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
     if not np.isfinite(u).all() or not np.isfinite(residual):
         return Status.NOT_FINITE
-    if residual > RESIDUAL_LIMIT:
+    if not small:
         return Status.NOT_CONVERGED
     if np.any(t.durations_of(u) <= 0):
         return Status.INADMISSIBLE
@@ -205,7 +210,7 @@ def ipopt(
     polished = newton(t, point, setting, max_iterations=4, largest_move=1e-2)
     if not polished.status.ok:
         return Solution(point, 0.0, polished.status, iterations, polished.residual, None)
-    status = _verdict(t, u, polished.u, polished.residual, largest_move)
+    status = _verdict(t, u, polished.u, polished.residual, polished.status.ok, largest_move)
     return Solution(
         polished.u, 0.0, status, iterations + polished.iterations, polished.residual, polished.linearisation
     )

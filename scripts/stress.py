@@ -348,7 +348,7 @@ def taylor_scan(servo: Servo, gain: float, points: int) -> tuple[bool, float, fl
     for a in servo.friction.static / kp * np.geomspace(20, 1e-4, points):
         try:
             with within(1.0):
-                ratio = taylor.switch_half_cycle(servo, gain, float(a))[0] / a
+                ratio = taylor.switch_half_cycle(servo, gain, float(a), thrown_out=3 * a, most_slips=12)[0] / a
         except (TooSlow, ArithmeticError, ValueError, IndexError):
             failed += 1
             continue

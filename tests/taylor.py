@@ -80,7 +80,8 @@ def _step(a: np.ndarray, scale: np.ndarray, vs: float) -> float:
     steps = [(EPS / s) ** (1 / k) for s, k in zip(sizes, orders, strict=True) if s > 0]
     h = 0.8 * min([*steps, 1e3])
     # Far above vs the exponential has no visible coefficients: it must not come back within a step.
-    while abs(_value(a, h)[1] - a[1, 0]) > vs:
+    allowed = max(vs, abs(a[1, 0]) - 7 * vs)
+    while abs(_value(a, h)[1] - a[1, 0]) > allowed:
         h *= 0.7
     return h
 
@@ -105,8 +106,14 @@ def _root(a: np.ndarray, row: np.ndarray, low: float, high: float) -> float:
     return h
 
 
-def switch_half_cycle(servo: Servo, gain: float, a: float) -> tuple[float, float, list[float]]:
-    """From breakaway at x1 = -a: (stick position reached, half period, slip durations)."""
+def switch_half_cycle(
+    servo: Servo, gain: float, a: float, *, thrown_out: float = math.inf, most_slips: float = math.inf
+) -> tuple[float, float, list[float]]:
+    """From breakaway at x1 = -a: (stick position reached, half period, slip durations).
+
+    A motion that turns beyond `thrown_out`, or for the `most_slips`-th time without having stuck, is not followed any
+    further: (its |x1|, nan, slip durations).
+    """
     flow = Flow(servo, gain, "switch")
     x = np.array([-a, 0.0, (flow.kp * a - flow.Fs) / flow.ki])
     sign, time, slips = 1.0, 0.0, []
@@ -131,6 +138,8 @@ def switch_half_cycle(servo: Servo, gain: float, a: float) -> tuple[float, float
         slips.append(time - began)
         x[1] = 0.0
         m = flow.torque(x)
+        if abs(m) > flow.Fs and (abs(x[0]) > thrown_out or len(slips) >= most_slips):
+            return abs(float(x[0])), math.nan, slips
         if abs(m) <= flow.Fs:
             way_out = -np.sign(x[0])
             return float(x[0]), time + (m - way_out * flow.Fs) / (flow.ki * x[0]), slips

@@ -14,7 +14,7 @@ from problems import table1
 @pytest.mark.parametrize("gain", [0.04, 0.3, 0.6])
 def test_collocation_blocks_and_casadi_integrators_agree(orbit, model, gain):
     """Condensed blocks against the forward sensitivities of erk and rosenbrock, phase by phase."""
-    t, u, setting = unknowns_of(orbit(model, gain, tol=1e-11))
+    t, u, setting = unknowns_of(orbit(model, gain, tol=1e-12))
     own = floquet.chain_multipliers(floquet.collocation_chain(t, u, setting), t.cycle.repeats)
     other = floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
     assert own.leading.real == pytest.approx(other.leading.real, rel=1e-6, abs=1e-9)
