@@ -221,7 +221,7 @@ def walk(
         yield orbit
         if following is None:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        following = replace(following, bend=_bend(point, following, value_of(last.servo, last.gain, vary)))
+        following = replace(following, bend=bend(point, following, value_of(last.servo, last.gain, vary)))
         angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
         effort = EASY_ITERATIONS / max(iterations, 1)
         ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
@@ -282,12 +282,12 @@ STRAIGHT = 0.5
 """Cosine between successive tangents below which the last point says little about the next."""
 
 
-def _bend(before: Point, after: Point, value: float) -> Array | None:
+def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Array | None:
     """(2, size + 1) coefficients c of u + s u' + s^2 c_0 + s^3 c_1, the cubic through `before` and `after`.
 
     s is measured along the tangent of `after`, as the corrector measures it: `before` lies at
-    s = tangent . (y_before - y_after) < 0.  `value` is the parameter at `before`.  None where the phases are not
-    the same.
+    s = tangent . (y_before - y_after), which must have the sign `side`.  `value` is the parameter at `before`.  None
+    where the phases are not the same, or the curve turns too much.
     """
     t = after.t
     if before.t.cycle is not t.cycle:
@@ -313,7 +313,7 @@ def _bend(before: Point, after: Point, value: float) -> Array | None:
         return float(after.row @ y)
 
     s, slope = along(change), along(rate)
-    if not s < 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):
+    if not s * side > 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):
         return None
     first = (change - s * here) / s**2
     second = (rate / slope - here) / s

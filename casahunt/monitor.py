@@ -22,13 +22,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .adapt import Options
 from .branch import SpecialPoint
-from .continuation import Point, curve_point, parameter_value, secant, step_along
+from .continuation import Point, bend, curve_point, in_units_of, parameter_value, secant, step_along
 from .errors import NoOrbit
 from .find import refined
 from .orbit import Orbit
@@ -144,14 +144,17 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
     towards = secant(before, after, vary)
     start = curve_point(before, vary, like=towards)
     low, high = 0.0, float(towards @ start.row)
-    f_low = monitor.value(before, start)
-    f_high = monitor.value(after, curve_point(after, vary, like=towards))
+    end = curve_point(after, vary, like=in_units_of(towards, before.scale, after.scale))
+    f_low, f_high = monitor.value(before, start), monitor.value(after, end)
+    start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
     best: tuple[float, Orbit] | None = None
     seen = [(low, f_low), (high, f_high)]
     side, failures = 0, 0
     for k in range(LOCATE_ROUNDS):
         ds = high - f_high * (high - low) / (f_high - f_low)
-        if 0 < k < INVERSE_ROUNDS:
+        if k == 0 and monitor is FOLD and start.bend is not None:
+            ds = _turning_point(start, low, high)
+        elif 0 < k < INVERSE_ROUNDS:
             ds = _inverse_interpolation(seen)
         if not low < ds < high:
             ds = high - f_high * (high - low) / (f_high - f_low)
@@ -182,6 +185,14 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
             f_high = f_high * 0.5 if side == -1 else f_high
             side = -1
     return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
+
+
+def _turning_point(start: Point, low: float, high: float) -> float:
+    """Where the parameter of the cubic through both orbits has its extremum between low and high; nan elsewhere."""
+    assert start.bend is not None
+    roots = np.roots([3 * start.bend[1, -1], 2 * start.bend[0, -1], start.row[-1]])
+    inside = [float(x.real) for x in roots if abs(x.imag) < 1e-12 and low < x.real < high]
+    return inside[0] if len(inside) == 1 else float("nan")
 
 
 def _inverse_interpolation(seen: list[tuple[float, float]]) -> float:
