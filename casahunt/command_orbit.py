@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
     orbit.add_argument("--gain", help="controller gain K, to be given")
     orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
-    orbit.add_argument("--solver", default="auto", help="auto (default: Newton from a close start, else IPOPT), ipopt, newton")
+    orbit.add_argument("--solver", default="auto", help="auto (default), ipopt or newton, for the first solve")
     orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
 

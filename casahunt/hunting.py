@@ -64,21 +64,24 @@ class _Symbols(NamedTuple):
     sigma1: Any
 
 
+_PLACES = {name.rsplit(".", 1)[-1]: i for i, name in enumerate(PARAMETERS)}
+
+
 def _symbols(p: Any) -> _Symbols:
-    value = {name.rsplit(".", 1)[-1]: p[i] for i, name in enumerate(PARAMETERS)}
-    factor = value["gain"] * value["motor_gain"]
-    lead, integral = value["lead_time"], value["integral_time"]
+    at = _PLACES
+    factor = p[at["gain"]] * p[at["motor_gain"]]
+    lead, integral = p[at["lead_time"]], p[at["integral_time"]]
     return _Symbols(
-        J=value["inertia"],
+        J=p[at["inertia"]],
         kp=factor * (1 + lead / integral),
         kd=factor * lead,
         ki=factor / integral,
-        Fs=value["static"],
-        Fc=value["coulomb"],
-        vs=value["stribeck_velocity"],
-        sigma2=value["viscous"],
-        sigma0=value["stiffness"],
-        sigma1=value["damping"],
+        Fs=p[at["static"]],
+        Fc=p[at["coulomb"]],
+        vs=p[at["stribeck_velocity"]],
+        sigma2=p[at["viscous"]],
+        sigma0=p[at["stiffness"]],
+        sigma1=p[at["damping"]],
     )
 
 

@@ -29,14 +29,11 @@ _SHARED = (5, 6, 7)  # inputs that are the same on every interval
 
 
 @lru_cache(maxsize=64)
-def interval_function(
-    field: Field, n: int, parameters: int, degree: int, kind: Kind, *, derivatives: bool = True
-) -> ca.Function:
+def interval_function(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> ca.Function:
     """The function of the module docstring, for one interval.
 
     Inputs are those of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s], fraction h, sign of
-    the mode, p and its direction dp, scale D (n).  Output: dense (R, R + 3), or without `derivatives` the
-    residual (R, 1).
+    the mode, p and its direction dp, scale D (n).  Output: dense (R, R + 3).
     """
     s, d = scheme(degree, kind), degree
     w, x_next = ca.SX.sym("w", n * (d + 1)), ca.SX.sym("x_next", n)
@@ -49,9 +46,9 @@ def interval_function(
     node_rows = x_next - x - h * T * ca.mtimes(slope, s.weights)
     residual = ca.vertcat(ca.vec(stage_rows), node_rows)
 
-    block = residual
-    if derivatives:
-        block = ca.horzcat(block, ca.jacobian(residual, w), ca.jacobian(residual, T), ca.jtimes(residual, p, dp))
+    block = ca.horzcat(
+        residual, ca.jacobian(residual, w), ca.jacobian(residual, T), ca.jtimes(residual, p, dp)
+    )
     return ca.Function(
         "interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"]
     )
@@ -111,8 +108,7 @@ class IntervalMap:
         dp: np.ndarray,
         scale: np.ndarray,
     ) -> np.ndarray:
-        """Blocks (N, R + 3, R): for each interval the columns of the block of the module docstring; (N, 1, R) of a
-        function without derivatives."""
+        """Blocks (N, R + 3, R): for each interval the columns of the block of the module docstring."""
         self._w[:] = w
         self._x_next[:] = x_next
         self._duration[:] = duration
@@ -126,10 +122,6 @@ class IntervalMap:
 
 
 @lru_cache(maxsize=32)
-def interval_map(
-    field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int, *, derivatives: bool = True
-) -> IntervalMap:
+def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
     """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
-    return IntervalMap(
-        interval_function(field, n, parameters, degree, kind, derivatives=derivatives), n, intervals
-    )
+    return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)

@@ -17,13 +17,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
-from .cycle import Feature, Field
+from .cycle import Feature, Field, Mode
 from .hunting import Exit, System
-from .interval import IntervalMap, interval_map
+from .interval import interval_map
 
 Array = np.ndarray
 
@@ -34,8 +35,7 @@ ROUNDING = 1e-14
 GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
 MOST_SLOW = 2  # Newton steps that do not halve before an interval is given up
 GROWTH = 2.5  # of an interval's length from one to the next
-KEEP = 0.001  # below this size of a Newton step its matrix serves the next ones too
-EXACT = 1e-16  # the same where an event is located
+EXACT = 1e-22  # the same where an event is located: the square of a step times what the curvature makes of it
 STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
 EVENT_LIMIT = 1e-10  # an event counts as located
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
@@ -151,13 +151,13 @@ def march(
 
 def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
     """A closed-form phase to its first exit; exits are found by the secant method (exact if linear)."""
-    flow = system.modes[mode].flow
-    assert flow is not None
+    exits = system.exits[mode]
+    motion = _flow_map(system.modes[mode], exits, x.size, p.size)
     best: tuple[float, Exit] | None = None
-    for way_out in system.exits[mode]:
+    for i, way_out in enumerate(exits):
 
-        def h(T: float, way_out: Exit = way_out) -> float:
-            return float(way_out.event.function(np.array(flow(x, T, p)).ravel(), T, p))
+        def h(T: float, i: int = i) -> float:
+            return float(motion(x, T, p)[1][i])
 
         t0, t1 = 0.0, 1.0
         h0, h1 = h(t0), h(t1)
@@ -174,17 +174,47 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
     if best is None:
         return Segment(mode, "", np.inf, np.array([0.0, 1.0]), x[None].copy(), x.copy()), mode
     duration, way_out = best
-    end = np.array(flow(x, duration, p)).ravel()
+    end = motion(x, duration, p)[0].copy()
     segment = Segment(mode, way_out.event.name, duration, np.array([0.0, 1.0]), x[None].copy(), end)
     return segment, way_out.successor(end, p)
+
+
+class _FlowMap:
+    """Closed form of a mode and its exits' events, compiled and called through fixed buffers: views into them."""
+
+    def __init__(self, mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> None:
+        assert mode.flow is not None
+        x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+        end = mode.flow(x, T, p)
+        events = ca.vertcat(*[way_out.event.function(end, T, p) for way_out in exits])
+        function = ca.Function("flow", [x, T, p], [ca.densify(end), ca.densify(events)])
+        self._in = (np.zeros(n), np.zeros(1), np.zeros(parameters))
+        self._out = (np.zeros(n), np.zeros(len(exits)))
+        self._buffer, self._trigger = function.buffer()
+        for i, array in enumerate(self._in):
+            self._buffer.set_arg(i, array.data)
+        for i, array in enumerate(self._out):
+            self._buffer.set_res(i, array.data)
+
+    def __call__(self, x: Array, T: float, p: Array) -> tuple[Array, Array]:
+        """(state after T, value of each exit's event there)."""
+        for store, value in zip(self._in, (x, T, p), strict=True):
+            store[:] = value
+        self._trigger()
+        return self._out
+
+
+@lru_cache(maxsize=16)
+def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _FlowMap:
+    """Kept for reuse."""
+    return _FlowMap(mode, exits, n, parameters)
 
 
 class _Stepper:
     """One interval from x of length h: Newton on its stages."""
 
     def __init__(self, field: Field, s: Scheme, p: Array, scale: Array, sign: float) -> None:
-        what = (field, scale.size, p.size, s.degree, s.kind, 1)
-        self.block, self.residual = interval_map(*what), interval_map(*what, derivatives=False)
+        self.function = interval_map(field, scale.size, p.size, s.degree, s.kind, 1)
         self.scheme, self.p, self.scale, self.sign = s, p, scale, sign
         self.no_dp, self.no_next = np.zeros(p.size), np.zeros(scale.size)
 
@@ -195,45 +225,34 @@ class _Stepper:
     def slope(self, x: Array) -> Array:
         """f(x), scaled: minus d(node row)/dT of an interval whose stages all sit at x."""
         rows = x.size * (self.scheme.degree + 1)
-        return -self._call(self.block, np.tile(x, self.scheme.degree + 1), 0.0)[rows + 1, rows - x.size :]
+        return -self._call(np.tile(x, self.scheme.degree + 1), 0.0)[rows + 1, rows - x.size :]
 
-    def _call(self, function: IntervalMap, w: Array, h: float) -> Array:
-        return function(w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale)[0]
+    def _call(self, w: Array, h: float) -> Array:
+        return self.function(w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale)[0]
 
     def __call__(self, x: Array, stages: Array, h: float, goal: float) -> tuple[Array, Array] | None:
-        """(stages, end), both scaled, to an error of about `goal`, or None where Newton does not converge.
-
-        Near the solution the inverse Jacobian is kept: a residual costs a quarter of it.
-        """
+        """(stages, end), both scaled, to an error of about `goal`, or None where Newton does not converge."""
         n, rows = x.size, x.size + stages.size
         w = np.concatenate([x, stages])
-        last, keep, slow = np.inf, False, 0
-        inverse = node_rows = np.zeros(0)
+        last, slow = np.inf, 0
         for _ in range(NEWTON_LIMIT):
-            if keep:
-                residual = self._call(self.residual, w, h)[0]
-            else:
-                block = self._call(self.block, w, h)
-                residual, jacobian = block[0], block[n + 1 : rows + 1].T
-                try:
-                    inverse = np.linalg.inv(jacobian[: rows - n])
-                except np.linalg.LinAlgError:
-                    return None
-                node_rows = jacobian[rows - n :].copy()
-            step = inverse @ residual[: rows - n]
+            block = self._call(w, h)
+            residual, jacobian = block[0], block[n + 1 : rows + 1].T
+            try:
+                step = np.linalg.solve(jacobian[: rows - n], residual[: rows - n])
+            except np.linalg.LinAlgError:
+                return None
             size = float(abs(step).max())
             if not size < np.inf:
                 return None
             w[n:] -= step
-            # What is left: the square of a Newton step, or a step with the old matrix times its reduction.
-            left = size * (size / last if keep else min(size, 1.0))
             stalled = size > 0.3 * last and size <= STALLED * max(1.0, float(abs(w).max()))
-            if left <= goal or stalled:
-                return w[n:], node_rows @ step - residual[rows - n :]
+            if size * size <= goal or stalled:  # the square of a Newton step is what it leaves
+                return w[n:], jacobian[rows - n :] @ step - residual[rows - n :]
             slow += size > 0.5 * last
-            if slow > MOST_SLOW or size > 1e6 or (size > 2 * last and not keep):
+            if slow > MOST_SLOW or size > min(2 * last, 1e6):
                 return None
-            keep, last = size < KEEP and size < 0.1 * last, size
+            last = size
         return None
 
 
@@ -401,11 +420,13 @@ def _locate(
     theta = high - f_high * (high - low) / (f_high - f_low) if f_low < 0 < f_high else (low + high) / 2
     solved: tuple[Array, Array] | None = None
     f = last = np.inf
+    reach = 1.0  # local time at the end of the interval whose polynomial w is
     for _ in range(60):
-        guess = (s.interpolation(s.stages * theta) @ w).ravel()
+        guess = (s.interpolation(s.stages * (theta / reach)) @ w).ravel()
         solved = stepper(start, guess, theta * h, EXACT)
         if solved is None:
             return None
+        w, reach = np.concatenate([start, solved[0]]).reshape(s.degree + 1, -1), theta
         f = value(solved[1])
         if abs(f) <= tolerance or high - low < 1e-15:
             break

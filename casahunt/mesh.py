@@ -7,8 +7,9 @@ there, stages eliminated.  With J^T psi = c for the linear functional q = c . y 
     q(exact) - q(u) = sum_e psi_e . r_e,
 
 to first order in an error that the refined mesh makes 2^(2d) times smaller.  The sum is the error
-estimate (where its terms cancel, a part of their sizes: `CANCELLED`); its terms say which interval is to blame and place the next mesh.  An interval far up-stream
-of an unstable direction weighs exactly as much as it matters, which no local monitor can know.
+estimate (where its terms cancel, a part of their sizes: `CANCELLED`); its terms say which interval is to
+blame and place the next mesh.  An interval far up-stream of an unstable direction weighs exactly as much as
+it matters, which no local monitor can know.
 
 A second measure keeps the solution itself presentable between the nodes: the last Legendre coefficient
 of each interval in units of the state scale, bounded by `shape_limit`.
@@ -31,8 +32,8 @@ SHAPE = 1e-3
 KINK_POWER = 1 / 3
 """In a mode with a kink the blame of an interval falls no faster than h^3."""
 SAFETY = 0.01
-"""The next mesh aims at this part of the tolerance.  A fifth more intervals than at 0.1, and of a walk on which fast slips move
-about on their mesh a quarter fewer changes of it: 5 to 15 % less time."""
+"""The next mesh aims at this part of the tolerance.  A fifth more intervals than at 0.1, and on walks along which
+fast slips move about on their mesh a quarter fewer changes of it: 5 to 15 % less time."""
 ROUNDING = 4 * np.finfo(float).eps
 CANCELLED = 0.1
 """No estimate is smaller than this part of the sum of its terms' sizes.  Where terms of both signs cancel, what is left

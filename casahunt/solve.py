@@ -29,10 +29,11 @@ STEP_TOLERANCE = 1e-9
 FORESEEN_STEP = 1e-10
 """Where the next Newton step is sure to be smaller than this, it is not taken."""
 ROUNDED = 1e-8
-"""A Newton step below this that shrinks no more is rounding: relative to a ring-down of microseconds in a stick of hours."""
+"""A Newton step below this that shrinks no more is rounding: that of a ring-down of microseconds before a stick of
+hours, for example."""
 RESIDUAL_LIMIT = 1e-8
-"""Largest residual of an accepted solution, after the last step; where rounding leaves more, because an interval of hours
-multiplies it, the next Newton step must be below `ROUNDED`."""
+"""Largest residual of an accepted solution, after the last step; where rounding leaves more, because an interval of
+hours multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
 

@@ -37,12 +37,15 @@ def test_map_against_taylor(gain, a):
 
 @pytest.mark.parametrize("gain", [0.04, 0.1, 0.4, 0.61])
 def test_fixed_points_are_the_orbits(orbit, gain):
-    """Amplitudes to 1e-9 on both branches, whatever the slope; mu to 1e-9, and to 200 |mu| eps where that is more."""
+    """Amplitudes to 1e-9 on both branches, whatever the slope; mu to 1e-9, and to 1000 |mu| eps where that is more.
+
+    That much is rounding: at mu = 1e5 the map's own slope jumps by 2e-8 between gains 1e-5 apart.
+    """
     seen = fixed_points(Servo(), gain)
     assert seen.conclusive and [f.stable for f in seen.fixed] == [False, True]
     for f, branch in zip(seen.fixed, ("unstable", "stable"), strict=True):
         known = orbit("switch", gain, branch, 1e-11)
-        size = max(1e-9, 200 * abs(f.multiplier) * 2.2e-16)
+        size = max(1e-9, 1000 * abs(f.multiplier) * 2.2e-16)
         assert f.amplitude == pytest.approx(known.amplitude, rel=1e-9)
         assert f.multiplier == pytest.approx(known.half_multiplier, rel=size)
         assert f.period == pytest.approx(known.period, rel=1e-9)
