@@ -198,8 +198,8 @@ class _FlowMap:
 
     def __call__(self, x: Array, T: float, p: Array) -> tuple[Array, Array]:
         """(state after T, value of each exit's event there)."""
-        for store, value in zip(self._in, (x, T, p), strict=True):
-            store[:] = value
+        state, time, parameters = self._in
+        state[:], time[0], parameters[:] = x, T, p
         self._trigger()
         return self._out
 
