@@ -143,7 +143,7 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
             before = refined(before, options)
     towards = secant(before, after, vary)
     start = curve_point(before, vary, like=towards)
-    low, high = 0.0, float(towards @ start.row)
+    low, high = 0.0, _length_to(after, before, start, vary)
     end = curve_point(after, vary, like=in_units_of(towards, before.scale, after.scale))
     f_low, f_high = monitor.value(before, start), monitor.value(after, end)
     start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
@@ -187,6 +187,11 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
     return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
 
 
+def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
+    """Length along the tangent at `start`, the curve at `before`, to `after`."""
+    return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
+
+
 def _turning_point(start: Point, low: float, high: float) -> float:
     """Where the parameter of the cubic through both orbits has its extremum between low and high; nan elsewhere."""
     assert start.bend is not None
@@ -209,7 +214,7 @@ def _change_of_sequence(before: Orbit, after: Orbit, vary: str, options: Options
         return None
     towards = secant(before, after, vary)
     start = curve_point(before, vary, like=towards)
-    low, high, found = 0.0, float(towards @ start.row), before
+    low, high, found = 0.0, _length_to(after, before, start, vary), before
     for _ in range(LOCATE_ROUNDS):
         ds = (low + high) / 2
         outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)

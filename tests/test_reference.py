@@ -152,12 +152,48 @@ def test_schemes_and_solvers_agree(orbit, model):
         assert found.period == pytest.approx(reference.period, rel=1e-9)
 
 
-def test_ipopt_and_newton_give_the_same_orbit(orbit):
-    for model in ("switch", "lugre"):
-        by_ipopt = orbit(model, 0.3)
-        by_newton = find_orbit(table1.servo(), model, 0.3, options=Options(tol=1e-9, solver="newton"))
-        assert by_newton.unknowns > 0
-        assert by_newton.period == pytest.approx(by_ipopt.period, rel=1e-9)
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_every_solver_gives_the_same_orbit(model, branch):
+    """Newton at once, IPOPT first, Newton first: one orbit to 1e-10, and each says which solver it came from."""
+    found = {
+        solver: find_orbit(table1.servo(), model, 0.4, branch=branch, options=Options(tol=1e-12, solver=solver))
+        for solver in ("auto", "ipopt", "newton")
+    }
+    if branch == "stable":
+        assert {choice: o.solver for choice, o in found.items()} == {
+            "auto": "newton", "ipopt": "ipopt", "newton": "newton"
+        }  # fmt: skip
+    reference = next(row for row in table1.REFERENCE[model][branch] if row["K"] == 0.4)
+    for other in found.values():
+        assert other.period == pytest.approx(found["auto"].period, rel=1e-10)
+        assert other.amplitude == pytest.approx(found["auto"].amplitude, rel=1e-10)
+        assert other.period == pytest.approx(reference["period"], rel=1e-8)
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-4])
+def test_an_estimate_whose_terms_cancel_is_not_small(tol):
+    """On this LuGre cycle terms of 4e-8 and -4e-8 leave 3e-10 of a true error of 4e-9."""
+    gain = 0.31014829321331655
+    rough = find_orbit(table1.servo(), "lugre", gain, branch="unstable", options=Options(tol=tol))
+    other = Options(tol=1e-11, degree=9, kind="radau")
+    true = find_orbit(table1.servo(), "lugre", gain, branch="unstable", options=other)
+    off = max(abs(rough.period / true.period - 1), abs(rough.amplitude / true.amplitude - 1))
+    assert off <= 10 * rough.error_estimate
+
+
+@pytest.mark.slow
+def test_unstable_lugre_cycle_of_seventeen_hours():
+    """Fifty times below the report's lower bound, by two schemes; its longest interval lasts hours."""
+    gain = 6.2e-4
+    found = [
+        find_orbit(table1.servo(), "lugre", gain, branch="unstable", options=Options(tol=1e-6, degree=d, kind=kind))
+        for d, kind in ((7, "radau"), (6, "gauss"))
+    ]
+    one, two = found
+    assert one.period == pytest.approx(two.period, rel=1e-5)
+    assert one.amplitude == pytest.approx(two.amplitude, rel=1e-5)
+    assert one.period > 5e4
 
 
 def test_reversal_without_stick():

@@ -104,6 +104,7 @@ def test_estimate_sees_a_perturbed_mesh(orbit):
         (lambda: find_orbit(Servo(), "switch", float("nan")), "must be a finite number"),
         (lambda: find_orbit(Servo(), "switch", 0.1, branch="upper"), "unknown branch"),
         (lambda: Options(tol=1e-15), "must lie between"),
+        (lambda: Options(solver="newtn"), "did you mean 'newton'"),  # type: ignore[arg-type]
         (lambda: find_orbit(Servo(), "switch", 0.1, options=Options(degree=40)), "degree"),
     ],
 )
@@ -135,3 +136,20 @@ def test_repeated_solves_give_the_same_bits():
     for model in ("switch", "lugre"):
         a, b = (find_orbit(Servo(), model, 0.3) for _ in range(2))
         assert (a.amplitude, a.period, a.half_multiplier) == (b.amplitude, b.period, b.half_multiplier)
+
+
+@pytest.mark.slow
+def test_a_jump_of_the_map_is_no_crash():
+    """Next to the unstable cycle of this servo half cycles end without coming to a stop: an answer or a sentence."""
+    changes = {
+        "servo.inertia": 0.002952, "servo.motor_gain": 51.42, "controller.integral_time": 0.3576,
+        "controller.lead_time": 0.137, "friction.static": 1.0507, "friction.stribeck_velocity": 0.004985,
+        "friction.viscous": 0.08072,
+    }  # fmt: skip
+    servo = Servo().replace(**changes)
+    try:
+        found = find_orbit(servo, "switch", 2.686877765727051, branch="unstable")
+    except NoOrbit as error:
+        assert error.status is not None and len(str(error)) > 40
+    else:
+        assert found.status.ok and found.multipliers.leading.real > 1
