@@ -45,7 +45,8 @@ MAX_ROUNDS = 16
 MAX_SEQUENCES = 5
 ROUGH = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
-
+LEFT_OUT = 0.01
+"""Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 
 SOLVERS = ("auto", "ipopt", "newton")
 
@@ -137,7 +138,8 @@ def solve_adaptively(
     iterations, sequences, changes = 0, 0, 0
     accepted: Solved | None = None
     marched = False
-    solution = _correct(t, u, setting, border, solver, 0.0)
+    accuracy = LEFT_OUT * options.tol
+    solution = _correct(t, u, setting, border, solver, 0.0, accuracy)
     for _ in range(MAX_ROUNDS):
         iterations += solution.iterations
         if not solution.status.ok:
@@ -149,7 +151,7 @@ def solve_adaptively(
             if sequences <= MAX_SEQUENCES:
                 moved = setting.moved(solution.parameter)
                 starts = next_sequence(model, t, solution.u, moved, verdict.phase, soft=soft)
-                found = _first_converging(starts, setting, border, solution.parameter)
+                found = _first_converging(starts, setting, border, solution.parameter, accuracy)
             if found is None:
                 return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
             t, setting, solution = found
@@ -170,12 +172,12 @@ def solve_adaptively(
             changes += 1
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
             return accepted
-        t, setting, solution = _on_mesh(accepted, breaks, border)
+        t, setting, solution = _on_mesh(accepted, breaks, border, accuracy)
         if not solution.status.ok:
             # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
             changes = len(COARSENING)
             breaks = halved(phase_breaks(accepted.t, accepted.setting.fractions))
-            t, setting, solution = _on_mesh(accepted, breaks, border)
+            t, setting, solution = _on_mesh(accepted, breaks, border, accuracy)
         if not solution.status.ok and not marched:
             # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
             marched = True
@@ -183,7 +185,7 @@ def solve_adaptively(
             if again is not None:
                 t, u, fresh = again
                 setting = replace(fresh, p=accepted.setting.p)
-                solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter)
+                solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter, accuracy)
     return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
 
 
@@ -207,12 +209,12 @@ def _presentable(e: Estimate, options: Options) -> bool:
 
 
 def _on_mesh(
-    known: Solved, breaks: list[Array], border: Array | None
+    known: Solved, breaks: list[Array], border: Array | None, accuracy: float
 ) -> tuple[Transcription, Setting, Solution]:
     """A solution carried to another mesh and corrected there."""
     t, u, fractions = transfer(known.t, known.solution.u, known.setting.fractions, breaks)
     setting = replace(known.setting, fractions=fractions)
-    return t, setting, _correct(t, u, setting, border, "newton", known.solution.parameter)
+    return t, setting, _correct(t, u, setting, border, "newton", known.solution.parameter, accuracy)
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
@@ -224,26 +226,32 @@ def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
 
 
 def _correct(
-    t: Transcription, u: Array, setting: Setting, border: Array | None, solver: Solver, parameter: float
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    border: Array | None,
+    solver: Solver,
+    parameter: float,
+    accuracy: float,
 ) -> Solution:
     if border is not None:
-        return newton(t, u, setting, border=curve_border(t, u, border), parameter=parameter)
-    solution = solve(t, u, setting, solver=solver)
+        return newton(t, u, setting, border=curve_border(t, u, border), parameter=parameter, accuracy=accuracy)
+    solution = solve(t, u, setting, solver=solver, accuracy=accuracy)
     if not solution.status.ok:
-        again = solve(t, u, setting, solver="ipopt" if solver == "newton" else "newton")
+        again = solve(t, u, setting, solver="ipopt" if solver == "newton" else "newton", accuracy=accuracy)
         if again.status.ok:
             return again
     return solution
 
 
 def _first_converging(
-    starts: list[Start], setting: Setting, border: Array | None, parameter: float
+    starts: list[Start], setting: Setting, border: Array | None, parameter: float, accuracy: float
 ) -> tuple[Transcription, Setting, Solution] | None:
     """The first of several starting points from which Newton converges."""
     for t, u, moved in starts:
         fresh = replace(moved, p=setting.p)
         row = None if border is None else curve_border(t, u, border)
-        solution = newton(t, u, fresh, border=row, parameter=parameter)
+        solution = newton(t, u, fresh, border=row, parameter=parameter, accuracy=accuracy)
         if solution.status.ok:
             return t, fresh, solution
     return None

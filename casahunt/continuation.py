@@ -101,6 +101,13 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
     return _point(t, u, setting, vary, like=like, sense=sense)
 
 
+def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
+    """The curve at two successive orbits, oriented from the first to the second."""
+    way = secant(before, after, vary)
+    there = in_units_of(way, before.scale, after.scale)
+    return curve_point(before, vary, like=way), curve_point(after, vary, like=there)
+
+
 def _point(
     t: Transcription,
     u: Array,
@@ -152,13 +159,36 @@ def _divided(t: Transcription, u: Array, factor: Array) -> Array:
 def predict(point: Point, ds: float) -> tuple[Array, float]:
     """(u, lambda) a length ds further on; durations are multiplied, so that they stay positive."""
     t, P = point.t, point.t.phases
-    change = ds * np.append(point.du, point.row[-1])
-    change[-1 - P : -1] /= t.durations_of(point.u)
-    if point.bend is not None:
-        change += ds**2 * (point.bend[0] + ds * point.bend[1])
+    change = _change(point, ds)
     u = point.u + change[:-1]
     t.durations_of(u)[:] = t.durations_of(point.u) * np.exp(np.clip(change[-1 - P : -1], -1.0, 1.0))
     return u, float(change[-1])
+
+
+def _change(point: Point, ds: float) -> Array:
+    """(size + 1,) predicted change of (u, lambda), durations as logarithms."""
+    change = ds * np.append(point.du, point.row[-1])
+    change[-1 - point.t.phases : -1] /= point.t.durations_of(point.u)
+    if point.bend is not None:
+        change += ds**2 * (point.bend[0] + ds * point.bend[1])
+    return change
+
+
+def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
+    """`point` with a predictor that passes through what was found a length ds further on, at lambda = `lam`.
+
+    The coefficient of the highest power takes up the defect; `point` itself where the mesh is another one.
+    """
+    same = solved.t is point.t and np.array_equal(solved.setting.fractions, point.setting.fractions)
+    if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
+        return point
+    durations = slice(-1 - point.t.phases, -1)
+    change = np.append(solved.solution.u - point.u, lam)
+    change[durations] = np.log(point.t.durations_of(solved.solution.u) / point.t.durations_of(point.u))
+    defect = change - _change(point, ds)
+    if point.bend is None:
+        return replace(point, bend=np.array([defect / ds**2, np.zeros_like(defect)]))
+    return replace(point, bend=np.array([point.bend[0], point.bend[1] + defect / ds**3]))
 
 
 def walk(

@@ -1,9 +1,12 @@
 """From a servo to an orbit, without a guess from the user.
 
-    event map -> half cycle -> transcription -> IPOPT -> adapt.py -> Orbit
+    stable cycle    one motion -> mesh from its error estimate -> Newton -> clearly stable? -> Orbit
+    where not       event map -> outer fixed point -> IPOPT -> adapt.py -> Orbit
+    no fixed point  a walk up from lower gains, or NoOrbit with what was scanned
+    unstable cycle  stable one -> walk round the fold -> Orbit; where that fails, inner fixed point -> IPOPT
 
-The stable cycle is found next to the outer fixed point of the event map, the unstable one next to the
-inner fixed point.  Where the map shows that there is none, the error says what was scanned.
+The short way, `_at_once`, settles most questions; it never decides that there is no cycle, and an orbit that it finds
+must be admissible, accurate and clearly stable like any other.
 """
 
 from __future__ import annotations

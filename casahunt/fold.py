@@ -26,7 +26,7 @@ import numpy as np
 from .adapt import TOLERANCE_RANGE, Options, curve_border
 from .admissibility import judge
 from .branch import SpecialPoint
-from .continuation import curve_point, secant, walk
+from .continuation import ends, secant, walk
 from .errors import InputError, NoOrbit, Status
 from .event_map import TYPICAL, near_stable, scan
 from .find import WALK_TOLERANCE, check_problem, find_orbit
@@ -189,9 +189,8 @@ def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fo
 
 def _turns_back(before: Orbit, after: Orbit) -> bool:
     """Whether the gain has a maximum between two successive orbits of a walk."""
-    way = secant(before, after, "gain")
-    slopes = [FOLD.value(orbit, curve_point(orbit, "gain", like=way)) for orbit in (before, after)]
-    return slopes[0] > 0 >= slopes[1]
+    here, there = ends(before, after, "gain")
+    return FOLD.value(before, here) > 0 >= FOLD.value(after, there)
 
 
 def _located(before: Orbit, after: Orbit, options: Options) -> SpecialPoint:

@@ -28,7 +28,17 @@ import numpy as np
 
 from .adapt import Options
 from .branch import SpecialPoint
-from .continuation import Point, bend, curve_point, in_units_of, parameter_value, secant, step_along
+from .continuation import (
+    Point,
+    bend,
+    bent_through,
+    curve_point,
+    ends,
+    in_units_of,
+    parameter_value,
+    secant,
+    step_along,
+)
 from .errors import NoOrbit
 from .find import refined
 from .orbit import Orbit
@@ -105,8 +115,7 @@ def crossings(
                 found.append(SpecialPoint(monitor.kind, grazing, monitor.meaning.format(name=vary, value=value)))
             continue
         if start is None or end is None:
-            start = curve_point(before, vary, like=secant(before, after, vary))
-            end = curve_point(after, vary, like=secant(before, after, vary))
+            start, end = ends(before, after, vary)
         a, b = monitor.value(before, start), monitor.value(after, end)
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
             continue
@@ -141,10 +150,8 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
     if before.error_estimate > options.tol:  # once, on a mesh that serves all the steps
         with suppress(NoOrbit):
             before = refined(before, options)
-    towards = secant(before, after, vary)
-    start = curve_point(before, vary, like=towards)
+    start, end = ends(before, after, vary)
     low, high = 0.0, _length_to(after, before, start, vary)
-    end = curve_point(after, vary, like=in_units_of(towards, before.scale, after.scale))
     f_low, f_high = monitor.value(before, start), monitor.value(after, end)
     start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
     best: tuple[float, Orbit] | None = None
@@ -170,6 +177,7 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
             continue
         failures = 0
         orbit = outcome[0]
+        start = bent_through(start, ds, outcome[1], parameter_value(orbit, vary) / parameter_value(before, vary) - 1)
         f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
         seen.append((ds, f))
         if best is None or abs(f) < abs(best[0]):
@@ -212,8 +220,7 @@ def _change_of_sequence(before: Orbit, after: Orbit, vary: str, options: Options
     """The last orbit found with the phase sequence of `before`, where that of `after` is another one."""
     if before.signature == after.signature:
         return None
-    towards = secant(before, after, vary)
-    start = curve_point(before, vary, like=towards)
+    start = curve_point(before, vary, like=secant(before, after, vary))
     low, high, found = 0.0, _length_to(after, before, start, vary), before
     for _ in range(LOCATE_ROUNDS):
         ds = (low + high) / 2

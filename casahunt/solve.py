@@ -30,7 +30,7 @@ FORESEEN_STEP = 1e-10
 """Where the next Newton step is sure to be smaller than this, it is not taken."""
 ROUNDED = 1e-8
 """A Newton step below this that shrinks no more is rounding: that of a ring-down of microseconds before a stick of
-hours, for example."""
+hours, for example.  No accuracy asked for is worse."""
 RESIDUAL_LIMIT = 1e-8
 """Largest residual of an accepted solution, after the last step; where rounding leaves more, because an interval of
 hours multiplies it, the next Newton step must be below `ROUNDED`."""
@@ -94,6 +94,7 @@ def newton(
     parameter: float = 0.0,
     max_iterations: int = 12,
     largest_move: float = LARGEST_MOVE,
+    accuracy: float = 0.0,
 ) -> Solution:
     """Newton's method from u.
 
@@ -103,6 +104,9 @@ def newton(
         the equations and the starting point.
     max_iterations, largest_move
         when to give up, and how far from u a solution may lie.
+    accuracy
+        a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for
+        all digits.
     border
         border row (transcription.NodeSystem.border) orthogonal to the correction; default holds
         lambda fixed.
@@ -125,6 +129,9 @@ def newton(
         size = _size(t, u, du)
         if not np.isfinite(size):
             return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
+        if size <= min(accuracy, ROUNDED):
+            residual = lin.residual_norm()
+            return Solution(u, lam, _verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         u += du
         lam += dlam
         # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
@@ -217,9 +224,11 @@ def ipopt(
     )
 
 
-def solve(t: Transcription, u: Array, setting: Setting, *, solver: Solver = "ipopt") -> Solution:
-    """Solve at fixed parameters with the named solver."""
-    return ipopt(t, u, setting) if solver == "ipopt" else newton(t, u, setting)
+def solve(
+    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "ipopt", accuracy: float = 0.0
+) -> Solution:
+    """Solve at fixed parameters with the named solver; `accuracy` as in `newton`."""
+    return ipopt(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
 
 
 @dataclass(frozen=True, eq=False)
