@@ -48,6 +48,8 @@ Array = np.ndarray
 LOCATE_ROUNDS = 40
 INVERSE_ROUNDS = 8
 """Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
+CUBIC_ROUNDS = 6
+"""Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
 ACCEPTED = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose gain is second
@@ -139,17 +141,61 @@ def crossings(
 def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
     """The orbit between two at which `monitor` vanishes, or None where the steps there do not converge.
 
-    Steps start at `before`; where they fail, at `after`: they are other ones.
+    Steps start at the orbit where `monitor` is smaller, which is as a rule the closer one, along its tangent; where
+    they fail, at the other.
     """
-    orbit = _located_from(before, after, monitor, vary=vary, options=options)
-    return orbit if orbit is not None else _located_from(after, before, monitor, vary=vary, options=options)
+    start, end = ends(before, after, vary)
+    if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
+        before, after = after, before
+    orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor is FOLD else None
+    orbit = orbit or _located_from(before, after, monitor, vary=vary, options=options)
+    return orbit or _located_from(after, before, monitor, vary=vary, options=options)
+
+
+def _fold_by_cubics(before: Orbit, after: Orbit, *, vary: str, options: Options) -> Orbit | None:
+    """The fold next to `before`: again and again the turning point of the cubic through the last two orbits.
+
+    The error of a cubic falls with the fourth power of the way between its ends: three orbits are enough as a rule.
+    None where one of them is not where it should be.
+    """
+    before = _accurate(before, options)
+    here, there = ends(before, after, vary)
+    for _ in range(CUBIC_ROUNDS):
+        cubic = bend(there, here, parameter_value(after, vary), side=1.0)
+        if cubic is None:
+            return None
+        ds = _turning_point(here.row[-1], cubic[:, -1])
+        if not abs(ds) < _length_to(after, before, here, vary):
+            return None
+        here = replace(here, bend=cubic)
+        there = here if ds > 0 else _backwards(here)
+        outcome = step_along(there, before, vary, abs(ds), 0.0, np.inf, options)
+        if isinstance(outcome, str):
+            return None
+        before, after, there = outcome[0], before, _backwards(there)
+        here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
+        if abs(FOLD.value(before, here)) <= FOLD.tolerance:
+            return before
+    return None
+
+
+def _backwards(point: Point) -> Point:
+    """The same point of the curve, run through in the other sense."""
+    flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
+    return replace(point, row=-point.row, du=-point.du, bend=flipped)
+
+
+def _accurate(orbit: Orbit, options: Options) -> Orbit:
+    """The orbit to the tolerance, on a mesh that serves all the steps from it; as it is where that fails."""
+    if orbit.error_estimate > options.tol:
+        with suppress(NoOrbit):
+            return refined(orbit, options)
+    return orbit
 
 
 def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
     """`locate` by steps from `before`; their length along its tangent is the unknown."""
-    if before.error_estimate > options.tol:  # once, on a mesh that serves all the steps
-        with suppress(NoOrbit):
-            before = refined(before, options)
+    before = _accurate(before, options)
     start, end = ends(before, after, vary)
     low, high = 0.0, _length_to(after, before, start, vary)
     f_low, f_high = monitor.value(before, start), monitor.value(after, end)
@@ -159,9 +205,7 @@ def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, o
     side, failures = 0, 0
     for k in range(LOCATE_ROUNDS):
         ds = high - f_high * (high - low) / (f_high - f_low)
-        if k == 0 and monitor is FOLD and start.bend is not None:
-            ds = _turning_point(start, low, high)
-        elif 0 < k < INVERSE_ROUNDS:
+        if 0 < k < INVERSE_ROUNDS:
             ds = _inverse_interpolation(seen)
         if not low < ds < high:
             ds = high - f_high * (high - low) / (f_high - f_low)
@@ -200,12 +244,11 @@ def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
     return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
 
 
-def _turning_point(start: Point, low: float, high: float) -> float:
-    """Where the parameter of the cubic through both orbits has its extremum between low and high; nan elsewhere."""
-    assert start.bend is not None
-    roots = np.roots([3 * start.bend[1, -1], 2 * start.bend[0, -1], start.row[-1]])
-    inside = [float(x.real) for x in roots if abs(x.imag) < 1e-12 and low < x.real < high]
-    return inside[0] if len(inside) == 1 else float("nan")
+def _turning_point(slope: float, cubic: Array) -> float:
+    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0; nan where it has none."""
+    roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
+    real = roots.real[abs(roots.imag) <= 1e-9 * abs(roots)]
+    return float(real[np.argmin(abs(real))]) if real.size else float("nan")
 
 
 def _inverse_interpolation(seen: list[tuple[float, float]]) -> float:
