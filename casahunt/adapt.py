@@ -41,7 +41,7 @@ Array = np.ndarray
 TOLERANCE_RANGE = (1e-12, 1e-2)
 """Reachable tolerances: rounding below, meaningless meshes above."""
 MAX_INTERVALS = 3000
-MAX_ROUNDS = 16
+MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
 ROUGH = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
@@ -164,7 +164,10 @@ def solve_adaptively(
         presentable = _presentable(e, options)
         if e.error <= options.tol and verdict.admissible and presentable:
             return Solved(t, solution, setting, e, Status.CONVERGED, iterations)
-        accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations)
+        note = f"error estimate {e.error:.2g}"
+        if verdict.unclear.any():
+            note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
+        accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations, note)
         if e.error <= options.tol and presentable:
             breaks = quartered_where(t, setting.fractions, verdict.unclear)
         else:

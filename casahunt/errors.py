@@ -37,8 +37,8 @@ class Status(Enum):
         "take a smaller step"
     )
     TOLERANCE_NOT_REACHED = (
-        "the orbit is found but its error estimate stays above the tolerance; "
-        "ask for a larger tolerance or allow more intervals"
+        "the orbit is found but its error estimate stays above the tolerance, or the order of its phases is not clear "
+        "on any mesh; ask for another tolerance"
     )
 
     @property

@@ -100,6 +100,16 @@ class Transcription:
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
         self._joints = _joint_map(cycle)
 
+    def _key(self) -> tuple[Cycle, tuple[int, ...], int, str]:
+        return self.cycle, self.counts, self.degree, self.kind
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __eq__(self, other: object) -> bool:
+        """Equal ones are interchangeable: an IPOPT solver built for one serves the other."""
+        return isinstance(other, Transcription) and self._key() == other._key()
+
     @cached_property
     def system(self) -> NodeSystem:
         """What is left when the stages are eliminated; made when first solved."""
