@@ -40,15 +40,22 @@ def interval_function(field: Field, n: int, parameters: int, degree: int, kind: 
     T, h, sign = ca.SX.sym("T"), ca.SX.sym("h"), ca.SX.sym("sign")
     p, dp, scale = ca.SX.sym("p", parameters), ca.SX.sym("dp", parameters), ca.SX.sym("scale", n)
 
+    z = ca.SX.sym("z", n)
+    f = field(scale * z, p, sign) / scale
+    local = ca.Function("slope", [z, p, dp, scale, sign], [f, ca.jacobian(f, z), ca.jtimes(f, p, dp)])
     x, X = w[:n], ca.reshape(w[n:], n, d)
-    slope = ca.horzcat(*[field(scale * X[:, j], p, sign) / scale for j in range(d)])
-    stage_rows = X - ca.repmat(x, 1, d) - h * T * ca.mtimes(slope, s.matrix.T)
-    node_rows = x_next - x - h * T * ca.mtimes(slope, s.weights)
-    residual = ca.vertcat(ca.vec(stage_rows), node_rows)
+    slopes, jacobians, changes = zip(*[local(X[:, j], p, dp, scale, sign) for j in range(d)], strict=True)
+    weights = np.vstack([s.matrix, s.weights])  # A and b: stage rows and node rows
 
+    step = -h * T
+    sums = ca.mtimes(ca.horzcat(*slopes), weights.T)
+    residual = ca.vec(ca.horzcat(X, x_next) - ca.repmat(x, 1, d + 1) + step * sums)
+    by_stages = ca.horzcat(*[ca.kron(weights[:, j], step * jacobians[j]) for j in range(d)])
+    by_stages += np.eye(n * (d + 1), n * d)
     block = ca.horzcat(
-        residual, ca.jacobian(residual, w), ca.jacobian(residual, T), ca.jtimes(residual, p, dp)
-    )
+        residual, ca.DM(np.tile(-np.eye(n), (d + 1, 1))), by_stages, -h * ca.vec(sums),
+        step * ca.vec(ca.mtimes(ca.horzcat(*changes), weights.T)),
+    )  # fmt: skip
     return ca.Function(
         "interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"]
     )
