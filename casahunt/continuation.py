@@ -151,7 +151,8 @@ def _size_of_states(t: Transcription, u: Array) -> Array:
 def _divided(t: Transcription, u: Array, factor: Array) -> Array:
     """u with its states divided by `factor` (n,); durations as they are."""
     fresh = u.copy()
-    t.intervals_of(fresh)[:] /= np.tile(factor, t.degree + 1)
+    w = t.intervals_of(fresh).reshape(-1, t.n)
+    w /= factor
     fresh[t.node_index] = u[t.node_index] / factor
     return fresh
 

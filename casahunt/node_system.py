@@ -33,9 +33,9 @@ class NodeSystem:
         self.size = (E + 1) * n + P + 1
         self._shape = (E, n, P)
         last = self.size - 1
-        e, i, j = np.meshgrid(np.arange(E), np.arange(n), np.arange(n), indexing="ij")
-        row_e, i_e = e[:, :, 0] * n + i[:, :, 0], i[:, :, 0]
+        states = np.arange(E * n).reshape(E, n)  # numbers of x_0 ... x_(E-1), as columns and as rows of their maps
         duration = (E + 1) * n + phase_of
+        blocks = np.column_stack([states, duration, np.full(E, last)])  # (E, n + 2): columns of A, B and C
         ends = phase_end[:, None] * n + np.arange(n)
         ci, cj = np.nonzero(closure)
         self._closure_entries = (ci, cj)
@@ -46,20 +46,19 @@ class NodeSystem:
         )
         """Columns that the border row may use: phase-end nodes (the very first included), T, lambda."""
         rows = [
-            (e * n + i).ravel(), row_e.ravel(), row_e.ravel(), row_e.ravel(),
-            E * n + np.arange(n), E * n + ci,
+            np.repeat(states, n + 2), states.ravel(), E * n + np.arange(n), E * n + ci,
             np.repeat(first_event + np.arange(P), n), first_event + np.arange(P), first_event + np.arange(P),
             np.full(self.border_columns.size, last),
         ]  # fmt: skip
         columns = [
-            (e * n + j).ravel(), ((e[:, :, 0] + 1) * n + i_e).ravel(), np.repeat(duration, n), np.full(E * n, last),
-            np.arange(n), E * n + cj,
+            np.repeat(blocks, n, axis=0).ravel(), states.ravel() + n, np.arange(n), E * n + cj,
             ends.ravel(), (E + 1) * n + np.arange(P), np.full(P, last),
             self.border_columns,
         ]  # fmt: skip
         row, column = np.concatenate(rows), np.concatenate(columns)
         # For a chain of one element the closure may meet itself; elsewhere every entry is unique.
         self._order = np.lexsort((row, column))
+        self._ones = np.ones((E + 1) * n)
         sparsity = ca.Sparsity.triplet(self.size, self.size, row.tolist(), column.tolist())
         if sparsity.nnz() != row.size:
             raise AssertionError("node system: two entries share a place")
@@ -91,18 +90,14 @@ class NodeSystem:
 
     def nonzeros(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
         """Nonzeros of the matrix, column after column, from the blocks of a Linearisation and a border row."""
-        E, n, P = self._shape
+        n = self._shape[1]
         values = np.concatenate(
             [
-                -maps[:, :, 1 : n + 1].ravel(),
-                np.ones(E * n),
-                -maps[:, :, n + 1].ravel(),
-                -maps[:, :, n + 2].ravel(),
-                np.ones(n),
+                -maps[:, :, 1:].ravel(),
+                self._ones,
                 -closure[self._closure_entries],
                 events[1 : n + 1].T.ravel(),
-                events[n + 1],
-                events[n + 2],
+                events[n + 1 :].ravel(),
                 border,
             ]
         )

@@ -155,7 +155,7 @@ def newton(
 def _size(t: Transcription, u: Array, du: Array) -> float:
     """Largest update: states as they are (scaled), durations relative; NaN stays NaN."""
     relative = np.abs(du[-t.phases :]) / np.maximum(np.abs(u[-t.phases :]), 1e-300)
-    return float(np.maximum(np.max(np.abs(du[: -t.phases])), np.max(relative)))
+    return float(np.maximum(np.abs(du[: -t.phases]).max(), relative.max()))
 
 
 def _verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
