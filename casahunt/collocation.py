@@ -79,17 +79,29 @@ class Scheme:
         -------
         (m, d + 1) matrix; row k times the stacked states [x, X_1, ..., X_d] is the state at tau_k.
         """
-        return lagrange(self.points, np.asarray(tau, float))
+        return lagrange(self.points, np.asarray(tau, float), self._gaps)
+
+    @cached_property
+    def _gaps(self) -> Array:
+        return gaps_of(self.points)
 
 
-def lagrange(nodes: Array, x: Array) -> Array:
-    """Matrix (m, k) of the k Lagrange polynomials of `nodes` (k,) evaluated at `x` (m,)."""
-    gaps = nodes[:, None] - nodes[None, :]
-    np.fill_diagonal(gaps, 1.0)
-    ratios = (x[:, None] - nodes[None, :])[:, None, :] / gaps
+def lagrange(nodes: Array, x: Array, gaps: Array | None = None) -> Array:
+    """Matrix (m, k) of the k Lagrange polynomials of `nodes` (k,) evaluated at `x` (m,), exact at the nodes.
+
+    `gaps` is `gaps_of(nodes)` where it is at hand.
+    """
+    ratios = (x[:, None] - nodes)[:, None, :] / (gaps_of(nodes) if gaps is None else gaps)
     own = np.arange(nodes.size)
     ratios[:, own, own] = 1.0
-    return np.prod(ratios, axis=2)
+    return np.multiply.reduce(ratios, axis=2)
+
+
+def gaps_of(nodes: Array) -> Array:
+    """(k, k) differences of the nodes, with 1 on the diagonal."""
+    gaps = nodes[:, None] - nodes
+    np.fill_diagonal(gaps, 1.0)
+    return gaps
 
 
 def _gauss_stages(d: int) -> Array:

@@ -65,6 +65,7 @@ class _Symbols(NamedTuple):
 
 
 _PLACES = {name.rsplit(".", 1)[-1]: i for i, name in enumerate(PARAMETERS)}
+_VS = _PLACES["stribeck_velocity"]
 
 
 def _symbols(p: Any) -> _Symbols:
@@ -122,7 +123,7 @@ def lugre_slide(x: Any, p: Any, sign: Any) -> Any:
 
 
 def _moves_forward(x: Any, p: Any, sign: Any) -> Any:
-    return sign * x[1] / _symbols(p).vs
+    return sign * x[1] / p[_VS]
 
 
 def _slides_forward(x: Any, p: Any, sign: Any) -> Any:
@@ -134,7 +135,7 @@ def _slides_forward(x: Any, p: Any, sign: Any) -> Any:
 def _stribeck_drop(x: Any, p: Any) -> Any:
     """exp(-(x2/vs)^2), (n, m) -> (m,): invisible to an interval whose points all lie beyond a few vs."""
     with np.errstate(over="ignore"):  # far above vs the square may overflow; the exponential is zero all the same
-        return np.exp(-((x[1] / _symbols(p).vs) ** 2))
+        return np.exp(-((x[1] / p[_VS]) ** 2))
 
 
 def _torque_below_static(x: Any, p: Any, sign: Any) -> Any:
@@ -142,7 +143,7 @@ def _torque_below_static(x: Any, p: Any, sign: Any) -> Any:
 
 
 def _velocity(x: Any, duration: Any, p: Any) -> Any:
-    return x[1] / _symbols(p).vs
+    return x[1] / p[_VS]
 
 
 def _position(x: Any, duration: Any, p: Any) -> Any:
