@@ -7,9 +7,9 @@ import itertools
 import pytest
 
 from casahunt import Options, Servo, find_orbit
-from casahunt.continuation import run, walk, walk_naturally
+from casahunt.continuation import run, step_along, walk, walk_naturally
 from casahunt.diagram import collect, diagram
-from casahunt.monitor import STANDARD, crossings, user_monitor
+from casahunt.monitor import FOLD, STANDARD, crossings, user_monitor
 from problems import table1
 
 FOLDS = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lugre")}
@@ -62,6 +62,26 @@ def test_walk_can_be_resumed_in_either_direction(orbit):
     assert resumed[-1].amplitude < forwards[2].amplitude
     back = list(itertools.islice(walk(forwards[2], previous=forwards[3], low=0.1, high=10.0, options=options), 3))
     assert back[0].amplitude > forwards[2].amplitude
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_a_fold_takes_few_corrections(model, monkeypatch):
+    """From two orbits of a walk, whose units differ, to the reference gain: turning points of cubics, hardly a search."""
+    steps = []
+
+    def counting(*arguments):
+        steps.append(arguments[3])
+        return step_along(*arguments)
+
+    orbits, _ = run(walk(find_orbit(Servo(), model, 0.3), low=0.3, high=1.0, options=Options(tol=1e-5)))
+    top = max(range(len(orbits)), key=lambda k: orbits[k].gain)
+    found = []
+    monkeypatch.setattr("casahunt.monitor.step_along", counting)
+    for before, after in ((orbits[top - 1], orbits[top]), (orbits[top], orbits[top + 1])):
+        found += crossings(before, after, vary="gain", monitors=(FOLD,), options=Options(tol=1e-10))
+    (fold,) = found
+    assert fold.orbit.gain == pytest.approx(FOLDS[model], rel=1e-10)
+    assert 2 <= len(steps) <= 6  # three by cubics; where the sequence of phases changes on the way, a few more
 
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])

@@ -14,7 +14,7 @@ from casahunt.hunting import SWITCH_HALF, Signature, hunting_cycle
 from casahunt.nlp import graphs, lagrangian_hessian
 from casahunt.orbit import unknowns_of
 from casahunt.servo import PARAMETERS, Servo
-from casahunt.solve import ipopt, newton
+from casahunt.solve import _ipopt_solver, ipopt, newton
 from casahunt.transcription import Setting, Transcription, transcribe
 from problems import stuart_landau as sl
 from problems import table1
@@ -282,3 +282,27 @@ def test_a_singular_node_system_has_no_answer():
     assert np.isfinite(good).all()
     bad, y = lin.tangent(t.system.border())
     assert not np.isfinite(y).all() and not np.isfinite(bad).all()
+
+
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+def test_newton_leaves_out_no_more_than_it_may(branch):
+    """The point it stops at is as close to the solution with all digits as asked for, and no closer than need be."""
+    found = find_orbit(table1.servo(), "switch", 0.3, branch=branch, options=Options(tol=1e-6))
+    t, u, setting = unknowns_of(found)
+    start = u * (1 + 1e-3 * np.random.default_rng(4).standard_normal(u.size))
+    whole = newton(t, start, setting)
+    part = newton(t, start, setting, accuracy=1e-8)
+    assert whole.status.ok and part.status.ok and part.iterations <= whole.iterations
+    assert float(np.max(np.abs(part.u - whole.u) / np.maximum(1.0, np.abs(whole.u)))) <= 1e-8
+
+
+def test_transcriptions_of_one_structure_are_interchangeable():
+    """An IPOPT solver built for one serves another, however often transcriptions are made anew."""
+    t, u, setting = unknowns_of(find_orbit(table1.servo(), "switch", 0.3))
+    other = Transcription(t.cycle, t.counts, t.degree, t.kind)
+    assert other is not t and other == t and hash(other) == hash(t)
+    assert other != Transcription(t.cycle, t.counts, t.degree - 1, t.kind)
+    _ipopt_solver.cache_clear()
+    for equal in (t, other):
+        np.testing.assert_allclose(ipopt(equal, u, setting).u, u, rtol=1e-7, atol=1e-9)
+    assert _ipopt_solver.cache_info().misses == 1
