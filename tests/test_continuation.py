@@ -66,7 +66,7 @@ def test_walk_can_be_resumed_in_either_direction(orbit):
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_a_fold_takes_few_corrections(model, monkeypatch):
-    """From two orbits of a walk, whose units differ, to the reference gain: turning points of cubics, hardly a search."""
+    """From two orbits of a walk, whose units differ, to the reference gain: by turning points of cubics."""
     steps = []
 
     def counting(*arguments):
