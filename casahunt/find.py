@@ -219,6 +219,12 @@ def _solved_from(
 
 def _start(motion: HalfCycle, servo: Servo, model: Model, gain: float, options: Options) -> Start:
     """A motion as the starting point of the boundary value problem."""
+    if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
+        raise NoOrbit(
+            f"the hunting cycle of the {model} servo at gain {gain:g} was not computed: the motion from the stick "
+            f"position {motion.start:.6g} rad, next to it on the event map, comes to rest; the map jumps there",
+            Status.NOT_CONVERGED,
+        )
     degree, kind = options.scheme_of(model)
     return from_segments(
         model, motion.segments, servo.parameters(gain), direction_of("gain"),

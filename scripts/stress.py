@@ -70,7 +70,7 @@ HONEST = 10.0
 """True errors up to this many times the estimate, and the tolerance, are as announced."""
 SOLVE_LIMIT = 120.0
 """Time for one solve [s], 20 s for the quick grid; beyond, the case counts as refused."""
-MEMORY_LIMIT, LEAK_LIMIT, LEAK_GAINS = 400.0, 20.0, 20
+MEMORY_LIMIT, LEAK_LIMIT, LEAK_GAINS = 400.0, 20.0, 5
 """Peak memory [MB]; growth per solve [kB] over the second half of the solves, at this many gains in turn."""
 BLURRED = 1e-7
 """Relative width of the periods that Taylor series give around its cycle, above which they are no truth."""
