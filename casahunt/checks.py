@@ -50,6 +50,13 @@ def shown(x: float) -> str:
     return short if float(short) == x else repr(float(x))
 
 
+def to_error(x: float, relative_error: float) -> str:
+    """A computed number for a person, to the digits that its relative error leaves (at most 12, at least 3)."""
+    if not relative_error > 0:
+        return f"{x:.12g}"
+    return f"{x:.{min(max(math.ceil(-math.log10(relative_error)), 3), 12)}g}"
+
+
 def known(what: str, name: str, allowed: Iterable[str]) -> str:
     """`name` if it is one of `allowed`, or InputError with the nearest spelling."""
     names = list(allowed)

@@ -200,6 +200,7 @@ def walk(
     high: float,
     sense: float = 1.0,
     previous: Orbit | None = None,
+    heading: Array | None = None,
     options: Options | None = None,
     first_step: float = FIRST_STEP,
     largest_step: float | None = None,
@@ -219,6 +220,8 @@ def walk(
         +1 to start towards larger, -1 towards smaller values.
     previous
         the orbit before `start` on the branch, to go on in its direction; overrides `sense`.
+    heading
+        (n + 2,) direction to start in, as the `row` of a `curve_point`: at a fold `sense` says nothing; overrides both.
     options
         tolerance; default that of the start.
     first_step, largest_step
@@ -236,7 +239,7 @@ def walk(
     """
     known("parameter", vary, PARAMETERS)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
-    like = None if previous is None else secant(previous, start, vary)
+    like = heading if previous is None or heading is not None else secant(previous, start, vary)
     point = curve_point(start, vary, like=like, sense=sense)
     largest_step = largest_step or LARGEST_STEP[start.model]
     ds, last, ceiling = first_step, start, largest_step

@@ -41,6 +41,11 @@ class Status(Enum):
         "on any mesh; ask for another tolerance"
     )
 
+    NOT_FOUND = (
+        "no cycle was met, which does not prove that there is none; simulate the servo at this gain, or try gains near "
+        "it"
+    )
+
     @property
     def ok(self) -> bool:
         """True for a trustworthy result."""
@@ -57,7 +62,8 @@ class NoOrbit(Exception):
 
     Attributes
     ----------
-    status : the Status of the last solve, or None where a scan shows that no cycle exists.
+    status : the Status of the last solve, or None where there is no such cycle: a fold below the gain shows it, or a
+        search over all gains found none.
     """
 
     def __init__(self, message: str, status: Status | None = None) -> None:

@@ -6,8 +6,14 @@ points P(a) = a, and P'(a) is minus the half multiplier with the sign convention
 LuGre has the same map up to the fast transients of the bristle; it starts stuck at -a with m = 0.9 Fs on
 the elastic bristle and is read off when m has come down to -0.9 Fs on the other side.
 
-Between them the two facts that the rest of the program needs: where to start a boundary value problem
-without any help from the user, and, when P(a) < a all over the scanned range, that there is no cycle.
+Between them the two facts that the rest of the program needs: where to start a boundary value problem without any help
+from the user, and whether P(a) < a all over the scanned range.  The latter supports the claim that there is no cycle, and
+does not prove it: two fixed points just below a fold fit between any two motions.
+
+On log a, y(a) = log P(a)/a crosses zero downwards at a stable cycle (or at one past its symmetry breaking) and upwards
+at an unstable one.  A scan walks inwards and takes every change of sign to its end, a fixed point or a jump; where none
+is left it climbs every peak of y between motions that stick nearer, not the highest one alone: far out an unstable
+linear loop throws the servo out further, and the peak that counts lies below that.
 """
 
 from __future__ import annotations
@@ -43,10 +49,16 @@ LOCAL = 0.005
 """Width in log a of the difference quotient for the slope of the map."""
 NEAR_FOLD = 0.4
 """Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
+GROWING = 1.001
+"""P(a)/a above which a motion grows beyond doubt."""
 FAR_OFF, SECANT_ROUNDS, LARGEST_SECANT = 10.0, 7, 1.0
 """Short cut to the stable fixed point: largest ratio P(a)/a or a/P(a) met, steps, and their length in log a."""
 CLOSE = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
+NOT_A_JUMP = 0.1
+"""|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
+FEW_STEPS, MOST_STEPS = 8, 60
+"""Regula falsi steps before every second one halves the bracket, and all of them."""
 CLOSER = 1e-4
 """The same where it has not."""
 TYPICAL = 0.1
@@ -227,14 +239,14 @@ class Scan:
             failed = len(self.failures)
             return f"none of {failed} motions from stick positions below {self.high:.3g} rad could be computed"
         text = f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: "
-        if self.best >= 1:
+        if self.best > GROWING:
             text += (
                 f"motions grow (from {self.best_at:.4g} rad to {self.best:.4g} times that distance) and no stable "
                 "cycle bounds them, as with an unstable linear loop"
             )
         elif self.best > 0:
             text += (
-                f"the servo comes to rest at most at {self.best:.4g} times the distance it started from "
+                f"the servo comes to rest at most at {self.best:.6g} times the distance it started from "
                 f"(at {self.best_at:.4g} rad)"
             )
         else:
@@ -247,9 +259,13 @@ class Scan:
 def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
     """Find the fixed points of the map, the outer one first, without a guess.
 
-    The grid is walked inwards and left as soon as the wanted fixed point is bracketed.  Where P(a) < a on
-    the whole grid, the largest ratio between grid points is searched, so that the two close fixed points
-    of a gain just below the fold are not missed.
+    Parameters
+    ----------
+    model, servo, gain
+        the problem.
+    want_lower
+        look for the unstable fixed point too: the one next inside the stable one, or where there is no stable one the
+        outermost.
     """
     kp, _, _ = servo.torque_gains(gain)
     unit = servo.friction.static / kp
@@ -264,41 +280,33 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
             failures.append(a)
             return None
 
-    above: HalfCycle | None = None
-    outside: HalfCycle | None = None
-    inside: HalfCycle | None = None
+    upper: HalfCycle | None = None
+    lower: HalfCycle | None = None
     for a in grid:
         run = at(float(a))
         if run is None:
             if len(failures) >= MOST_FAILURES and not seen:
                 break
             continue
+        outside = seen[-1] if seen else None
         seen.append(run)
-        if above is None:
-            # Far out an unstable linear loop throws the servo out further: the stable fixed point lies
-            # where the ratio, coming from outside, has been below one before it exceeds it.
-            if run.ratio < 1:
-                outside = run
-            elif outside is not None:
-                above = run
-                if not want_lower:
-                    break
-        elif run.ratio < 1:
-            inside = run
+        if outside is None or (outside.ratio < 1) == (run.ratio < 1):
+            continue
+        if outside.ratio < 1 and upper is None:
+            upper = _fixed_point(at, run, outside)
+            lower = None if upper is not None else lower
+        elif outside.ratio >= 1 and lower is None and want_lower:
+            lower = _fixed_point(at, outside, run, tight=True)
+        if upper is not None and (lower is not None or not want_lower):
             break
-        else:
-            above = above if above.ratio >= run.ratio else run
+    if upper is None:
+        found = _highest_peak(at, seen)
+        if found is not None:
+            inside, peak, beyond = found
+            seen.append(peak)
+            upper = _fixed_point(at, peak, beyond) if peak.ratio >= 1 else None
+            lower = _fixed_point(at, peak, inside, tight=True) if want_lower and upper is not None else lower
     best = max(seen, key=lambda r: r.ratio, default=None)
-    if best is not None and above is None and NEAR_FOLD < best.ratio < 1:
-        best = _maximise(at, seen, best)
-        if best.ratio >= 1:
-            above = best
-            outside = min((r for r in seen if r.start > best.start), key=lambda r: r.start, default=None)
-            inside = max((r for r in seen if r.start < best.start), key=lambda r: r.start, default=None)
-    upper = _fixed_point(at, above, outside) if above is not None and outside is not None else None
-    lower = None
-    if want_lower and above is not None and inside is not None:
-        lower = _fixed_point(at, above, inside, tight=True)
     return Scan(
         float(grid[-1]), float(grid[0]),
         best.ratio if best else float("nan"), best.start if best else float("nan"),
@@ -337,12 +345,27 @@ def near_stable(
 Try = Callable[[float], HalfCycle | None]
 
 
-def _maximise(at: Try, seen: list[HalfCycle], best: HalfCycle) -> HalfCycle:
-    """Golden section for the largest ratio around the best grid point, left as soon as it exceeds one."""
+def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle, HalfCycle] | None:
+    """(inner neighbour, peak, outer neighbour) where P(a)/a, below one on the grid, exceeds one or is largest."""
     ordered = sorted(seen, key=lambda r: r.start)
-    i = ordered.index(best)
-    low = np.log(ordered[max(i - 1, 0)].start)
-    high = np.log(ordered[min(i + 1, len(ordered) - 1)].start)
+    peaks = [
+        (inner, middle, outer)
+        for inner, middle, outer in zip(ordered, ordered[1:], ordered[2:], strict=False)
+        if inner.ratio <= middle.ratio >= outer.ratio and NEAR_FOLD < middle.ratio < 1
+    ]
+    best: tuple[HalfCycle, HalfCycle, HalfCycle] | None = None
+    for inner, middle, outer in sorted(peaks, key=lambda peak: -peak[1].ratio):
+        top = _maximise(at, inner, middle, outer)
+        if best is None or top.ratio > best[1].ratio:
+            best = (inner, top, outer)
+        if top.ratio >= 1:
+            break
+    return best
+
+
+def _maximise(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
+    """Golden section for the largest ratio between two motions, left as soon as it exceeds one."""
+    low, high = np.log(inner.start), np.log(outer.start)
     golden = (np.sqrt(5) - 1) / 2
     left, right = high - golden * (high - low), low + golden * (high - low)
     run_left, run_right = at(float(np.exp(left))), at(float(np.exp(right)))
@@ -367,17 +390,17 @@ def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = F
     """A half cycle close to the fixed point between `above` (P >= a) and `below` (P < a).
 
     A few regula falsi steps in (log a, log P/a) for the stable one, where the boundary value problem needs
-    no more; to rounding for the unstable one (`tight`), whose slope P' may be 1e5.
+    no more; to rounding for the unstable one (`tight`), whose slope P' may be 1e5.  None where P jumps across a.
     """
     goal = 1e-14 if tight else 1e-3
     best = min(above, below, key=lambda r: abs(r.ratio - 1))
-    for k in range(60 if tight else 8):
+    for k in range(MOST_STEPS):
         width = abs(np.log(above.start / below.start))
         if abs(best.ratio - 1) < goal or width < 1e-15:
             break
         x, y = np.log(above.start), np.log(max(above.ratio, 1e-3))
         x2, y2 = np.log(below.start), np.log(max(below.ratio, 1e-3))
-        theta = 0.5 if tight and k % 2 else np.clip(y / (y - y2), 0.02, 0.98) if y != y2 else 0.5
+        theta = 0.5 if k % 2 and (tight or k > FEW_STEPS) else np.clip(y / (y - y2), 0.02, 0.98) if y != y2 else 0.5
         run = at(float(np.exp(x + theta * (x2 - x))))
         if run is None:
             break
@@ -387,7 +410,7 @@ def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = F
             below = run
         if abs(run.ratio - 1) < abs(best.ratio - 1):
             best = run
-    if best.position <= 0:  # no fixed point, but a jump down to motions that come to rest
+    if abs(np.log(max(best.ratio, 1e-300))) > NOT_A_JUMP:
         return None
     beside = at(best.start * (1 + LOCAL))
     if beside is None or min(beside.ratio, best.ratio) <= 0:

@@ -1,63 +1,39 @@
 """From a servo to an orbit, without a guess from the user.
 
-    stable cycle    one motion -> mesh from its error estimate -> Newton -> clearly stable? -> Orbit
-    where not       event map -> outer fixed point -> IPOPT -> adapt.py -> Orbit
-    no fixed point  a walk up from lower gains, or NoOrbit with what was scanned
-    unstable cycle  stable one -> walk round the fold -> Orbit; where that fails, inner fixed point -> IPOPT
+    stable cycle    at this gain alone (cold_start.py)
+    unstable cycle  the stable one, then a walk up round the fold and down again
+    otherwise       the fold from nothing (fold.py): above it there is none; below it a walk down from there,
+                    on the side that was asked for
 
-The short way, `_at_once`, settles most questions; it never decides that there is no cycle, and an orbit that it finds
-must be admissible, accurate and clearly stable like any other.
+"There is none" is said only with the fold below the gain, which fold.py locates on the branch and confirms as an
+optimum.  Where no fold can be located either, the sentence is "not found", and says what was tried.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
 
-from .adapt import Options, Solved, remeshed, solve_adaptively
-from .checks import known, require
-from .continuation import run, walk
+from .adapt import Options
+from .checks import known, to_error
+from .cold_start import Met, check_problem, refined, stable_at, unstable_at
+from .continuation import curve_point, walk
 from .errors import NoOrbit, Status
-from .event_map import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
-from .hunting import MODELS, SCHEMES, Model
-from .march import MarchFailure
-from .orbit import Orbit, direction_of, orbit_of, unknowns_of
-from .resequence import Start, from_segments
+from .fold import WALK_TOLERANCE, Fold, find_fold
+from .hunting import Model
+from .orbit import Orbit
 from .servo import Servo
-from .solve import Solver
 
 BranchName = Literal["stable", "unstable"]
-CLEARLY_STABLE = -0.8
-"""Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
-LOWER_GAINS = (0.95, 0.7)
-"""Parts of the gain from which a cycle is sought by walking up, where the scan found none."""
-NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
-"""Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
-WALK_TOLERANCE = 1e-5
-"""The way round the fold needs no more accuracy than this; its end is computed to the tolerance."""
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
-
-
-def starting_half_cycle(servo: Servo, model: Model, gain: float) -> tuple[HalfCycle | None, Scan | None]:
-    """(a half cycle close to the stable orbit or None, the scan where one was made).
-
-    Most stable cycles have a stick position of about 0.1 Fs/kp, and a few secant steps from there find them; the
-    LuGre cycle lies close to the Switch cycle, whose map costs a tenth.  Where these short cuts do not lead to a
-    stable fixed point, the whole range is scanned.
-    """
-    kp, _, _ = servo.torque_gains(gain)
-    rigid = near_stable("switch", servo, gain, TYPICAL * servo.friction.static / kp)
-    if model == "switch" and rigid is not None:
-        return rigid, None
-    if model == "lugre":
-        rigid = rigid or scan("switch", servo, gain).upper
-        if rigid is not None:
-            start = near_stable(model, servo, gain, rigid.start)
-            if start is not None:
-                return start, None
-    seen = scan(model, servo, gain)
-    return seen.upper, seen
+TIGHT = 1e-9
+"""Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
+FAR = 0.9
+"""Part of the fold gain below which the way down from the fold may be rough, its end being refined."""
+DOWNWARDS = 0.01
+"""First step away from a fold, in arclength."""
 
 
 def find_orbit(
@@ -86,236 +62,154 @@ def find_orbit(
     Raises
     ------
     InputError : a value out of range.
-    NoOrbit : there is no such cycle (with the scan that shows it), or it could not be computed.
+    NoOrbit : there is no such cycle (status None, with the fold that shows it), none was found, or it could not be
+        computed.
     """
     began = time.perf_counter()
     options = options or Options()
     check_problem(servo, model, gain)
     known("branch", branch, BRANCHES)
-    if branch == "unstable":
-        return replace(_round_the_fold(servo, model, gain, options), wall_s=time.perf_counter() - began)
-    at_once = _at_once(servo, model, gain, options)
-    if at_once is not None:
-        return replace(at_once, wall_s=time.perf_counter() - began)
-    start, seen = starting_half_cycle(servo, model, gain)
-    if start is None:
-        assert seen is not None
-        orbit = _from_below(servo, model, gain, options, seen)
-    else:
-        try:
-            orbit = _solved_from(start, servo, model, gain, options, "the stable hunting cycle")
-        except NoOrbit:
-            closer = near_stable(model, servo, gain, start.start, close=CLOSER)
-            if closer is None:
-                raise
-            orbit = _solved_from(closer, servo, model, gain, options, "the stable hunting cycle")
-        # Far from the fold the slope of the map tells the branch; close to it the solver can slip over.
-        if not start.slope < CLEARLY_STABLE and orbit.multipliers.leading.real > 1:
-            orbit = _other_side(orbit, options)
-    return replace(orbit, wall_s=time.perf_counter() - began)
+    find = _stable if branch == "stable" else _unstable
+    return replace(find(servo, model, gain, options), wall_s=time.perf_counter() - began)
 
 
-def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
-    """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
-
-    The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
-    does not arrive at a clearly stable cycle, the careful way has to be gone.
-    """
-    if options.solver == "ipopt":
-        return None
-    began = time.perf_counter()
-    degree, kind = options.scheme_of(model)
-    kp, _, _ = servo.torque_gains(gain)
-    a = TYPICAL * servo.friction.static / kp
+def _stable(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
     try:
-        if model == "lugre":
-            a = half_cycle("switch", servo, gain, a).position
-        for _ in range(FIRST_MOTIONS):
-            if a <= 0:
-                return None
-            motion = half_cycle(model, servo, gain, a, degree=degree, kind=kind)
-            a = motion.position
-            if 1 / NEARBY[model] < motion.ratio < NEARBY[model]:
-                break
-        else:
-            return None
-        first = remeshed(_start(motion, servo, model, gain, options), options)
-        solved = solve_adaptively(model, first, options, solver="newton")
-        orbit = finished(solved, model, servo, gain, options, began, "", solver="newton")
-    except (MarchFailure, NoOrbit):
-        return None
-    linearisation = solved.solution.linearisation
-    if linearisation is None or not linearisation.return_map_eigenvalues().real.max() < 1 + CLEARLY_STABLE:
-        return None
-    return orbit
-
-
-def _from_below(servo: Servo, model: Model, gain: float, options: Options, seen: Scan) -> Orbit:
-    """The stable cycle at `gain` by walking up from a lower gain; NoOrbit with the evidence where none is met.
-
-    Just below a fold the fixed points of the map are too close for a scan; a walk tells on which side of
-    the fold the gain lies.
-    """
-    evidence = seen.sentence()
-    if not seen.conclusive:
-        raise NoOrbit(
-            f"whether the {model} servo hunts at gain {gain:g} is not known, because its motion could not be computed; "
-            f"are all parameters meant? ({evidence})",
-            Status.NOT_CONVERGED,
-        )
-    nothing = f"no hunting limit cycle of the {model} servo at gain {gain:g}"
-    for factor in LOWER_GAINS:
-        start, _ = starting_half_cycle(servo, model, factor * gain)
-        if start is None:
-            continue
+        met = stable_at(servo, model, gain, options=options)
+    except NoOrbit as error:  # close to a fold, or with too rough a start, the solver does not arrive
         try:
-            first = _solved_from(start, servo, model, factor * gain, options, "a stable hunting cycle")
-        except NoOrbit:
-            continue
-        orbits, ended = run(walk(first, low=first.gain * (1 - 1e-9), high=gain, options=options))
-        if orbits and orbits[-1].gain == gain:
-            return orbits[-1] if orbits[-1].multipliers.leading.real <= 1 else _other_side(orbits[-1], options)
-        highest = max([first, *orbits], key=lambda orbit: orbit.gain)
-        if orbits and orbits[-1].gain < highest.gain:
-            raise NoOrbit(
-                f"{nothing}: the branch of cycles, followed up from gain {first.gain:g}, turns back in a fold near "
-                f"{highest.gain:.6g}; {evidence}"
-            )
-        raise NoOrbit(
-            f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, and it is not certain that there "
-            f"is none: its cycles were followed up from gain {first.gain:g} to {highest.gain:.8g} only ({ended}); "
-            f"{evidence}",
-            Status.NOT_CONVERGED,
-        )
-    raise NoOrbit(f"{nothing}: {evidence}")
+            return _beside_the_fold(servo, model, gain, "stable", options, Met(None, False, None))
+        except NoOrbit as other:
+            raise (other if other.status is None else error) from None
+    if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
+        return met.orbit
+    return _beside_the_fold(servo, model, gain, "stable", options, met)
 
 
-def _other_side(orbit: Orbit, options: Options) -> Orbit:
-    """The cycle at the same gain on the other side of the fold next to it."""
-    last = orbit
-    for following in walk(orbit, low=orbit.gain, high=orbit.gain * 2, options=options, first_step=1e-3):
-        last = following
-    if last.gain != orbit.gain or last is orbit:
-        raise NoOrbit(
-            f"the cycle of the {orbit.model} servo at gain {orbit.gain:g} on this side of the fold was not computed: "
-            f"the solver converged to the other one (half multiplier {orbit.half_multiplier:.4g}); the gain is very "
-            "close to the fold, where the two merge",
-            Status.FAR_FROM_GUESS,
-        )
-    return last
-
-
-def _solved_from(
-    start: HalfCycle, servo: Servo, model: Model, gain: float, options: Options, what: str
-) -> Orbit:
-    began = time.perf_counter()
-    degree, kind = options.scheme_of(model)
-    if (degree, kind) != SCHEMES[model]:
-        start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
-    solver: Solver = "ipopt" if options.solver == "auto" else options.solver
-    solved = solve_adaptively(model, _start(start, servo, model, gain, options), options, solver=solver)
-    return finished(solved, model, servo, gain, options, began, what, solver=solver)
-
-
-def _start(motion: HalfCycle, servo: Servo, model: Model, gain: float, options: Options) -> Start:
-    """A motion as the starting point of the boundary value problem."""
-    if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
-        raise NoOrbit(
-            f"the hunting cycle of the {model} servo at gain {gain:g} was not computed: the motion from the stick "
-            f"position {motion.start:.6g} rad, next to it on the event map, comes to rest; the map jumps there",
-            Status.NOT_CONVERGED,
-        )
-    degree, kind = options.scheme_of(model)
-    return from_segments(
-        model, motion.segments, servo.parameters(gain), direction_of("gain"),
-        degree=degree, kind=kind, half=options.half,
-    )  # fmt: skip
-
-
-def _round_the_fold(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
-    """The unstable cycle at `gain`: from the stable one at the same gain up to the fold and down again.
-
-    Multipliers of 1e5 and more leave no other way that is sure; where it does not lead round the fold, the
-    inner fixed point of the event map is tried.
-    """
+def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
+    """Multipliers of 1e5 and more leave no way that is sure but round the fold; else the inner fixed point."""
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     try:
-        stable = find_orbit(servo, model, gain, options=rough)
+        met = stable_at(servo, model, gain, options=rough)
+    except NoOrbit:
+        met = Met(None, False, None)
+    try:
+        orbit = None if met.orbit is None else _round_the_fold(met.orbit, rough, options)
+        return orbit or _beside_the_fold(servo, model, gain, "unstable", options, met)
     except NoOrbit as error:
-        if error.status is None or rough == options:
+        orbit = None if error.status is None else unstable_at(servo, model, gain, options=options)[0]
+        if orbit is None or not orbit.multipliers.leading.real > 1:
             raise
-        stable = find_orbit(servo, model, gain, options=options)
-    orbit = None
+        return orbit
+
+
+def _round_the_fold(stable: Orbit, rough: Options, options: Options) -> Orbit | None:
+    """The unstable cycle at the gain of a stable one, up to the fold and down again; None where it is not reached."""
     for way in (rough, options):  # the accurate way is the slow one, and seldom needed
         last = stable
-        for last in walk(stable, low=gain, high=gain * 1e9, options=way):  # noqa: B007 - the last one counts
+        for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):  # noqa: B007 - the last one
             pass
-        if last is stable or last.gain != gain or last.amplitude >= stable.amplitude:
+        if last is stable or last.gain != stable.gain or last.amplitude >= stable.amplitude:
             continue
         try:
             orbit = refined(last, options)
-            break
         except NoOrbit:
             continue
-    if orbit is None:
-        return _inner_fixed_point(servo, model, gain, options)
-    return _unstable(orbit, "the branch leads round a fold to")
+        if orbit.multipliers.leading.real > 1:
+            return orbit
+    return None
 
 
-def refined(orbit: Orbit, options: Options) -> Orbit:
-    """The same orbit to another tolerance."""
-    began = time.perf_counter()
-    solved = solve_adaptively(orbit.model, unknowns_of(orbit), options, solver="newton")
-    return finished(solved, orbit.model, orbit.servo, orbit.gain, options, began, "the hunting cycle")
+def _beside_the_fold(
+    servo: Servo, model: Model, gain: float, branch: BranchName, options: Options, met: Met
+) -> Orbit:
+    """The cycle on one side of a fold above the gain; NoOrbit with the fold as evidence where it lies below."""
+    return _down_from(_fold_above(servo, model, gain, options, met), gain, branch, options)
 
 
-def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
-    seen = scan(model, servo, gain, want_lower=True)
-    if seen.lower is None:
+def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: Met) -> Fold:
+    """The fold of a servo, if it lies above `gain`."""
+    seen = met.seen
+    also = "" if seen is None else f"; {seen.sentence()}"
+    if seen is not None and not seen.conclusive:
         raise NoOrbit(
-            f"the unstable hunting cycle of the {model} servo at gain {gain:g} was not found, though a stable "
-            f"one exists there: the branch could not be followed round its fold to this gain, and the scan is too "
-            f"coarse ({seen.sentence()})",
+            f"whether the {model} servo hunts at gain {gain:g} is not known, because its motion could not be computed; "
+            f"are all parameters meant?{also}",
             Status.NOT_CONVERGED,
         )
-    orbit = _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle")
-    return _unstable(orbit, "the solver converged to")
+    for tol in sorted({options.tol, min(options.tol, TIGHT)}, reverse=True):
+        try:
+            fold = find_fold(servo, model, options=replace(options, tol=tol), start=met.orbit)
+        except NoOrbit as error:
+            raise NoOrbit(
+                f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
+                f"there is none: the largest gain at which it hunts was not located either ({error}){also}",
+                Status.NOT_FOUND,
+            ) from None
+        if abs(gain / fold.gain - 1) > 2 * fold.gain_error:
+            break
+    else:
+        raise NoOrbit(
+            f"the gain {gain:.12g} lies within the error of the fold gain {to_error(fold.gain, fold.gain_error)} of "
+            f"the {model} servo, where the stable and the unstable hunting cycle merge: on which side it lies is not "
+            "known; ask for another gain, or for a smaller tolerance",
+            Status.TOLERANCE_NOT_REACHED,
+        )
+    if gain > fold.gain:
+        raise NoOrbit(
+            f"no hunting limit cycle of the {model} servo at gain {gain:.10g}: its cycles end at gain "
+            f"{to_error(fold.gain, fold.gain_error)}, in a fold, where the stable and the unstable one merge (located "
+            f"on their branch, and again as the largest gain of all cycles near it){also}"
+        )
+    return fold
 
 
-def _unstable(orbit: Orbit, how: str) -> Orbit:
-    """`orbit` if a multiplier beyond +1 shows that it lies past the fold, or NoOrbit."""
-    if orbit.multipliers.leading.real > 1:
-        return orbit
+def _down_from(fold: Fold, gain: float, branch: BranchName, options: Options) -> Orbit:
+    """The cycle at `gain` on one side of the fold above it."""
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    ways = (rough, options) if gain < FAR * fold.gain and rough != options else (options,)
+    reached = ""
+    for way in ways:
+        last, ended = fold.orbit, "no step away from it converged"
+        for last, ended in _followed_down(fold.orbit, gain, branch, way):  # noqa: B007 - the last one counts
+            if last.gain == gain:
+                break
+        if last.gain != gain:
+            reached = f"to gain {last.gain:.8g} only ({ended})"
+            continue
+        try:
+            orbit = refined(last, options) if way is not options else last
+        except NoOrbit as error:
+            reached = f"to this gain, but not to the tolerance ({error})"
+            continue
+        if (orbit.multipliers.leading.real > 1) == (branch == "unstable"):
+            return orbit
+        reached = f"to this gain, where the cycle has the half multiplier {orbit.half_multiplier:.4g}"
     raise NoOrbit(
-        f"the unstable hunting cycle of the {orbit.model} servo at gain {orbit.gain:g} was not computed: {how} a cycle "
-        f"with the half multiplier {orbit.half_multiplier:.4g}",
-        Status.FAR_FROM_GUESS,
+        f"the {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:g} was not found: its cycles, which "
+        f"end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down from there {reached}",
+        Status.NOT_FOUND,
     )
 
 
-def check_problem(servo: Servo, model: Model, gain: float) -> None:
-    """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction."""
-    known("model", model, MODELS)
-    require("gain", gain, above=0)
-    if servo.friction.static == servo.friction.coulomb:
-        seen = scan(model, servo, gain)
-        raise NoOrbit(
-            f"no hunting limit cycle of the {model} servo at any gain: static equals Coulomb friction, and without a "
-            "drop in the friction curve the integral action cannot sustain an oscillation (Bisoffi et al.); at gain "
-            f"{gain:g}, {seen.sentence()}"
+def _followed_down(start: Orbit, gain: float, branch: BranchName, options: Options) -> Iterator[tuple[Orbit, str]]:
+    """(orbit, why the walk ends with it or "") down from a fold on the stable or the unstable side."""
+    row = curve_point(start, "gain").row
+    for heading in (row, -row):
+        steps = walk(
+            start, low=gain, high=2 * start.gain, heading=heading, options=options, first_step=DOWNWARDS
         )
-
-
-def finished(
-    solved: Solved, model: Model, servo: Servo, gain: float, options: Options, began: float, what: str,
-    *, solver: Solver = "newton",
-) -> Orbit:
-    """The Orbit of a converged `Solved`, or NoOrbit with the advice."""
-    if not solved.status.ok or solved.estimate is None:
-        sentence = f"{what} of the {model} servo at gain {gain:g} was not computed: {solved.complaint()}"
-        raise NoOrbit(sentence, solved.status)
-    return orbit_of(
-        solved.t, solved.solution, solved.setting, solved.estimate,
-        model=model, servo=servo, gain=gain, status=solved.status, solver=solver,
-        iterations=solved.iterations, wall_s=time.perf_counter() - began,
-    )  # fmt: skip
+        last = next(steps, None)
+        if last is None or (last.multipliers.leading.real > 1) != (branch == "unstable"):
+            continue
+        while True:
+            yield last, ""
+            try:
+                following = next(steps)
+            except StopIteration as end:
+                yield last, str(end.value)
+                return
+            if following.gain > last.gain:
+                yield last, "there they turn back to larger gains"
+                return
+            last = following

@@ -26,10 +26,10 @@ import numpy as np
 from .adapt import TOLERANCE_RANGE, Options, curve_border
 from .admissibility import judge
 from .branch import SpecialPoint
+from .cold_start import check_problem, stable_at
 from .continuation import ends, secant, walk
 from .errors import InputError, NoOrbit, Status
 from .event_map import TYPICAL, near_stable, scan
-from .find import WALK_TOLERANCE, check_problem, find_orbit
 from .hunting import Model
 from .linear_loop import routh_hurwitz_gain
 from .mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
@@ -50,6 +50,8 @@ MOST_CLIMBS = 20
 FINER = (0.1, 1e-3)
 """Parts of the tolerance to which the fold is located, in turn: its place on the branch takes a finer mesh than its
 gain, period and amplitude being first order in it."""
+WALK_TOLERANCE = 1e-5
+"""The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
 SHARP_TOLERANCE = 1e-8
 """Of the walk to a fold that the rough walk has not led to."""
 OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
@@ -106,20 +108,25 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
         if rigid is None:
             continue
         for higher in reversed(_climb(servo, gain, rigid.start)):
-            try:
-                return find_orbit(servo, model, higher, options=options)
-            except NoOrbit:
-                continue
+            orbit = _met(servo, model, higher, options)
+            if orbit is not None:
+                return orbit
     if model != "switch":
         for gain in gains[:LUGRE_SEARCHES]:
-            try:
-                return find_orbit(servo, model, gain, options=options)
-            except NoOrbit:
-                continue
+            orbit = _met(servo, model, gain, options)
+            if orbit is not None:
+                return orbit
     raise NoOrbit(
-        f"no hunting limit cycle of the {model} servo found: {len(gains)} gains from {min(gains):.3g} to "
+        f"no hunting limit cycle of the {model} servo was found: {len(gains)} gains from {min(gains):.3g} to "
         f"{max(gains):.3g} were scanned"
     )
+
+
+def _met(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
+    try:
+        return stable_at(servo, model, gain, options=options).orbit
+    except NoOrbit:
+        return None
 
 
 def _climb(servo: Servo, gain: float, a: float) -> list[float]:

@@ -28,6 +28,7 @@ import numpy as np
 
 from .adapt import Options
 from .branch import SpecialPoint
+from .cold_start import refined
 from .continuation import (
     Point,
     bend,
@@ -40,7 +41,6 @@ from .continuation import (
     step_along,
 )
 from .errors import NoOrbit
-from .find import refined
 from .orbit import Orbit
 
 Array = np.ndarray
