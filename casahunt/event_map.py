@@ -7,8 +7,8 @@ LuGre has the same map up to the fast transients of the bristle; it starts stuck
 the elastic bristle and is read off when m has come down to -0.9 Fs on the other side.
 
 Between them the two facts that the rest of the program needs: where to start a boundary value problem without any help
-from the user, and whether P(a) < a all over the scanned range.  The latter supports the claim that there is no cycle, and
-does not prove it: two fixed points just below a fold fit between any two motions.
+from the user, and whether P(a) < a all over the scanned range.  The latter supports the claim that there is no cycle,
+and does not prove it: two fixed points just below a fold fit between any two motions.
 
 On log a, y(a) = log P(a)/a crosses zero downwards at a stable cycle (or at one past its symmetry breaking) and upwards
 at an unstable one.  A scan walks inwards and takes every change of sign to its end, a fixed point or a jump; where none
