@@ -2,8 +2,12 @@
 
 The servo stands at x1 = -a on the verge of breakaway.  The event map a -> |P(a)| (fixed_points.py for Switch,
 event_map.py for LuGre) follows it from stick to stick.  On the symmetric part of the phase space that the map
-describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it they grow to
-the stable cycle.  Where P jumps close above a* the border stays a*: the map is increasing there.
+describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it they grow.
+Where P jumps close above a* the border stays a*: the map is increasing there.
+
+What they grow to.  As a rule the stable cycle.  Past a symmetry breaking (half multiplier mu < -1) the symmetric cycle
+is unstable too and the servo hunts next to it, lopsidedly; where the linear loop is unstable and the stable cycle has
+left the branch, nothing that was computed bounds them.  The border is the same in all three cases.
 
 What is compared.  Switch: the stick position is the amplitude, max |x1|, and the check starts from (1 -+ delta) a*.
 LuGre: while the servo is stuck x1 creeps by the bend of the bristle, of the size of Fs/sigma0, so the stick
@@ -36,11 +40,15 @@ from .servo import Servo
 Array = np.ndarray
 
 OFFSET = 0.01
-MOST_SWINGS = 60
+FEW_SWINGS, MOST_SWINGS = 60, 2000
+"""Swings followed: three times those that the multipliers of the two cycles need to carry a motion away from the one
+and close to the other, and these at least and at most."""
 SETTLED = 0.5
 """Below this part of the border, and still shrinking, a motion has settled."""
-ARRIVED = 0.05
-"""Relative distance from the stable cycle at which a motion has grown to it."""
+ARRIVED = 0.2
+"""Part of the way between the two cycles that a motion which has grown to the stable one may be away from it."""
+GROWN = 3.0
+"""Times the border at which a motion that no stable cycle bounds has grown beyond doubt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +59,8 @@ class Trial:
     ----------
     start : stick position [rad].
     positions : (s + 1,) stick positions after each swing, `start` first [rad].
-    outcome : "settles", "hunts" or "undecided".
+    outcome : "settles"; "hunts", where it arrives at the stable cycle, or goes on beyond the border to the last swing
+        next to a symmetric cycle that is not stable; "grows", where no stable cycle is known; or "undecided".
     """
 
     start: float
@@ -65,25 +74,28 @@ class Basin:
 
     Attributes
     ----------
-    unstable, stable : the cycles.
+    unstable : the unstable cycle.
+    outer : the symmetric cycle on the stable side of the fold; None where it was not found.
+    why_no_outer : the sentence of the refusal where it was not.
     border : stick position of the unstable cycle [rad]; for Switch its amplitude.
-    stable_position : stick position of the stable cycle [rad].
+    outer_position : stick position of the outer cycle [rad]; nan where there is none.
     error_estimate : relative, of the unstable cycle's amplitude and period.
     inside, outside : the motions from both sides.
     """
 
     unstable: Orbit
-    stable: Orbit
+    outer: Orbit | None
+    why_no_outer: str
     border: float
-    stable_position: float
+    outer_position: float
     error_estimate: float
     inside: Trial
     outside: Trial
 
     @property
     def confirmed(self) -> bool:
-        """The motion from inside settles, the one from outside hunts."""
-        return self.inside.outcome == "settles" and self.outside.outcome == "hunts"
+        """The motion from inside settles, the one from outside does not."""
+        return self.inside.outcome == "settles" and self.outside.outcome in ("hunts", "grows")
 
 
 def basin(
@@ -98,7 +110,8 @@ def basin(
     options
         tolerance of the two cycles.
     offset
-        relative distance from the border at which the two motions start, between 1e-6 and 0.5.
+        relative distance from the border at which the two motions start, between 1e-6 and 0.5; the outer one starts
+        at most half-way to the outer cycle.
 
     Raises
     ------
@@ -108,18 +121,28 @@ def basin(
     if not 1e-6 <= require("offset", offset) <= 0.5:
         raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")
     options = options or Options()
-    stable = find_orbit(servo, model, gain, options=options)
+    outer, why = None, ""
+    try:
+        outer = find_orbit(servo, model, gain, options=options)
+    except NoOrbit as error:
+        if error.status is None:  # there is no cycle at this gain, stable or unstable
+            raise
+        why = str(error)
     unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
-    border, hunting = stick_position(unstable), stick_position(stable)
-    return Basin(
-        unstable,
-        stable,
-        border,
-        hunting,
-        unstable.error_estimate,
-        follow(servo, model, gain, border * (1 - offset), border, hunting),
-        follow(servo, model, gain, border * (1 + offset), border, hunting),
-    )
+    border = stick_position(unstable)
+    hunting = stick_position(outer) if outer is not None else float("nan")
+    beyond = offset if outer is None else min(offset, 0.5 * abs(hunting / border - 1))
+    away = np.log10(1 / min(offset, beyond)) / max(unstable.multipliers.log10_leading, 1e-6)
+    towards = 0.0 if outer is None else np.log10(1 / ARRIVED) / max(-outer.multipliers.log10_leading, 1e-6)
+    swings = int(np.clip(3 * (away + towards), FEW_SWINGS, MOST_SWINGS))
+    inside, outside = (
+        follow(
+            servo, model, gain, border * factor, border, hunting,
+            stable=outer is not None and outer.stable, swings=swings,
+        )
+        for factor in (1 - offset, 1 + beyond)
+    )  # fmt: skip
+    return Basin(unstable, outer, why, border, hunting, unstable.error_estimate, inside, outside)
 
 
 def stick_position(orbit: Orbit) -> float:
@@ -149,7 +172,10 @@ def stick_position(orbit: Orbit) -> float:
     )
 
 
-def follow(servo: Servo, model: Model, gain: float, a: float, border: float, hunting: float) -> Trial:
+def follow(
+    servo: Servo, model: Model, gain: float, a: float, border: float, hunting: float,
+    *, stable: bool = True, swings: int = FEW_SWINGS,
+) -> Trial:
     """Follow a motion from the stick position `a` until it has settled or hunts.
 
     Parameters
@@ -159,11 +185,15 @@ def follow(servo: Servo, model: Model, gain: float, a: float, border: float, hun
     a
         where it starts [rad], > 0.
     border, hunting
-        stick positions of the unstable and the stable cycle [rad].
+        stick positions of the unstable and of the outer cycle [rad]; nan where there is no outer one.
+    stable
+        whether the outer cycle is stable, so that a motion next to it has arrived.
+    swings
+        after which it is undecided.
     """
-    require("a", a, above=0)
+    a = require("a", a, above=0)
     start, positions, outcome = a, [a], "undecided"
-    for _ in range(MOST_SWINGS):
+    for _ in range(swings):
         try:
             following = (
                 map_at(servo, gain, a).position if model == "switch" else half_cycle(model, servo, gain, a).position
@@ -177,7 +207,13 @@ def follow(servo: Servo, model: Model, gain: float, a: float, border: float, hun
         if a < SETTLED * border and a < previous:
             outcome = "settles"
             break
-        if abs(a / hunting - 1) < ARRIVED and abs(a - hunting) < abs(hunting - border):
+        if stable and abs(a - hunting) < ARRIVED * abs(hunting - border):
             outcome = "hunts"
             break
+        if not np.isfinite(hunting) and a > GROWN * border:
+            outcome = "grows"
+            break
+    else:
+        if not stable and min(positions) > border and max(positions) < GROWN * hunting:
+            outcome = "hunts"
     return Trial(start, np.array(positions), outcome)

@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from .adapt import Options
-from .basin import OFFSET, Trial, basin
+from .basin import OFFSET, Basin, Trial, basin
 from .checks import known
 from .console import add_common, complain, finite, positive, servo_of
 from .errors import InputError
@@ -40,8 +40,10 @@ def run(options: argparse.Namespace) -> int:
         "gain": gain,
         "border": found.border,
         "unstable_amplitude": found.unstable.amplitude,
-        "stable_position": found.stable_position,
-        "stable_amplitude": found.stable.amplitude,
+        "outer_position": found.outer_position if found.outer else None,
+        "outer_amplitude": found.outer.amplitude if found.outer else None,
+        "outer_half_multiplier": found.outer.half_multiplier if found.outer else None,
+        "outer_stable": found.outer.stable if found.outer else None,
         "error_estimate": found.error_estimate,
         "offset": offset,
         "inside": _record(found.inside),
@@ -52,18 +54,36 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(record))
     else:
         where = "" if model == "switch" else " (x1 at m = 0.9 Fs before breakaway)"
-        print(f"{model} servo at gain {gain:.10g}: stuck nearer than {found.border:.10g} rad it settles{where}")
+        says = "stuck within {0} rad of the set point it comes to rest there; stuck a little farther away it does not"
+        if not found.confirmed:
+            says = "an unstable hunting cycle stands at {0} rad; that it bounds coming to rest is not confirmed"
+        print(f"{model} servo at gain {gain:.10g}: {says.format(f'{found.border:.10g}')}{where}")
         print(f"  unstable cycle   amplitude max |x1| = {found.unstable.amplitude:.10g} rad, estimated error "
               f"{found.error_estimate:.1e}")  # fmt: skip
-        print(f"  stable cycle     amplitude max |x1| = {found.stable.amplitude:.10g} rad")
+        print(f"  {_outer(found)}")
         for name, trial in (("inside", found.inside), ("outside", found.outside)):
-            last = ", ".join(f"{a:.4g}" for a in trial.positions[:6])
-            more = ", ..." if trial.positions.size > 6 else ""
-            print(f"  from {name:8}    {trial.outcome} after {trial.positions.size - 1} swings: {last}{more} rad")
+            a = [f"{position:.4g}" for position in trial.positions]
+            path = ", ".join(a if len(a) <= 6 else [*a[:4], "...", a[-1]])
+            print(f"  from {name:8}    {trial.outcome} after {len(a) - 1} swings: {path} rad")
     if not found.confirmed:
-        complain("casahunt basin", "the motions from the two sides do not confirm the border")
+        complain(
+            "casahunt basin",
+            "the motions from the two sides do not confirm the border: from a little inside it the servo should come "
+            "to rest, from a little outside it should not; between the cycles it may do either",
+        )
         return 1
     return 0
+
+
+def _outer(found: Basin) -> str:
+    """The line of the cycle beyond the border."""
+    if found.outer is None:
+        return f"stable cycle     {found.why_no_outer}"
+    amplitude = f"amplitude max |x1| = {found.outer.amplitude:.10g} rad"
+    if found.outer.stable:
+        return f"stable cycle     {amplitude}"
+    mu = f"{found.outer.half_multiplier:.6g}"
+    return f"symmetric cycle  {amplitude}, not stable (half multiplier {mu}): swings next to it leave it, unevenly"
 
 
 def _record(trial: Trial) -> dict[str, Any]:
