@@ -121,14 +121,12 @@ def basin(
     if not 1e-6 <= require("offset", offset) <= 0.5:
         raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")
     options = options or Options()
+    unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
     outer, why = None, ""
     try:
         outer = find_orbit(servo, model, gain, options=options)
     except NoOrbit as error:
-        if error.status is None:  # there is no cycle at this gain, stable or unstable
-            raise
         why = str(error)
-    unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
     border = stick_position(unstable)
     hunting = stick_position(outer) if outer is not None else float("nan")
     beyond = offset if outer is None else min(offset, 0.5 * abs(hunting / border - 1))

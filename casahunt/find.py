@@ -12,17 +12,18 @@ optimum.  Where no fold can be located either, the sentence is "not found", and 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
 
 from .adapt import Options
+from .branch import SpecialPoint
 from .checks import known, to_error
 from .cold_start import Met, check_problem, refined, stable_at, unstable_at
 from .continuation import curve_point, walk
 from .errors import NoOrbit, Status
-from .fold import WALK_TOLERANCE, Fold, find_fold
+from .fold import WALK_TOLERANCE, Fold, confirmed_smallest, find_fold
 from .hunting import Model
+from .monitor import FOLD, locate
 from .orbit import Orbit
 from .servo import Servo
 
@@ -32,6 +33,8 @@ TIGHT = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 FAR = 0.9
 """Part of the fold gain below which the way down from the fold may be rough, its end being refined."""
+VANISHED = 1e-6
+"""Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
 DOWNWARDS = 0.01
 """First step away from a fold, in arclength."""
 
@@ -107,8 +110,9 @@ def _round_the_fold(stable: Orbit, rough: Options, options: Options) -> Orbit | 
     """The unstable cycle at the gain of a stable one, up to the fold and down again; None where it is not reached."""
     for way in (rough, options):  # the accurate way is the slow one, and seldom needed
         last = stable
-        for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):  # noqa: B007 - the last one
-            pass
+        for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):
+            if _vanished(last):
+                return None
         if last is stable or last.gain != stable.gain or last.amplitude >= stable.amplitude:
             continue
         try:
@@ -170,10 +174,7 @@ def _down_from(fold: Fold, gain: float, branch: BranchName, options: Options) ->
     ways = (rough, options) if gain < FAR * fold.gain and rough != options else (options,)
     reached = ""
     for way in ways:
-        last, ended = fold.orbit, "no step away from it converged"
-        for last, ended in _followed_down(fold.orbit, gain, branch, way):  # noqa: B007 - the last one counts
-            if last.gain == gain:
-                break
+        last, ended = _followed_down(fold, gain, branch, way, options)
         if last.gain != gain:
             reached = f"to gain {last.gain:.8g} only ({ended})"
             continue
@@ -192,24 +193,54 @@ def _down_from(fold: Fold, gain: float, branch: BranchName, options: Options) ->
     )
 
 
-def _followed_down(start: Orbit, gain: float, branch: BranchName, options: Options) -> Iterator[tuple[Orbit, str]]:
-    """(orbit, why the walk ends with it or "") down from a fold on the stable or the unstable side."""
-    row = curve_point(start, "gain").row
+def _followed_down(
+    fold: Fold, gain: float, branch: BranchName, way: Options, options: Options
+) -> tuple[Orbit, str]:
+    """(last orbit, why the walk ends with it) down from a fold on the stable or the unstable side.
+
+    Raises
+    ------
+    NoOrbit : the branch turns back to larger gains in another fold, which is located above `gain`.
+    """
+    row = curve_point(fold.orbit, "gain").row
     for heading in (row, -row):
         steps = walk(
-            start, low=gain, high=2 * start.gain, heading=heading, options=options, first_step=DOWNWARDS
+            fold.orbit, low=gain, high=2 * fold.gain, heading=heading, options=way, first_step=DOWNWARDS
         )
-        last = next(steps, None)
+        before, last = fold.orbit, next(steps, None)
         if last is None or (last.multipliers.leading.real > 1) != (branch == "unstable"):
             continue
-        while True:
-            yield last, ""
+        while last.gain < before.gain:
+            if _vanished(last):
+                return last, "there its amplitude shrinks to nothing: below that gain the servo settles from nowhere"
             try:
-                following = next(steps)
+                before, last = last, next(steps)
             except StopIteration as end:
-                yield last, str(end.value)
-                return
-            if following.gain > last.gain:
-                yield last, "there they turn back to larger gains"
-                return
-            last = following
+                return last, str(end.value)
+        _deny_below(before, last, fold, gain, branch, options)
+        return before, "there they turn back to larger gains"
+    return fold.orbit, "no step away from the fold converged"
+
+
+def _vanished(orbit: Orbit) -> bool:
+    """P(a)/a tends to a limit as a does to 0; where the gain takes that limit to one, the unstable cycle ends there."""
+    kp, _, _ = orbit.servo.torque_gains(orbit.gain)
+    return orbit.amplitude * kp < VANISHED * orbit.servo.friction.static
+
+
+def _deny_below(before: Orbit, after: Orbit, fold: Fold, gain: float, branch: BranchName, options: Options) -> None:
+    """NoOrbit where the lower fold between two orbits of a walk is located above `gain`."""
+    lowest = locate(before, after, FOLD, vary="gain", options=options)
+    if lowest is None:
+        return
+    try:
+        lower = confirmed_smallest(SpecialPoint(FOLD.kind, lowest, ""), options)
+    except NoOrbit:
+        return
+    if gain < lower.gain * (1 - 2 * lower.gain_error):
+        raise NoOrbit(
+            f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: followed down from their "
+            f"largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn back at "
+            f"{to_error(lower.gain, lower.gain_error)}, in a second fold (located on their branch, and again as the "
+            "smallest gain of all cycles near it)"
+        )

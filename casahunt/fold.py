@@ -303,3 +303,20 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
             Status.TOLERANCE_NOT_REACHED,
         )
     return Fold(orbit, orbit.gain, error, gain, best.multipliers, orbit.status, time.perf_counter() - began)
+
+
+def confirmed_smallest(special: SpecialPoint, options: Options) -> Fold:
+    """A located fold at which the gain is smallest, checked against the optimisation problem on its mesh.
+
+    Raises
+    ------
+    NoOrbit : the fold gains differ by more than the tolerance, or an error estimate exceeds it.
+    """
+    orbit = special.orbit
+    t, u, setting = unknowns_of(orbit)
+    least = maximise_parameter(t, u, replace(setting, dp=-direction_of("gain") * orbit.gain))
+    error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
+    if not least.status.ok or error > options.tol:
+        raise NoOrbit(f"the fold at gain {orbit.gain:.10g} is not confirmed as the smallest gain", least.status)
+    gain = orbit.gain * (1 - least.parameter)
+    return Fold(orbit, orbit.gain, error, gain, -least.multipliers, orbit.status, orbit.wall_s)

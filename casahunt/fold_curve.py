@@ -29,14 +29,13 @@ from .branch import SpecialPoint
 from .checks import known, require, shown
 from .continuation import Point, corrected, curve_point, in_units_of, predict, with_value
 from .errors import InputError, NoOrbit, Status
-from .fold import Fold, confirmed, find_fold
+from .fold import Fold, confirmed, confirmed_smallest, find_fold
 from .hunting import MODELS, Model
 from .monitor import FOLD
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .plane_curve import Reading, follow
 from .sensitivity import NAMES, fold_sensitivities
 from .servo import Servo, flatten
-from .solve import maximise_parameter
 
 Array = np.ndarray
 
@@ -316,15 +315,7 @@ def _tilt(chart: _Chart, ahead: Orbit, m: float) -> Array | None:
 
 def _extremum(orbit: Orbit, largest: bool, options: Options) -> Fold:
     """A located fold, checked against the optimisation problem: the largest gain nearby, or the smallest."""
-    if largest:
-        return confirmed(SpecialPoint(FOLD.kind, orbit, ""), options)
-    t, u, setting = unknowns_of(orbit)
-    least = maximise_parameter(t, u, replace(setting, dp=-direction_of("gain") * orbit.gain))
-    error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
-    if not least.status.ok or error > options.tol:
-        raise NoOrbit(f"the fold at gain {orbit.gain:.10g} is not confirmed as the smallest gain", least.status)
-    gain = orbit.gain * (1 - least.parameter)
-    return Fold(orbit, orbit.gain, error, gain, -least.multipliers, orbit.status, orbit.wall_s)
+    return (confirmed if largest else confirmed_smallest)(SpecialPoint(FOLD.kind, orbit, ""), options)
 
 
 # The curve -------------------------------------------------------------------------------------------------------

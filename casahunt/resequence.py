@@ -7,7 +7,7 @@ a starting point for the right one.  All return None where they have nothing to 
 
     remarch           follow the real motion for half a cycle and take the phases that it has (Switch)
     split_reversals   put phase boundaries where x2 changes sign inside a LuGre phase
-    merge_vanishing   take out a LuGre phase that has shrunk to nothing, with its pair of reversals
+    merge_vanishing   take out a phase that has shrunk to nothing: a LuGre slide with two reversals, a Switch stick
     harden            the opposite of soften, once the grazing is past
     soften            leave the kink |x2| unsplit in one LuGre phase, for reversals that graze zero
 """
@@ -27,6 +27,7 @@ from .transcription import Setting, Transcription, transcribe
 Array = np.ndarray
 Start = tuple[Transcription, Array, Setting]
 
+SHORT_STICK = 0.1  # duration of a stick, in units of the slips', below which it may be about to vanish
 FINE = 65  # points per interval at which x2 is searched for changes of sign
 
 
@@ -146,9 +147,9 @@ def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> A
 
 
 def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
-    """Take out the shortest inner slide with its two reversals: three phases become one."""
+    """Take out the shortest inner slide with its two reversals: three phases become one; or a Switch stick."""
     if model == "switch":
-        return None
+        return _without_stick(t, u, setting)
     half = half_signature(t)
     length = len(half)
     durations = t.durations_of(u)
@@ -164,6 +165,17 @@ def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) 
         return None
     signature = half[: k - 1] + (half[k + 1],) + half[k + 2 :]
     return _rebuild_merged(model, t, u, setting, signature, k, length)
+
+
+def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None:
+    """A Switch half cycle whose stick has shrunk to nothing: the servo stops and is reversed at once."""
+    half = half_signature(t)
+    durations = t.durations_of(u)
+    if t.cycle.repeats != 2 or half[-1][0] != "stick" or durations[-1] > SHORT_STICK * np.sum(durations[:-1]):
+        return None
+    slips = range(t.phases - 1)
+    parts = [(*_phase_data(t, u, setting, k, 0.0, 1.0), float(durations[k])) for k in slips]
+    return _assemble("switch", t, setting, half[:-1], parts, t.nodes_of(u)[-2])
 
 
 def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
