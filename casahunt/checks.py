@@ -51,10 +51,10 @@ def shown(x: float) -> str:
 
 
 def to_error(x: float, relative_error: float) -> str:
-    """A computed number for a person, to the digits that its relative error leaves (at most 12, at least 3)."""
+    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to 12)."""
     if not relative_error > 0:
         return f"{x:.12g}"
-    return f"{x:.{min(max(math.ceil(-math.log10(relative_error)), 3), 12)}g}"
+    return f"{x:.{min(max(math.floor(-math.log10(relative_error)), 3), 12)}g}"
 
 
 def known(what: str, name: str, allowed: Iterable[str]) -> str:

@@ -1,0 +1,144 @@
+"""Cycles found and cycles denied: what is said to be absent is absent, by the Taylor engine and the reference folds."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from taylor import switch_cycle, switch_half_cycle
+
+from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
+from casahunt.basin import basin
+from casahunt.event_map import scan
+from problems import table1
+
+FOLD = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lugre")}
+
+# The linear loop is unstable below K = 3.62, so that far-out motions grow while the servo hunts near its set point.
+UNSTABLE_LOOP = Servo().replace(
+    **{
+        "servo.inertia": 0.16838869820931657, "servo.motor_gain": 28.31674240323281,
+        "controller.lead_time": 0.02338545420603901, "controller.integral_time": 0.04264053025708951,
+        "friction.static": 0.13830258634315928, "friction.coulomb": 0.07339314036116219,
+        "friction.stribeck_velocity": 0.021644533942020733, "friction.viscous": 0.15333309269969053,
+    }
+)  # fmt: skip
+UNSTABLE_LOOP_FOLD = 2.159105684
+# A servo whose cycles lose their stick at a seventh of the fold gain, and turn back a little below.
+NO_STICK = Servo().replace(
+    **{
+        "servo.inertia": 0.057, "servo.motor_gain": 1.1527522792327205, "controller.lead_time": 0.0243,
+        "controller.integral_time": 0.03, "friction.static": 0.8426, "friction.coulomb": 0.3716,
+        "friction.stribeck_velocity": 0.0456, "friction.viscous": 0.0,
+    }
+)  # fmt: skip
+
+
+def slope(servo: Servo, gain: float, a: float, step: float = 1e-4) -> float:
+    """P'(a) by central differences of the Taylor engine."""
+    above, below = (switch_half_cycle(servo, gain, a * (1 + s))[0] for s in (step, -step))
+    return (above - below) / (2 * step * a)
+
+
+@pytest.mark.parametrize("part", [0.995, 0.999, 0.9999])
+def test_both_cycles_below_a_fold_where_far_motions_grow(part):
+    gain = part * UNSTABLE_LOOP_FOLD
+    stable, unstable = (find_orbit(UNSTABLE_LOOP, "switch", gain, branch=b) for b in ("stable", "unstable"))
+    assert unstable.amplitude < stable.amplitude
+    for found in (stable, unstable):
+        amplitude, period = switch_cycle(UNSTABLE_LOOP, gain, found.amplitude)
+        assert found.amplitude == pytest.approx(amplitude, rel=1e-5)  # the default tolerance, 1e-6, and a margin
+        assert found.period == pytest.approx(period, rel=1e-5)
+        assert found.half_multiplier == pytest.approx(slope(UNSTABLE_LOOP, gain, amplitude), rel=1e-4)
+    assert unstable.half_multiplier > 1 > stable.half_multiplier
+
+
+def test_the_scan_climbs_the_inner_peak():
+    """The highest ratio is that of a motion thrown out; the pair of fixed points is below a lower peak."""
+    seen = scan("switch", UNSTABLE_LOOP, 0.9999 * UNSTABLE_LOOP_FOLD, want_lower=True)
+    assert seen.best > 3 and seen.upper is not None and seen.lower is not None
+    assert 0.9 < seen.lower.start / seen.upper.start < 1
+
+
+def test_the_unstable_cycle_without_a_stable_one():
+    """At half the fold gain no stable cycle bounds the motions; the border of coming to rest is there all the same."""
+    gain = 0.5 * UNSTABLE_LOOP_FOLD
+    found = basin(UNSTABLE_LOOP, "switch", gain)
+    amplitude, _ = switch_cycle(UNSTABLE_LOOP, gain, found.border)
+    assert found.border == pytest.approx(amplitude, rel=1e-5)
+    assert found.confirmed and found.outside.outcome == "grows" and math.isnan(found.outer_position)
+    with pytest.raises(NoOrbit) as refused:
+        find_orbit(UNSTABLE_LOOP, "switch", gain)
+    assert refused.value.status is Status.NOT_FOUND or "turn back" in str(refused.value)
+
+
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+@pytest.mark.parametrize(("model", "gain"), [("switch", 0.9), ("switch", 0.65), ("lugre", 0.63)])
+def test_a_denial_names_the_located_fold(model, gain, branch):
+    """Whatever gain is asked for, the fold named is the one of the reference, to every digit that is printed."""
+    with pytest.raises(NoOrbit, match="no hunting limit cycle .* its cycles end at gain") as refused:
+        find_orbit(Servo(), model, gain, branch=branch)
+    assert refused.value.status is None
+    named = re.search(r"end at gain ([0-9.]+), in a fold", str(refused.value)).group(1)
+    assert float(named) == pytest.approx(FOLD[model], abs=1.01 * 10.0 ** -(len(named) - 2)) and len(named) >= 7
+
+
+@pytest.mark.parametrize("distance", [1e-5, 1e-8])
+def test_a_hair_on_either_side_of_the_fold(distance):
+    fold = FOLD["switch"]
+    for branch in ("stable", "unstable"):
+        found = find_orbit(Servo(), "switch", fold * (1 - distance), branch=branch)
+        amplitude, _ = switch_cycle(Servo(), found.gain, found.amplitude)
+        assert found.amplitude == pytest.approx(amplitude, rel=1e-6)
+        with pytest.raises(NoOrbit, match="its cycles end at gain") as refused:
+            find_orbit(Servo(), "switch", fold * (1 + distance), branch=branch)
+        assert refused.value.status is None
+
+
+def test_no_fold_no_denial(monkeypatch):
+    """A scan alone is no evidence: without the fold the sentence is 'not found'."""
+    from casahunt import find
+
+    def lost(*arguments, **options):
+        raise NoOrbit("lost", Status.NOT_CONVERGED)
+
+    monkeypatch.setattr(find, "find_fold", lost)
+    with pytest.raises(NoOrbit, match="was found at gain 0.9, which does not prove that there is none") as refused:
+        find_orbit(Servo(), "switch", 0.9)
+    assert refused.value.status is Status.NOT_FOUND
+
+
+def test_cycles_without_stick_down_to_a_second_fold():
+    """Further down the servo is reversed without sticking; then the cycles turn back, and below every motion grows."""
+    fold = find_fold(NO_STICK, "switch")
+    with pytest.raises(NoOrbit, match="turn back at .*, in a second fold") as refused:
+        find_orbit(NO_STICK, "switch", 0.05 * fold.gain)
+    assert refused.value.status is None
+    lower = float(re.search(r"turn back at ([0-9.]+)", str(refused.value)).group(1))
+    assert 0.05 * fold.gain < lower < fold.gain
+    gain = 1.01 * lower
+    found = find_orbit(NO_STICK, "switch", gain)
+    assert [mode for mode, _ in found.signature] == ["slip+"]
+    swings, _, slips = switch_half_cycle(NO_STICK, gain, found.amplitude, most_slips=80)
+    assert swings == pytest.approx(found.amplitude, rel=1e-4) and 2 * slips[-1] == pytest.approx(found.period, rel=1e-4)
+    swings, _, slips = switch_half_cycle(NO_STICK, 0.8 * lower, found.amplitude, thrown_out=3 * found.amplitude)
+    assert swings > 3 * found.amplitude
+
+
+def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsys):
+    """Half multiplier -1.035 by the collocation orbit and by the map; the motion from outside is no proof of a border."""
+    changes = {
+        "servo.inertia": 0.0126425, "servo.motor_gain": 29.109, "controller.lead_time": 0.252257,
+        "controller.integral_time": 0.242681, "friction.static": 0.70947, "friction.coulomb": 0.421059,
+        "friction.stribeck_velocity": 0.0102243, "friction.viscous": 0.510541,
+    }  # fmt: skip
+    servo = Servo().replace(**changes)
+    found = basin(servo, "switch", 1.1773, options=Options(tol=1e-8))
+    amplitude, _ = switch_cycle(servo, 1.1773, found.outer.amplitude)
+    assert found.outer.half_multiplier == pytest.approx(slope(servo, 1.1773, amplitude), rel=1e-3)
+    assert not found.outer.stable and found.outside.outcome != "hunts"
+    words = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
+    assert cli.main(["basin", "--gain", "1.1773", *words]) == 1
+    out = capsys.readouterr().out
+    assert "stable cycle  " not in out.replace("unstable cycle", "") and "not stable (half multiplier -1.03" in out
