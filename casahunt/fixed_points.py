@@ -31,6 +31,7 @@ Symbols: n states, d stages, R = n (d + 1).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,7 +39,7 @@ import numpy as np
 from .checks import require
 from .errors import InputError, NoOrbit, Status
 from .event_map import SCAN_HIGH, SCAN_LOW, patience, scan, state_scale
-from .hunting import SCHEMES, SWITCH
+from .hunting import SCHEMES, SWITCH, slips_back
 from .interval import interval_map, point_function
 from .linear_loop import routh_hurwitz_gain
 from .march import MarchFailure, Segment, march
@@ -52,11 +53,16 @@ CHECK_TOLERANCE, CHECK_DEGREE = 1e-9, 7
 """March with which `map_error` compares: other intervals and another scheme."""
 MOST_SLIPS = 40
 """Slips in a row without a stick after which the motion counts as swinging."""
+THROWN_OUT = 100.0
+"""A motion that stops this many times farther out than it started, with more torque than static friction holds, counts
+as swinging on."""
 MOST_INTERVALS = 3000
 GROWS = 3.0
 """A motion that goes this many times farther out than it started is marched again in its own scale."""
 POINTS = 121
-MOST_POINTS = 4000
+MOST_POINTS, MOST_SLIPS_IN_ALL = 4000, 3000
+"""Motions, and slips of all of them together, after which no interval is divided further.  A tenth does for most maps;
+where far-out motions come back after dozens of slips or never, the jumps between the two have no end."""
 SMOOTH, DISTANCE = 0.01, 0.25
 """A motion half-way may miss the cubic through its neighbours by SMOOTH + DISTANCE times the distance from P = a."""
 SMALLEST = 1e-14
@@ -236,7 +242,7 @@ def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, deg
     scale = state_scale("switch", servo, gain, a)
     segments = _motion(servo, p, x, scale, tol, scheme_degree)
     reached = max(float(np.max(np.abs(s.w.reshape(-1, 3)[:, 0]))) for s in segments)
-    if reached > GROWS * a:
+    if GROWS * a < reached and not reached > THROWN_OUT * a:
         scale = np.maximum(scale, state_scale("switch", servo, gain, reached))
         segments = _motion(servo, p, x, scale, tol, scheme_degree)
     last = segments[-1]
@@ -265,7 +271,8 @@ def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, d
     def stuck_or_tired(segment: Segment) -> bool:
         nonlocal slips
         slips += segment.event == "stop"
-        return segment.mode == "stick" or slips == MOST_SLIPS
+        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * abs(float(x[0])) and slips_back(segment.end, p)
+        return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
 
     tolerances = (tol,) if tol else TOLERANCES
     for k, tolerance in enumerate(tolerances):
@@ -343,24 +350,30 @@ def default_range(servo: Servo, gain: float) -> tuple[float, float]:
 
 @dataclass
 class _Scan:
-    """The state of one scan."""
+    """The state of one scan; `report` is told the number of motions computed, and where the last one started."""
 
     servo: Servo
     gain: float
+    report: Callable[[int, float], None] | None = None
     points: dict[float, MapPoint] = field(default_factory=dict)
     tight: set[float] = field(default_factory=set)
     fixed: list[FixedPoint] = field(default_factory=list)
     jumps: list[Jump] = field(default_factory=list)
     unresolved: list[tuple[float, float]] = field(default_factory=list)
     failures: list[float] = field(default_factory=list)
+    slips: int = 0
 
     def at(self, a: float, *, tight: bool = False) -> MapPoint | None:
         """The map at a, computed once for each precision; None where it fails."""
         try:
             if a not in self.points:
                 self.points[a] = map_at(self.servo, self.gain, a, tol=ROUGH)
+                self.slips += self.points[a].slips
+                if self.report is not None:
+                    self.report(len(self.points), a)
             if a not in self.tight and (tight or abs(self.points[a].excess) < CLOSE):
                 self.points[a] = map_at(self.servo, self.gain, a)
+                self.slips += self.points[a].slips
                 self.tight.add(a)
         except MarchFailure:
             self.failures.append(a)
@@ -375,6 +388,7 @@ def fixed_points(
     high: float | None = None,
     *,
     points: int = POINTS,
+    report: Callable[[int, float], None] | None = None,
 ) -> FixedPoints:
     """All fixed points P(a) = a between two stick positions, or the evidence that there is none.
 
@@ -392,6 +406,8 @@ def fixed_points(
         range [rad]; default `default_range`.
     points
         size of the grid, at least 2.
+    report
+        called after every motion with the number of motions so far and the stick position [rad] of this one.
 
     Raises
     ------
@@ -405,7 +421,7 @@ def fixed_points(
         raise InputError(f"to = {high:g}: must be greater than from = {low:g}")
     if points < 2:
         raise InputError(f"points = {points}: must be at least 2")
-    state = _Scan(servo, gain)
+    state = _Scan(servo, gain, report)
     grid = [float(a) for a in np.geomspace(low, high, points)]
     grid[0], grid[-1] = low, high
     known = [p for p in map(state.at, grid) if p is not None]
@@ -441,7 +457,7 @@ def _search(state: _Scan, left: MapPoint, right: MapPoint) -> None:
         if width <= floor:
             _verdict(state, left, right, crossing)
             continue
-        if len(state.points) >= MOST_POINTS:
+        if len(state.points) >= MOST_POINTS or state.slips >= MOST_SLIPS_IN_ALL:
             state.unresolved.append((left.start, right.start))
             continue
         if crossing and _cubic_is_good(left, right):

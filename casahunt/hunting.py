@@ -202,6 +202,11 @@ def _after_stop(x: np.ndarray, p: np.ndarray) -> str:
     return "stick" if abs(m) <= static else ("slip+" if m > 0 else "slip-")
 
 
+def slips_back(x: np.ndarray, p: np.ndarray) -> bool:
+    """Whether the Switch servo, stopped at x, is reversed at once by more torque than static friction holds."""
+    return _after_stop(x, p) != "stick"
+
+
 def reversal_strength(x: Any, p: Any) -> Any:
     """Net torque J x2' / Fs of the LuGre servo at x2 = 0; its sign is that of the motion to come."""
     q = _symbols(p)

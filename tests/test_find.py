@@ -127,7 +127,7 @@ def test_cycles_without_stick_down_to_a_second_fold():
 
 
 def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsys):
-    """Half multiplier -1.035 by the collocation orbit and by the map; the motion from outside is no proof of a border."""
+    """Half multiplier -1.035 by both engines; the motion from outside is no proof of a border."""
     changes = {
         "servo.inertia": 0.0126425, "servo.motor_gain": 29.109, "controller.lead_time": 0.252257,
         "controller.integral_time": 0.242681, "friction.static": 0.70947, "friction.coulomb": 0.421059,
