@@ -243,7 +243,7 @@ def _correct(
     parameter: float,
     options: Options,
 ) -> Solution:
-    """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and the other one after it."""
+    """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
     row = None if border is None else curve_border(t, u, border)
     accuracy = LEFT_OUT * options.tol
     if options.solver != "auto" or row is not None:

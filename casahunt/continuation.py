@@ -46,6 +46,7 @@ EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as 
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
 LARGEST_TURN, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
+MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,16 +403,30 @@ def walk_naturally(
 
     The arguments are those of `walk`; steps are relative changes of the parameter.  At a fold no smaller
     step helps and the generator returns the sentence that says so.
+
+    Next to a fold at lambda_f the unit tangent has (dlambda/ds)^2 proportional to lambda_f - lambda: two points tell
+    how far it is, and no step goes further than most of the way.
     """
     known("parameter", vary, PARAMETERS)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     largest_step = largest_step or LARGEST_STEP[start.model]
     last, step = start, first_step
+    before: tuple[float, float] | None = None
     for _ in range(max_points):
         here = parameter_value(last, vary)
         point = curve_point(last, vary, sense=sense)
         if abs(point.row[-1]) < 1e-4:
             return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
+        steepness = float(point.row[-1]) ** 2
+        if before is not None and steepness < before[1]:
+            ahead = steepness * abs(here - before[0]) / (before[1] - steepness) / here
+            if ahead < NATURAL_SMALLEST_STEP:
+                return (
+                    f"the branch ends at {vary} = {here:.8g}: its tangent shows a fold within a relative step of "
+                    f"{ahead:.1g} (half multiplier {last.half_multiplier:.3g}; +1 is a fold)"
+                )
+            step = min(step, MOST_OF_THE_WAY * ahead)
+        before = here, steepness
         while True:
             value = min(max(here * (1 + sense * step), low), high)
             orbit = _natural_step(point, last, vary, value, options)

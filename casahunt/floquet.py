@@ -158,7 +158,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
 
 
 def _cuts(maps: Array) -> Array:
-    """Numbers of the nodes of a phase, the first and the last among them, between which no disturbance grows by much."""
+    """Numbers of the nodes of a phase, first and last among them, between which no disturbance grows by much."""
     cuts, product = [0], np.eye(maps.shape[1])
     for e, factor in enumerate(maps[:-1], start=1):
         product = factor @ product

@@ -250,6 +250,18 @@ def _optimal(orbit: Orbit, options: Options) -> Orbit:
     )
 
 
+def next_fold(orbit: Orbit, options: Options) -> SpecialPoint:
+    """The fold right above an orbit, from that orbit alone: where natural continuation ends.
+
+    Raises
+    ------
+    NoOrbit : the largest gain next to the orbit is not found, or not confirmed.
+    """
+    best = _optimal(orbit, options)
+    found = confirmed(SpecialPoint(FOLD.kind, best, FOLD.meaning.format(name="gain", value=best.gain)), options)
+    return SpecialPoint(FOLD.kind, found.orbit, FOLD.meaning.format(name="gain", value=found.gain))
+
+
 def _maximiser(options: Options) -> Solver:
     """Who looks for the largest gain: IPOPT, where it is not to be Newton alone."""
     return "newton" if options.solver == "newton" else "ipopt"

@@ -30,7 +30,7 @@ FIRST_STEPS = (1e-4, 1e-6, 1e-8)
 """First steps along the curve, in turn: a sharp fold is narrower than the first of them."""
 MOST_SECANTS = 12
 ARRIVED, ROUNDED = 1e-10, 1e-14
-"""No further step is made where the way still to go, and the change of lambda that it brings, are below these; nor where
+"""No further step is made where the last one, and the change of lambda that it brought, are below these; nor where
 lambda does not change any more and the slope is nothing but rounding."""
 
 

@@ -4,8 +4,8 @@ Source of the servo: Hensen, van de Molengraft and Steinbuch, "Friction induced 
 DCT report 2001.021, TU Eindhoven, Table 1 and section 2; later form Automatica 39 (2003) 2131-2137.
 
 Source of the reference values: independent programs that use no collocation.  Switch orbits: Taylor series with 34
-digits (mu at K = 0.04: with 50, by differences of the event map).  LuGre orbits and folds: a Taylor series integrator of
-order 22 in extended precision and an explicit Runge-Kutta method with event location.
+digits (mu at K = 0.04: with 50, by differences of the event map).  LuGre orbits and folds: a Taylor series integrator
+of order 22 in extended precision and an explicit Runge-Kutta method with event location.
 """
 
 from __future__ import annotations
