@@ -33,7 +33,7 @@ from .mesh import (
     transfer,
 )
 from .resequence import Start, next_sequence, remarch
-from .solve import Solution, Solver, ipopt, newton, solve
+from .solve import Solution, Solver, ipopt_then_newton, newton, solve
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -48,8 +48,6 @@ ROUGH = 3.0
 MOTION = 0.1
 """The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 Switch gains that takes an
 eighth off the time at 1e-6, and adds a sixteenth at 1e-8; elsewhere it makes no difference."""
-POLISHING, POLISHED = 4, 1e-2
-"""Newton steps after IPOPT, and how far they may lead away from its point."""
 LEFT_OUT = 0.01
 """Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 
@@ -249,21 +247,12 @@ def _correct(
     if options.solver != "auto" or row is not None:
         alone: Solver = "newton" if options.solver == "auto" else options.solver
         return solve(t, u, setting, solver=alone, border=row, parameter=parameter, accuracy=accuracy)
-    first = _by_both(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
+    first = ipopt_then_newton(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
     if not first.status.ok:
-        again = _by_both(t, u, setting) if solver == "newton" else newton(t, u, setting, accuracy=accuracy)
+        again = ipopt_then_newton(t, u, setting) if solver == "newton" else newton(t, u, setting, accuracy=accuracy)
         if again.status.ok:
             return again
     return first
-
-
-def _by_both(t: Transcription, u: Array, setting: Setting) -> Solution:
-    """IPOPT from where Newton's method may not converge, and Newton's method from what it finds."""
-    found = ipopt(t, u, setting)
-    if not found.status.ok:
-        return found
-    polished = newton(t, found.u, setting, max_iterations=POLISHING, largest_move=POLISHED)
-    return replace(polished, iterations=found.iterations + polished.iterations)
 
 
 def _first_converging(

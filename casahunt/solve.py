@@ -1,16 +1,20 @@
-"""The only place that runs a solver: Newton and IPOPT on the same square system.
+"""The only place that runs a solver: Newton and IPOPT on the same square system,
 
-Newton works on the condensed node system (transcription.py).  IPOPT gets f = 0, the equations as
-constraints, `jac_g` placed by permutation and an empty `hess_lag`, which is legitimate: the problem is
-square, so the multipliers are zero.  What either returns is checked with numpy: finite, small residual,
-close to where it started.  IPOPT's own "success" is not an answer; its point is polished by Newton.
+    G(u, lambda) = 0,    border . (u - u_start, lambda - lambda_start) = 0,
+
+where the border row holds lambda fixed, or measures arclength.  Newton works on the condensed node system
+(transcription.py).  IPOPT gets f = 0, the equations and the border row as constraints, `jac_g` placed by
+permutation and an empty `hess_lag`, which is legitimate: the problem is square, so the multipliers are zero.
+What either returns is checked with numpy: finite, small residual, close to where it started.  IPOPT's own
+"success" is not an answer: a little past a fold residuals are as small as it asks for, though there is no
+root.  Its point is judged by the step that Newton's method would still make there.
 
 Steps and residuals are measured in units of the state scale; durations relative to themselves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -36,6 +40,9 @@ RESIDUAL_LIMIT = 1e-8
 hours multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
+
+POLISHING, POLISHED = 4, 1e-2
+"""Newton steps after IPOPT, and how far they may lead away from its point."""
 
 IPOPT_OPTIONS = {
     "ipopt.print_level": 0,
@@ -266,6 +273,18 @@ def ipopt(
         left = _size(t, point, lin.step(row)[0])
         status = _verdict(t, u, point, residual, left <= ROUNDED, largest_move)
     return Solution(point, lam, status, iterations, residual, lin, "ipopt")
+
+
+def ipopt_then_newton(t: Transcription, u: Array, setting: Setting) -> Solution:
+    """IPOPT from where Newton's method may not converge, and Newton's method from where it arrives."""
+    found = ipopt(t, u, setting)
+    if found.status not in (Status.CONVERGED, Status.NOT_CONVERGED):
+        return found
+    polished = newton(t, found.u, setting, max_iterations=POLISHING, largest_move=POLISHED)
+    if not polished.status.ok:
+        return found if not found.status.ok else polished
+    status = _verdict(t, u, polished.u, polished.residual, True, LARGEST_MOVE)
+    return replace(polished, status=status, iterations=found.iterations + polished.iterations)
 
 
 def solve(
