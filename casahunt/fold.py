@@ -69,8 +69,9 @@ class Fold:
     orbit : the orbit at the fold.
     gain : the fold gain.
     gain_error : estimated relative error of the gain.
-    optimised_gain : the fold gain of the optimisation problem on the same mesh.
-    multipliers : (size,) IPOPT's multipliers of the collocation equations, the adjoint of the fold.
+    optimised_gain : the fold gain of the optimisation problem on the same mesh; that of the turning point there where
+        Newton works alone.
+    multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
     status, wall_s : as everywhere.
     """
 
