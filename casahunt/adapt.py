@@ -33,7 +33,7 @@ from .mesh import (
     transfer,
 )
 from .resequence import Start, next_sequence, remarch
-from .solve import Solution, Solver, newton, solve
+from .solve import Solution, Solver, ipopt_then_newton, newton, solve
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -61,8 +61,9 @@ class Options:
     Attributes
     ----------
     tol : relative tolerance of period and amplitude.
-    solver : for first solves "ipopt", "newton", or "auto": Newton where the start is close, IPOPT where it is not
-        or Newton fails.  After a change of mesh Newton corrects.
+    solver : "ipopt" or "newton" makes every solve, alone: of a first cycle, along a branch, after a change of mesh,
+        for multipliers.  "auto": Newton where the start is close, IPOPT where it is not or Newton fails, and after a
+        change of mesh Newton corrects.
     degree, kind : collocation scheme; None for the default of the model.
     half : exploit the symmetry x(t + T/2) = -x(t).
     """
@@ -130,7 +131,8 @@ def solve_adaptively(
     start
         transcription, unknowns and setting.
     solver
-        for the first solve; Newton after that, IPOPT where Newton fails at a fixed parameter.
+        for the first solve of `auto`, which takes Newton after that, and the other one where the first fails at a fixed
+        parameter.  A solver named in `options` makes all the solves, alone.
     border
         weights (n + 2,) of the first node, of ln T_1 and of lambda; the correction is orthogonal to them and
         lambda is free.  None holds lambda at zero.
@@ -141,8 +143,7 @@ def solve_adaptively(
     iterations, sequences, changes = 0, 0, 0
     accepted: Solved | None = None
     marched = False
-    accuracy = LEFT_OUT * options.tol
-    solution = _correct(t, u, setting, border, solver, 0.0, accuracy)
+    solution = _correct(t, u, setting, border, solver, 0.0, options)
     for _ in range(MAX_ROUNDS):
         iterations += solution.iterations
         if not solution.status.ok:
@@ -154,7 +155,7 @@ def solve_adaptively(
             if sequences <= MAX_SEQUENCES:
                 moved = setting.moved(solution.parameter)
                 starts = next_sequence(model, t, solution.u, moved, verdict.phase, soft=soft)
-                found = _first_converging(starts, setting, border, solution.parameter, accuracy)
+                found = _first_converging(starts, setting, border, solution.parameter, options)
             if found is None:
                 return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
             t, setting, solution = found
@@ -178,12 +179,12 @@ def solve_adaptively(
             changes += 1
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
             return accepted
-        t, setting, solution = _on_mesh(accepted, breaks, border, accuracy)
+        t, setting, solution = _on_mesh(accepted, breaks, border, options)
         if not solution.status.ok:
             # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
             changes = len(COARSENING)
             breaks = halved(phase_breaks(accepted.t, accepted.setting.fractions))
-            t, setting, solution = _on_mesh(accepted, breaks, border, accuracy)
+            t, setting, solution = _on_mesh(accepted, breaks, border, options)
         if not solution.status.ok and not marched:
             # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
             marched = True
@@ -191,7 +192,7 @@ def solve_adaptively(
             if again is not None:
                 t, u, fresh = again
                 setting = replace(fresh, p=accepted.setting.p)
-                solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter, accuracy)
+                solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter, options)
     return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
 
 
@@ -215,12 +216,12 @@ def _presentable(e: Estimate, options: Options) -> bool:
 
 
 def _on_mesh(
-    known: Solved, breaks: list[Array], border: Array | None, accuracy: float
+    known: Solved, breaks: list[Array], border: Array | None, options: Options
 ) -> tuple[Transcription, Setting, Solution]:
     """A solution carried to another mesh and corrected there."""
     t, u, fractions = transfer(known.t, known.solution.u, known.setting.fractions, breaks)
     setting = replace(known.setting, fractions=fractions)
-    return t, setting, _correct(t, u, setting, border, "newton", known.solution.parameter, accuracy)
+    return t, setting, _correct(t, u, setting, border, "newton", known.solution.parameter, options)
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
@@ -238,26 +239,33 @@ def _correct(
     border: Array | None,
     solver: Solver,
     parameter: float,
-    accuracy: float,
+    options: Options,
 ) -> Solution:
-    if border is not None:
-        return newton(t, u, setting, border=curve_border(t, u, border), parameter=parameter, accuracy=accuracy)
-    solution = solve(t, u, setting, solver=solver, accuracy=accuracy)
-    if not solution.status.ok:
-        again = solve(t, u, setting, solver="ipopt" if solver == "newton" else "newton", accuracy=accuracy)
+    """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
+    row = None if border is None else curve_border(t, u, border)
+    accuracy = LEFT_OUT * options.tol
+    if options.solver != "auto" or row is not None:
+        alone: Solver = "newton" if options.solver == "auto" else options.solver
+        return solve(t, u, setting, solver=alone, border=row, parameter=parameter, accuracy=accuracy)
+    first = ipopt_then_newton(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
+    if not first.status.ok:
+        again = ipopt_then_newton(t, u, setting) if solver == "newton" else newton(t, u, setting, accuracy=accuracy)
         if again.status.ok:
             return again
-    return solution
+    return first
 
 
 def _first_converging(
-    starts: list[Start], setting: Setting, border: Array | None, parameter: float, accuracy: float
+    starts: list[Start], setting: Setting, border: Array | None, parameter: float, options: Options
 ) -> tuple[Transcription, Setting, Solution] | None:
-    """The first of several starting points from which Newton converges."""
+    """The first of several starting points from which the solver converges, by `auto` Newton's method."""
+    solver: Solver = "newton" if options.solver == "auto" else options.solver
     for t, u, moved in starts:
         fresh = replace(moved, p=setting.p)
         row = None if border is None else curve_border(t, u, border)
-        solution = newton(t, u, fresh, border=row, parameter=parameter, accuracy=accuracy)
+        solution = solve(
+            t, u, fresh, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * options.tol
+        )
         if solution.status.ok:
             return t, fresh, solution
     return None

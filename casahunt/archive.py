@@ -265,13 +265,15 @@ def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
         amplitude_error=float(record["amplitude_error"]),
         parameter_error=float(record["parameter_error"]),
         status=Status[record["status"]],
-        solver=str(record["solver"]),
+        solver=record["solver"],
         iterations=int(record["iterations"]),
         unknowns=int(record["unknowns"]),
         residual=float(record["residual"]),
         wall_s=float(record["wall_s"]),
         scale=take(record["scale"], n),
     )
+    if orbit.solver not in ("ipopt", "newton"):
+        raise ValueError(f"the solver {orbit.solver!r} is unknown")
     cycle = orbit.cycle
     if cycle.signature != orbit.signature:
         raise ValueError("the arcs are not the phases of a cycle")

@@ -129,7 +129,7 @@ def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit
             return None
         first = remeshed(_start(motion, servo, model, gain, options), options)
         solved = solve_adaptively(model, first, options, solver="newton")
-        orbit = finished(solved, model, servo, gain, options, began, "", solver="newton")
+        orbit = finished(solved, model, servo, gain, options, began, "")
     except (MarchFailure, NoOrbit):
         return None
     linearisation = solved.solution.linearisation
@@ -147,7 +147,7 @@ def _solved_from(
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
     solver: Solver = "ipopt" if options.solver == "auto" else options.solver
     solved = solve_adaptively(model, _start(start, servo, model, gain, options), options, solver=solver)
-    return finished(solved, model, servo, gain, options, began, what, solver=solver)
+    return finished(solved, model, servo, gain, options, began, what)
 
 
 def _start(motion: HalfCycle, servo: Servo, model: Model, gain: float, options: Options) -> Start:
@@ -186,15 +186,15 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
 
 
 def finished(
-    solved: Solved, model: Model, servo: Servo, gain: float, options: Options, began: float, what: str,
-    *, solver: Solver = "newton",
+    solved: Solved, model: Model, servo: Servo, gain: float, options: Options, began: float, what: str
 ) -> Orbit:
     """The Orbit of a converged `Solved`, or NoOrbit with the advice."""
     if not solved.status.ok or solved.estimate is None:
-        sentence = f"{what} of the {model} servo at gain {gain:g} was not computed: {solved.complaint()}"
+        alone = "" if options.solver == "auto" else f"; {options.solver} worked alone, the solver auto tries both"
+        sentence = f"{what} of the {model} servo at gain {gain:g} was not computed: {solved.complaint()}{alone}"
         raise NoOrbit(sentence, solved.status)
     return orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
-        model=model, servo=servo, gain=gain, status=solved.status, solver=solver,
+        model=model, servo=servo, gain=gain, status=solved.status,
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip

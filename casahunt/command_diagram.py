@@ -14,7 +14,19 @@ from .adapt import Options
 from .archive import save_branch
 from .branch import Branch, SpecialPoint
 from .checks import known
-from .console import add_common, complain, finite, folder, positive, progress, progress_line, say, servo_of
+from .console import (
+    add_common,
+    add_solver,
+    complain,
+    finite,
+    folder,
+    positive,
+    progress,
+    progress_line,
+    say,
+    servo_of,
+    solver_of,
+)
 from .diagram import DEFAULT_START, DiagramPoint, diagram
 from .errors import InputError, NoOrbit
 from .hunting import MODELS
@@ -50,6 +62,11 @@ def add(commands: Any) -> None:
     picture.add_argument(
         "--from", dest="start", default=DEFAULT_START, metavar="K", help=f"gain to start from (default {DEFAULT_START})"
     )
+    add_solver(picture)
+    picture.add_argument(
+        "--natural", action="store_true",
+        help="natural continuation in the gain instead of pseudo-arclength: it ends at the fold",
+    )  # fmt: skip
     picture.add_argument("--out", default="casahunt-diagram", metavar="DIR", help="folder to write into")
 
 
@@ -59,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     if len(set(models)) != len(models):
         raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
     start = positive("from", options.start)
-    how = Options(tol=finite("tol", options.tol))
+    how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     servo = servo_of(options)
     stream = progress(options.quiet)
     branches: list[Branch] = []
@@ -69,8 +86,8 @@ def run(options: argparse.Namespace) -> int:
         try:
             for model in models:
                 try:
-                    branches.append(_one_branch(servo, model, start, how, out, stream))
-                    failure = _shortfall(branches[-1], start)
+                    branches.append(_one_branch(servo, model, start, how, options.natural, out, stream))
+                    failure = _shortfall(branches[-1], start, options.natural)
                 except NoOrbit as error:
                     failure = str(error)
                 if failure:
@@ -85,6 +102,8 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         summary = {
             "out": str(out) if branches else None,
+            "continuation": "natural" if options.natural else "pseudo-arclength",
+            "solver": how.solver,
             "branches": [_branch_record(branch) for branch in branches],
             "failures": failures,
             "wall_s": time.perf_counter() - began,
@@ -99,12 +118,14 @@ def run(options: argparse.Namespace) -> int:
     return 1 if failures else 0
 
 
-def _one_branch(servo: Servo, model: Any, start: float, how: Options, out: Path, stream: IO[str] | None) -> Branch:
+def _one_branch(
+    servo: Servo, model: Any, start: float, how: Options, natural: bool, out: Path, stream: IO[str] | None
+) -> Branch:
     """Compute a branch; every point is on disk before the next one is begun."""
     orbits: list[Orbit] = []
     special: list[SpecialPoint] = []
     ended = "interrupted"
-    points = diagram(servo, model, start=start, options=how)
+    points = diagram(servo, model, start=start, options=how, natural=natural)
     point: DiagramPoint | None = next(points)  # nothing is written for a servo that does not hunt
     try:
         with _opened(out / f"{model}.csv") as file:
@@ -112,7 +133,8 @@ def _one_branch(servo: Servo, model: Any, start: float, how: Options, out: Path,
             writer.writerow(CSV_COLUMNS)
             while point is not None:
                 rows = [csv_row(found.orbit, found.kind) for found in point.special]
-                writer.writerows([*rows, csv_row(point.orbit, "")])
+                itself = any(found.orbit is point.orbit for found in point.special)
+                writer.writerows(rows if itself else [*rows, csv_row(point.orbit, "")])
                 file.flush()
                 orbits.append(point.orbit)
                 special += point.special
@@ -131,8 +153,18 @@ def _one_branch(servo: Servo, model: Any, start: float, how: Options, out: Path,
     return Branch(model, servo, tuple(orbits), ended, tuple(special))
 
 
-def _shortfall(branch: Branch, start: float) -> str:
-    """What is missing of a branch that does not come back to the gain where it began; "" where nothing is."""
+def _shortfall(branch: Branch, start: float, natural: bool) -> str:
+    """What is missing of a branch that does not come back to the gain where it began; "" where nothing is.
+
+    Natural continuation is to end at a fold.
+    """
+    if natural:
+        if branch.special and branch.special[-1].orbit is branch.orbits[-1]:
+            return ""
+        return (
+            f"the branch of the {branch.model} servo was followed by natural continuation from gain {start:g} to gain "
+            f"{branch.orbits[-1].gain:.10g}, but not to a fold: {branch.ended}; without --natural it may lead further"
+        )
     if len(branch.orbits) > 1 and branch.orbits[-1].gain == start:
         return ""
     return (

@@ -8,10 +8,12 @@ from typing import Any
 
 from .adapt import Options
 from .checks import known
-from .console import add_common, finite, progress, progress_line, say, servo_of, writable
+from .console import add_common, add_solver, finite, progress, progress_line, say, servo_of, solver_of, writable
 from .fold import find_fold
 from .hunting import MODELS
 from .sensitivity import fold_sensitivities
+
+MAXIMUM = "the maximum of an optimisation problem (IPOPT)"
 
 
 def add(commands: Any) -> None:
@@ -19,13 +21,14 @@ def add(commands: Any) -> None:
     fold = commands.add_parser("fold", allow_abbrev=False, help="the largest gain at which the servo can hunt")
     add_common(fold)
     fold.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_solver(fold)
     fold.add_argument("--plot", metavar="F.png", help="write a picture of the sensitivities")
 
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
-    how = Options(tol=finite("tol", options.tol))
+    how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     servo = servo_of(options)
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     fold = find_fold(servo, model, options=how)  # type: ignore[arg-type]
@@ -44,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
         "sensitivities": slopes.derivatives,
         "elasticities": slopes.elasticities,
         "status": fold.status.name.lower(),
+        "solver": how.solver,
         "wall_s": fold.wall_s,
     }
     say(progress(options.quiet), progress_line(fold.orbit, mu="+1 (fold)"))
@@ -54,7 +58,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"  estimated error  {fold.gain_error:.1e} (relative, of the gain)")
     print(f"  amplitude there  {fold.orbit.amplitude:.10g} rad")
     print(f"  period there     {fold.orbit.period:.10g} s")
-    print(f"  as the maximum of an optimisation problem (IPOPT): {fold.optimised_gain:.10g}")
+    other = "the turning point of the equations (Newton)" if how.solver == "newton" else MAXIMUM
+    print(f"  as {other}: {fold.optimised_gain:.10g}")
     print("  one per cent more of      changes the fold gain by")
     for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
         print(f"    {name:28s} {value:+9.4f} %")

@@ -8,14 +8,30 @@ import math
 import time
 from typing import Any
 
-from .adapt import SOLVERS, Options
+from .adapt import Options
 from .archive import save_orbit
 from .checks import known
-from .console import add_common, complex_text, finite, positive, progress, progress_line, say, servo_of, writable
+from .console import (
+    add_common,
+    add_solver,
+    complex_text,
+    finite,
+    positive,
+    progress,
+    progress_line,
+    say,
+    servo_of,
+    solver_of,
+    writable,
+)
 from .errors import InputError
 from .find import BRANCHES, find_orbit
+from .floquet import Multipliers
 from .hunting import MODELS
 from .orbit import Orbit
+
+ROUTES = ("collocation", "integrator")
+"""Ways to the multipliers; the second comes on top of the first."""
 
 
 def add(commands: Any) -> None:
@@ -26,7 +42,11 @@ def add(commands: Any) -> None:
     orbit.add_argument("--gain", help="controller gain K, to be given")
     orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
-    orbit.add_argument("--solver", default="auto", help="auto (default), ipopt or newton, for the first solve")
+    add_solver(orbit)
+    orbit.add_argument(
+        "--multipliers", default="collocation",
+        help="collocation (default), or integrator: by CasADi's integrators too, with the difference",
+    )  # fmt: skip
     orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
 
@@ -35,17 +55,20 @@ def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
     branch = known("branch", options.branch, BRANCHES)
-    solver = known("solver", options.solver, SOLVERS)
+    route = known("multipliers", options.multipliers, ROUTES)
     if options.gain is None:
         raise InputError("gain: must be given, for example --gain 0.1")
     gain = positive("gain", options.gain)
-    how = Options(tol=finite("tol", options.tol), solver=solver, half=not options.full)  # type: ignore[arg-type]
+    how = Options(tol=finite("tol", options.tol), solver=solver_of(options), half=not options.full)
     servo = servo_of(options)
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     save = writable("save", options.save, (".npz",))
     began = time.perf_counter()
     orbit = find_orbit(servo, model, gain, branch=branch, options=how)  # type: ignore[arg-type]
     record = orbit_record(orbit, branch)
+    second = orbit.integrator_multipliers if route == "integrator" else None
+    if second is not None:
+        record["integrator"] = _second_route(orbit, second)
     record["wall_s"] = time.perf_counter() - began
     say(progress(options.quiet), progress_line(orbit))
     if save:
@@ -71,10 +94,41 @@ def run(options: argparse.Namespace) -> int:
         print(f"  trivial one off  {m.trivial_error:.1e}")
     else:
         print(f"  multipliers      not to be trusted: the trivial one is off by {m.trivial_error:.1e}")
+    if second is not None:
+        _print_second_route(orbit, second)
     print(f"  error estimate   {orbit.error_estimate:.1e} (relative, period and amplitude)")
-    print(f"  status           {orbit.status.name.lower()}, {orbit.unknowns} unknowns, {orbit.iterations} iterations, "
-          f"{record['wall_s']:.2f} s")  # fmt: skip
+    print(f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
+          f"{orbit.iterations} iterations, {record['wall_s']:.2f} s")  # fmt: skip
     return 0
+
+
+def _difference(one: Multipliers, other: Multipliers) -> float:
+    """|mu_1 - mu_2| / max(1, |mu_1|) of the leading multipliers: next to a superstable cycle mu itself is 0."""
+    return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
+
+
+def _second_route(orbit: Orbit, m: Multipliers) -> dict[str, Any]:
+    """What the integrators say, for JSON; None where it is not to be trusted."""
+    trusted = m.trusted and orbit.multipliers.trusted
+    return {
+        "half_multiplier": m.leading.real if m.trusted and orbit.half else None,
+        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
+        "trivial_multiplier_error": m.trivial_error if math.isfinite(m.trivial_error) else None,
+        "difference": _difference(orbit.multipliers, m) if trusted else None,
+    }
+
+
+def _print_second_route(orbit: Orbit, m: Multipliers) -> None:
+    print("  by integrators   (CasADi's forward sensitivities, phase by phase)")
+    if not m.trusted:
+        print(f"    multipliers      not to be trusted: the trivial one is off by {m.trivial_error:.1e}")
+        return
+    print(f"    {'half multiplier' if orbit.half else 'multiplier':15}  {complex_text(m.leading)}")
+    print(f"    multipliers      {', '.join(complex_text(value) for value in m.full)}")
+    print(f"    trivial one off  {m.trivial_error:.1e}")
+    if orbit.multipliers.trusted:
+        off = _difference(orbit.multipliers, m)
+        print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")
 
 
 def orbit_record(orbit: Orbit, branch: str) -> dict[str, Any]:
@@ -94,6 +148,7 @@ def orbit_record(orbit: Orbit, branch: str) -> dict[str, Any]:
         "stable": orbit.stable if m.trusted else None,
         "error_estimate": orbit.error_estimate,
         "status": orbit.status.name.lower(),
+        "solver": orbit.solver,
         "unknowns": orbit.unknowns,
         "iterations": orbit.iterations,
         "wall_s": orbit.wall_s,

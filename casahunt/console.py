@@ -12,10 +12,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
-from .adapt import TOLERANCE_RANGE
-from .checks import require
+from .adapt import SOLVERS, TOLERANCE_RANGE
+from .checks import known, require
 from .errors import InputError
 from .orbit import Orbit
 from .servo import Servo, load, with_overrides
@@ -49,6 +49,20 @@ def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
     command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     command.add_argument("--quiet", action="store_true", help="no progress on standard error")
 
+
+
+def add_solver(command: argparse.ArgumentParser) -> None:
+    """The choice of the solver."""
+    command.add_argument(
+        "--solver", default="auto",
+        help="auto (default: Newton, and IPOPT where a start is far off), or ipopt or newton: that one alone makes "
+        "every solve; ipopt takes 2 to 4 times as long, down the unstable LuGre branch 10 times",
+    )  # fmt: skip
+
+
+def solver_of(options: argparse.Namespace) -> Literal["auto", "ipopt", "newton"]:
+    """The solver of the command line."""
+    return known("solver", options.solver, SOLVERS)  # type: ignore[return-value]
 
 
 def servo_of(options: argparse.Namespace) -> Servo:

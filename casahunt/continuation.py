@@ -5,14 +5,14 @@ p = p_here (1 + lambda), moved relative to where it stands.  A step of length ds
 
     tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
     predictor   the cubic through the last two points and their tangents; logarithms of the durations
-    corrector   Newton on the equations under  tangent . (y - predicted) = 0
+    corrector   the equations under  tangent . (y - predicted) = 0, by Newton or by IPOPT (solve.py)
     adaptation  mesh, phase sequence and error estimate (adapt.py), under the same row
 
 x_0 is measured in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and
 lambda, but next to a sharp fold of the Switch servo not a fair one: a slip that lingers where the friction curve
 falls (a canard) changes altogether while x_0 and the gain move by 1e-7.  Its duration tells.  The long stick,
 which runs from seconds to half an hour, takes no part in the length: it would decide every step and say nothing.
-The step grows and shrinks with the Newton iterations and with the angle between successive tangents.
+The step grows and shrinks with the iterations of the corrector and with the angle between successive tangents.
 
 `walk` rounds folds.  `walk_naturally` holds the parameter fixed in the corrector; it ends at a fold.
 Both are generators of orbits: stop one when you like, go on later from the last two orbits.
@@ -34,7 +34,6 @@ from .mesh import phase_breaks, transfer
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .resequence import harden, merge_vanishing
 from .servo import PARAMETERS, Servo
-from .solve import Solver
 from .transcription import Linearisation, Setting, Transcription
 
 Array = np.ndarray
@@ -43,10 +42,11 @@ FIRST_STEP = 0.1
 LARGEST_STEP = {"switch": 1.0, "lugre": 0.5}
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
-EASY_ITERATIONS = 7  # Newton iterations at which the step is left as it is
+EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
 LARGEST_TURN, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
+MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,7 +381,7 @@ def step_along(
     servo, gain = with_value(last.servo, last.gain, vary, value)
     orbit = orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
-        model=last.model, servo=servo, gain=gain, status=solved.status, solver="newton",
+        model=last.model, servo=servo, gain=gain, status=solved.status,
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip
     moved = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
@@ -406,16 +406,30 @@ def walk_naturally(
 
     The arguments are those of `walk`; steps are relative changes of the parameter.  At a fold no smaller
     step helps and the generator returns the sentence that says so.
+
+    Next to a fold at lambda_f the unit tangent has (dlambda/ds)^2 proportional to lambda_f - lambda: two points tell
+    how far it is, and no step goes further than most of the way.
     """
     known("parameter", vary, PARAMETERS)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     largest_step = largest_step or LARGEST_STEP[start.model]
     last, step = start, first_step
+    before: tuple[float, float] | None = None
     for _ in range(max_points):
         here = parameter_value(last, vary)
         point = curve_point(last, vary, sense=sense)
         if abs(point.row[-1]) < 1e-4:
             return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
+        steepness = float(point.row[-1]) ** 2
+        if before is not None and steepness < before[1]:
+            ahead = steepness * abs(here - before[0]) / (before[1] - steepness) / here
+            if ahead < NATURAL_SMALLEST_STEP:
+                return (
+                    f"the branch ends at {vary} = {here:.8g}: its tangent shows a fold within a relative step of "
+                    f"{ahead:.1g} (half multiplier {last.half_multiplier:.3g}; +1 is a fold)"
+                )
+            step = min(step, MOST_OF_THE_WAY * ahead)
+        before = here, steepness
         while True:
             value = min(max(here * (1 + sense * step), low), high)
             orbit = _natural_step(point, last, vary, value, options)
@@ -441,14 +455,13 @@ def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: O
     target = value / here - 1
     ds = target / point.row[-1]
     u, _ = predict(point, ds)
-    solver: Solver = "newton" if options.solver == "auto" else options.solver
-    solved = corrected(point, u, target, last.model, options, ds=ds, border=None, solver=solver)
+    solved = corrected(point, u, target, last.model, options, ds=ds, border=None)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     servo, gain = with_value(last.servo, last.gain, vary, value)
     orbit = orbit_of(
         solved.t, solved.solution, solved.setting, solved.estimate,
-        model=last.model, servo=servo, gain=gain, status=solved.status, solver=solver,
+        model=last.model, servo=servo, gain=gain, status=solved.status,
         iterations=solved.iterations, wall_s=time.perf_counter() - began,
     )  # fmt: skip
     after = curve_point(orbit, vary, like=secant(last, orbit, vary))
@@ -466,7 +479,6 @@ def corrected(
     *,
     ds: float,
     border: Array | None,
-    solver: Solver = "newton",
 ) -> Solved:
     """The corrector from a predicted point, across changes of the phase sequence.
 
@@ -479,11 +491,11 @@ def corrected(
     solved: Solved | None = None
     for candidate in starts:
         if candidate is not None:
-            solved = solve_adaptively(model, candidate, options, solver=solver, border=border, soft=False)
+            solved = solve_adaptively(model, candidate, options, solver="newton", border=border, soft=False)
             if solved.status.ok:
                 return solved
     if abs(ds) < SOFT_STEP or solved is None:
-        return solve_adaptively(model, start, options, solver=solver, border=border)
+        return solve_adaptively(model, start, options, solver="newton", border=border)
     return solved
 
 

@@ -1,5 +1,7 @@
 """The bifurcation diagram of a servo: from a gain on the stable branch, round the fold, back to that gain.
 
+Or, by natural continuation in the gain, from there to the fold, which then is the last point.
+
 A generator, so that every point can be written down as soon as it is known; `collect` gathers a Branch.
 """
 
@@ -10,8 +12,10 @@ from dataclasses import dataclass
 
 from .adapt import Options
 from .branch import Branch, SpecialPoint
-from .continuation import walk
+from .continuation import walk, walk_naturally
+from .errors import NoOrbit
 from .find import find_orbit
+from .fold import next_fold
 from .hunting import Model
 from .monitor import STANDARD, Monitor, crossings
 from .orbit import Orbit
@@ -26,7 +30,7 @@ HIGHEST = 1e9
 
 @dataclass(frozen=True, eq=False)
 class DiagramPoint:
-    """An orbit of a diagram with the special points between the one before and this one."""
+    """An orbit of a diagram with the special points between the one before and this one; it may be one itself."""
 
     orbit: Orbit
     special: tuple[SpecialPoint, ...]
@@ -40,6 +44,7 @@ def diagram(
     options: Options | None = None,
     monitors: tuple[Monitor, ...] = STANDARD,
     largest_step: float = DRAWING_STEP,
+    natural: bool = False,
 ) -> Generator[DiagramPoint, None, str]:
     """The points of the diagram, in order along the branch.
 
@@ -48,11 +53,13 @@ def diagram(
     servo, model, options
         the problem and the tolerance.
     largest_step
-        of the walk, in arclength.
+        of the walk, in arclength; of natural continuation, in relative change of the gain.
     start
         gain at which the stable branch is entered and the unstable one is left.
     monitors
         special points to be located.
+    natural
+        natural continuation in the gain: the stable branch, up to the fold.
 
     Returns
     -------
@@ -66,15 +73,26 @@ def diagram(
     first = find_orbit(servo, model, start, options=options)
     yield DiagramPoint(first, ())
     before = first
-    steps = walk(first, low=start, high=start * HIGHEST, options=options, largest_step=largest_step)
+    steps = (walk_naturally if natural else walk)(
+        first, low=start, high=start * HIGHEST, options=options, largest_step=largest_step
+    )
     while True:
         try:
             after = next(steps)
         except StopIteration as end:
-            return str(end.value)
+            ended = str(end.value)
+            break
         found = crossings(before, after, vary="gain", monitors=monitors, options=options)
         yield DiagramPoint(after, tuple(found))
         before = after
+    if not natural:
+        return ended
+    try:
+        fold = next_fold(before, options)
+    except NoOrbit as error:
+        return f"{ended}; that this is a fold is not shown: {error}"
+    yield DiagramPoint(fold.orbit, (fold,))
+    return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
 
 
 def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:

@@ -27,12 +27,15 @@ Symbols: n states, E elements, P phases.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from .cycle import Mode
+from .errors import NoOrbit, Status
 from .interval import point_function
 from .transcription import Setting, Transcription
 
@@ -44,6 +47,8 @@ SMALLEST = 1e-12
 """Half multipliers below this are zero for every purpose and do not delay the iteration."""
 LARGEST = 1e150
 """Half multipliers beyond this are cut to it, and the set is not trusted: their squares would overflow."""
+GROWTH = 100.0
+"""An integrator starts anew from the orbit where disturbances have grown by this factor."""
 TRUSTED = 1e-5
 """A set whose trivial multiplier is off by more than this is not to be trusted."""
 
@@ -115,32 +120,71 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
     """The period map from the forward sensitivities of CasADi's own integrators, phase by phase.
 
     An independent second route: explicit Runge-Kutta (`erk`) where the field is not stiff, `rosenbrock`
-    for LuGre; the orbit gives the states at which phases start and their durations, nothing else.
+    for LuGre.  The orbit gives the states at which phases start and their durations, and states inside a phase where
+    disturbances have grown by `GROWTH` since the last one: no integrator follows an orbit that repels it by 1e14.
+
+    Raises
+    ------
+    NoOrbit : an integrator fails.
     """
     lin = t.linearise(u, setting)
     nodes, durations = t.nodes_of(u), t.durations_of(u)
     starts = np.concatenate([[0], t.phase_end[:-1]])
     pieces = []
     for k, phase in enumerate(t.cycle.phases):
-        ends = np.vstack([nodes[starts[k]], nodes[t.phase_end[k]]])
-        flows = _field(t, k, ends, setting)
+        inside = slice(starts[k], t.phase_end[k])
+        maps = lin.maps[inside, :, 1 : t.n + 1]
+        cuts = np.array([0, 1]) if phase.mode.flow is not None else _cuts(maps)
+        flows = _field(t, k, nodes[starts[k] + cuts], setting)
         if phase.mode.flow is not None:
-            factor = lin.maps[starts[k], :, 1 : t.n + 1]
-        else:
-            x, p, T = ca.SX.sym("x", t.n), ca.SX.sym("p", setting.p.size), ca.SX.sym("T")
-            scale = ca.DM(setting.scale)
-            rate = T * phase.mode.field(scale * x, p, phase.mode.sign) / scale
-            method = "rosenbrock" if t.n > 3 else "erk"
-            flow = ca.integrator(
-                "flow", method, {"x": x, "p": ca.vertcat(p, T), "ode": rate}, 0.0, 1.0,
-                {"abstol": tol, "reltol": tol, "max_num_steps": 1_000_000},
-            )  # fmt: skip
-            x0, parameters = ca.MX.sym("x0", t.n), ca.MX.sym("p", setting.p.size + 1)
-            end = flow(x0=x0, p=parameters)["xf"]
-            sensitivity = ca.Function("sensitivity", [x0, parameters], [ca.jacobian(end, x0)])
-            factor = np.array(sensitivity(nodes[starts[k]], np.append(setting.p, durations[k])))
-        pieces.append(([factor], flows))
+            pieces.append(([maps[0]], flows))
+            continue
+        sensitivity = _integrated(phase.mode, setting, tol)
+        lengths = setting.fractions[t.phase_intervals(k)]
+        at = np.concatenate([[0.0], np.cumsum(lengths)]) / np.sum(lengths) * durations[k]
+        try:
+            factors = [
+                np.array(sensitivity(nodes[starts[k] + i], np.append(setting.p, at[j] - at[i])))
+                for i, j in itertools.pairwise(cuts)
+            ]
+        except RuntimeError as error:
+            raise NoOrbit(
+                f"the multipliers by the integrators were not computed: CasADi's {_integrator_of(t.n)} failed in the "
+                f"phase {phase.mode.name!r}, which lasts {durations[k]:.6g} s; those by collocation do not need it",
+                Status.NOT_CONVERGED,
+            ) from error
+        pieces.append((factors, flows))
     return _closed(pieces, lin.events[1 : t.n + 1], lin.closure)
+
+
+def _cuts(maps: Array) -> Array:
+    """Numbers of the nodes of a phase, first and last among them, between which no disturbance grows by much."""
+    cuts, product = [0], np.eye(maps.shape[1])
+    for e, factor in enumerate(maps[:-1], start=1):
+        product = factor @ product
+        if float(np.max(np.abs(product))) > GROWTH:
+            cuts.append(e)
+            product = np.eye(maps.shape[1])
+    return np.array([*cuts, len(maps)])
+
+
+def _integrator_of(n: int) -> str:
+    return "rosenbrock" if n > 3 else "erk"
+
+
+def _integrated(mode: Mode, setting: Setting, tol: float) -> ca.Function:
+    """(start (n,), p with the duration T) -> (n, n) sensitivity of the end to the start, states scaled."""
+    n = setting.scale.size
+    x, p, T = ca.SX.sym("x", n), ca.SX.sym("p", setting.p.size), ca.SX.sym("T")
+    scale = ca.DM(setting.scale)
+    rate = T * mode.field(scale * x, p, mode.sign) / scale
+    flow = ca.integrator(
+        "flow", _integrator_of(n), {"x": x, "p": ca.vertcat(p, T), "ode": rate}, 0.0, 1.0,
+        {"abstol": tol, "reltol": tol, "max_num_steps": 1_000_000},
+    )  # fmt: skip
+    x0, parameters = ca.MX.sym("x0", n), ca.MX.sym("p", setting.p.size + 1)
+    end = flow(x0=x0, p=parameters)["xf"]
+    return ca.Function("sensitivity", [x0, parameters], [ca.jacobian(end, x0)])
 
 
 def _closed(pieces: list[tuple[list[Array], Array]], h_x: Array, closure: Array) -> MapChain:

@@ -5,7 +5,8 @@ Two ways that share nothing but the collocation equations:
 * along the branch: the point where the tangent has no parameter component (monitor.py), the mesh adapted
   and the error of the gain estimated there by an adjoint;
 * as an optimisation problem: maximise lambda subject to the transcription, IPOPT with the exact Hessian.
-  Its multipliers are the adjoint of the fold, d gain/d q = -nu . dG/dq for every parameter q.
+  Its multipliers are the adjoint of the fold, d gain/d q = -nu . dG/dq for every parameter q.  Where Newton is to
+  work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
 
 `find_fold` does both from nothing but the servo and refuses where they disagree.  An extended system
 (J v = 0, |v| = 1) serves as a third opinion in the tests.
@@ -36,7 +37,9 @@ from .mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transf
 from .monitor import FOLD, locate
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .servo import Servo
-from .solve import Solution, maximise_parameter
+from .solve import Maximum, Solution, Solver, maximise_parameter
+from .transcription import Setting, Transcription
+from .turning_point import turning_point
 
 Array = np.ndarray
 
@@ -68,8 +71,9 @@ class Fold:
     orbit : the orbit at the fold.
     gain : the fold gain.
     gain_error : estimated relative error of the gain.
-    optimised_gain : the fold gain of the optimisation problem on the same mesh.
-    multipliers : (size,) IPOPT's multipliers of the collocation equations, the adjoint of the fold.
+    optimised_gain : the fold gain of the optimisation problem on the same mesh; that of the turning point there where
+        Newton works alone.
+    multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
     status, wall_s : as everywhere.
     """
 
@@ -231,17 +235,18 @@ def _optimal(orbit: Orbit, options: Options) -> Orbit:
     setting = replace(setting, dp=direction_of("gain") * orbit.gain)
     across = np.append(np.zeros(t.n), [1.0, 0.0])  # at a fold the slip's duration moves, the gain does not
     for k in range(OPTIMAL_ROUNDS):
-        best = maximise_parameter(t, u, setting)
+        best = _largest(t, u, setting, options)
         if not best.status.ok:
             break
         moved = setting.moved(best.parameter)
         error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
         if error.error <= options.tol and judge(t, best.u, moved).admissible:
             lin = t.linearise(best.u, moved)
-            solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin)
+            by = _maximiser(options)
+            solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin, by)
             return orbit_of(
                 t, solution, moved, error, model=orbit.model, servo=orbit.servo, gain=orbit.gain * (1 + best.parameter),
-                status=best.status, solver="ipopt", iterations=best.iterations, wall_s=orbit.wall_s,
+                status=best.status, iterations=best.iterations, wall_s=orbit.wall_s,
             )  # fmt: skip
         breaks = better_breaks(t, setting.fractions, error, options.tol, k)
         t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
@@ -251,6 +256,28 @@ def _optimal(orbit: Orbit, options: Options) -> Orbit:
         "optimisation problem it was not solved to the tolerance; try another tolerance",
         Status.NOT_CONVERGED,
     )
+
+
+def next_fold(orbit: Orbit, options: Options) -> SpecialPoint:
+    """The fold right above an orbit, from that orbit alone: where natural continuation ends.
+
+    Raises
+    ------
+    NoOrbit : the largest gain next to the orbit is not found, or not confirmed.
+    """
+    best = _optimal(orbit, options)
+    found = confirmed(SpecialPoint(FOLD.kind, best, FOLD.meaning.format(name="gain", value=best.gain)), options)
+    return SpecialPoint(FOLD.kind, found.orbit, FOLD.meaning.format(name="gain", value=found.gain))
+
+
+def _maximiser(options: Options) -> Solver:
+    """Who looks for the largest gain: IPOPT, where it is not to be Newton alone."""
+    return "newton" if options.solver == "newton" else "ipopt"
+
+
+def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> Maximum:
+    """The largest gain next to u, as an optimisation problem, or as a turning point where Newton is to work alone."""
+    return (maximise_parameter if _maximiser(options) == "ipopt" else turning_point)(t, u, setting)
 
 
 def confirmed(special: SpecialPoint, options: Options, began: float | None = None) -> Fold:
@@ -270,7 +297,7 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
     orbit = special.orbit
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=direction_of("gain") * orbit.gain)
-    best = maximise_parameter(t, u, setting)
+    best = _largest(t, u, setting, options)
     gain = orbit.gain * (1 + best.parameter)
     if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {gain:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
@@ -280,7 +307,7 @@ def confirmed(special: SpecialPoint, options: Options, began: float | None = Non
             best.status,
         )
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
-    check = maximise_parameter(finer, u, replace(setting.moved(best.parameter), fractions=fractions))
+    check = _largest(finer, u, replace(setting.moved(best.parameter), fractions=fractions), options)
     if not check.status.ok:
         raise NoOrbit(
             f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: on a mesh of half the "
@@ -314,7 +341,7 @@ def confirmed_smallest(special: SpecialPoint, options: Options) -> Fold:
     """
     orbit = special.orbit
     t, u, setting = unknowns_of(orbit)
-    least = maximise_parameter(t, u, replace(setting, dp=-direction_of("gain") * orbit.gain))
+    least = _largest(t, u, replace(setting, dp=-direction_of("gain") * orbit.gain), options)
     error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
     if not least.status.ok or error > options.tol:
         raise NoOrbit(f"the fold at gain {orbit.gain:.10g} is not confirmed as the smallest gain", least.status)

@@ -240,7 +240,7 @@ class _Chart:
             return "the corrector came to a gain below zero"
         orbit = orbit_of(
             solved.t, solved.solution, solved.setting, solved.estimate,
-            model=problem.model, servo=servo, gain=gain, status=solved.status, solver="newton",
+            model=problem.model, servo=servo, gain=gain, status=solved.status,
             iterations=solved.iterations, wall_s=time.perf_counter() - began,
         )  # fmt: skip
         like = in_units_of(self.point.row, self.point.setting.scale, orbit.scale)

@@ -20,7 +20,7 @@ from .errors import Status
 from .hunting import Model, Signature, hunting_cycle
 from .mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
 from .servo import PARAMETERS, Servo
-from .solve import Solution, newton
+from .solve import Solution, Solver, solve
 from .transcription import Setting, Transcription, transcribe
 
 Array = np.ndarray
@@ -80,7 +80,7 @@ class Orbit:
     amplitude_error: float
     parameter_error: float
     status: Status
-    solver: str
+    solver: Solver
     iterations: int
     unknowns: int
     residual: float
@@ -108,7 +108,16 @@ class Orbit:
     @cached_property
     def multipliers(self) -> floquet.Multipliers:
         """Floquet multipliers, computed at the first reading on a mesh that is made for them."""
-        return refined_multipliers(*unknowns_of(self))
+        return refined_multipliers(*unknowns_of(self), solver=self.solver)[0]
+
+    @cached_property
+    def integrator_multipliers(self) -> floquet.Multipliers:
+        """The multipliers by the second route: CasADi's own integrators, phase by phase (floquet.integrator_chain).
+
+        From the orbit on the mesh of `multipliers`: an error of the orbit grows as the multiplier says.
+        """
+        _, (t, u, setting) = refined_multipliers(*unknowns_of(self), solver=self.solver)
+        return floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
 
     @property
     def half_multiplier(self) -> float:
@@ -167,13 +176,16 @@ NEXT_TO_FOLD = 0.02
 """Share of the gain in the unit tangent below which a point counts as next to a fold."""
 
 
-def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet.Multipliers:
-    """Multipliers on a mesh made for them: finer than the orbit's, until the trivial one is 1.
+def refined_multipliers(
+    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton"
+) -> tuple[floquet.Multipliers, tuple[Transcription, Array, Setting]]:
+    """Multipliers on a mesh made for them, and the orbit there: finer than the orbit's, until the trivial one is 1.
 
     They depend on the whole linearised flow, which converges later than period and amplitude.
     """
     e = estimate(t, u, setting)
     best: floquet.Multipliers | None = None
+    place = t, u, setting
     breaks = phase_breaks(t, setting.fractions)
     if e.error > MULTIPLIER_TOLERANCE:
         breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
@@ -182,7 +194,7 @@ def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet
         t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
         setting = replace(setting, fractions=fractions)
         border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
-        solution = newton(t, u, setting, border=border, max_iterations=6)
+        solution = solve(t, u, setting, solver=solver, border=border)
         if not solution.status.ok:
             break
         u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
@@ -193,10 +205,10 @@ def refined_multipliers(t: Transcription, u: Array, setting: Setting) -> floquet
             best is not None and abs(found.leading - best.leading) < SETTLED * abs(found.leading)
         )
         if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE:
-            best = found
+            best, place = found, (t, u, setting)
         if best.trivial_error < HEALTHY and settled:
             break
-    return best or floquet.multipliers(t, u, setting)
+    return best or floquet.multipliers(*place), place
 
 
 def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
@@ -250,7 +262,6 @@ def orbit_of(
     servo: Servo,
     gain: float,
     status: Status,
-    solver: str,
     iterations: int,
     wall_s: float,
 ) -> Orbit:
@@ -289,7 +300,7 @@ def orbit_of(
         amplitude_error=estimate.amplitude,
         parameter_error=estimate.parameter,
         status=status,
-        solver=solver,
+        solver=solution.solver,
         iterations=iterations,
         unknowns=t.size,
         residual=solution.residual,

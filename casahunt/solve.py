@@ -1,16 +1,20 @@
-"""The only place that runs a solver: Newton and IPOPT on the same square system.
+"""The only place that runs a solver: Newton and IPOPT on the same square system,
 
-Newton works on the condensed node system (transcription.py).  IPOPT gets f = 0, the equations as
-constraints, `jac_g` placed by permutation and an empty `hess_lag`, which is legitimate: the problem is
-square, so the multipliers are zero.  What either returns is checked with numpy: finite, small residual,
-close to where it started.  IPOPT's own "success" is not an answer; its point is polished by Newton.
+    G(u, lambda) = 0,    border . (u - u_start, lambda - lambda_start) = 0,
+
+where the border row holds lambda fixed, or measures arclength.  Newton works on the condensed node system
+(transcription.py).  IPOPT gets f = 0, the equations and the border row as constraints, `jac_g` placed by
+permutation and an empty `hess_lag`, which is legitimate: the problem is square, so the multipliers are zero.
+What either returns is checked with numpy: finite, small residual, close to where it started.  IPOPT's own
+"success" is not an answer: a little past a fold residuals are as small as it asks for, though there is no
+root.  Its point is judged by the step that Newton's method would still make there.
 
 Steps and residuals are measured in units of the state scale; durations relative to themselves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -37,6 +41,9 @@ hours multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
 
+POLISHING, POLISHED = 4, 1e-2
+"""Newton steps after IPOPT, and how far they may lead away from its point."""
+
 IPOPT_OPTIONS = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -54,6 +61,16 @@ IPOPT_OPTIONS = {
     "ipopt.linear_solver": "mumps",
     "print_time": False,
 }
+
+ROOT = {
+    # One step more after the equations hold to `tol`: where it is enough, they hold to rounding, and so does the root.
+    "ipopt.tol": 1e-15,
+    "ipopt.constr_viol_tol": 1e-15,
+    "ipopt.acceptable_tol": 1e-9,
+    "ipopt.acceptable_constr_viol_tol": 1e-9,
+    "ipopt.acceptable_iter": 2,
+}
+"""Options of a root."""
 
 MINIMISE = {
     "ipopt.max_iter": 100,
@@ -75,6 +92,7 @@ class Solution:
     status, iterations : how it ended.
     residual : largest residual at u, scaled.
     linearisation : the equations linearised at u (at the last iterate where the solver failed), or None.
+    solver : which one found it.
     """
 
     u: Array
@@ -83,6 +101,7 @@ class Solution:
     iterations: int
     residual: float
     linearisation: Linearisation | None
+    solver: Solver = "newton"
 
 
 def newton(
@@ -172,20 +191,40 @@ def _verdict(t: Transcription, start: Array, u: Array, residual: float, small: b
 
 @lru_cache(maxsize=8)
 def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Function:
-    """IPOPT on z = (u, lambda): any root with lambda fixed, or the largest lambda."""
+    """IPOPT on z = (u, lambda): the root under a border row, or the largest lambda.
+
+    The data of a root are those of nlp.py, the weights of the border row (node_system.py) and its value.
+    """
     g = graphs(t)
-    fold = goal == "fold"
-    jac_g = ca.Function("jac_g", [g.z, g.data], [g.residual, g.jacobian], ["x", "p"], ["g", "jac"])
-    hessian = lagrangian_hessian(t, g) if fold else ca.MX(t.size + 1, t.size + 1)
+    if goal == "root":
+        places = _border_places(t)
+        order = np.argsort(places)
+        weights, value = ca.MX.sym("weights", places.size), ca.MX.sym("value")
+        data = ca.vertcat(g.data, weights, value)
+        rows = ca.vertcat(g.residual, ca.dot(weights, g.z[places.tolist()]) - value)
+        border = ca.Sparsity.triplet(1, t.size + 1, [0] * places.size, places[order].tolist())
+        jacobian = ca.vertcat(g.jacobian, ca.MX(border, weights[order.tolist()]))
+        hessian, objective = ca.MX(t.size + 1, t.size + 1), ca.MX(0)
+        nu, options = ca.MX.sym("nu", t.size + 1), IPOPT_OPTIONS | ROOT
+    else:
+        data, rows, jacobian, nu = g.data, g.residual, g.jacobian, g.nu
+        hessian, objective, options = lagrangian_hessian(t, g), -g.z[t.size], IPOPT_OPTIONS
+    jac_g = ca.Function("jac_g", [g.z, data], [rows, jacobian], ["x", "p"], ["g", "jac"])
     hess_lag = ca.Function(
-        "hess_lag", [g.z, g.data, ca.MX.sym("lam_f"), g.nu], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"]
+        "hess_lag", [g.z, data, ca.MX.sym("lam_f"), nu], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"]
     )
-    problem = {"x": g.z, "p": g.data, "f": -g.z[t.size] if fold else ca.MX(0), "g": g.residual}
-    return ca.nlpsol(goal, "ipopt", problem, IPOPT_OPTIONS | {"jac_g": jac_g, "hess_lag": hess_lag})
+    problem = {"x": g.z, "p": data, "f": objective, "g": rows}
+    return ca.nlpsol(goal, "ipopt", problem, options | {"jac_g": jac_g, "hess_lag": hess_lag})
+
+
+def _border_places(t: Transcription) -> Array:
+    """Where the unknowns that a border row may weigh stand in z, in the order of `NodeSystem.border`."""
+    nodes = t.node_index[np.concatenate([[0], t.phase_end])].ravel()
+    return np.concatenate([nodes, np.arange(t.size - t.phases, t.size + 1)])
 
 
 def _run_ipopt(
-    t: Transcription, goal: Literal["root", "fold"], u: Array, setting: Setting, freedom: float
+    t: Transcription, goal: Literal["root", "fold"], z: Array, setting: Setting, row: Array, freedom: float
 ) -> tuple[Array, Array, bool, int]:
     """(z, multipliers, IPOPT's own verdict, iterations); durations are kept positive, |lambda| <= freedom."""
     solver = _ipopt_solver(t, goal)
@@ -193,8 +232,8 @@ def _run_ipopt(
     lower[t.size - t.phases : t.size] = 0.0
     lower[-1], upper[-1] = -freedom, freedom
     found = solver(
-        x0=np.append(u, 0.0),
-        p=np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale]),
+        x0=z,
+        p=np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale, row]),
         lbx=lower,
         ubx=upper,
         lbg=0.0,
@@ -206,29 +245,62 @@ def _run_ipopt(
 
 
 def ipopt(
-    t: Transcription, u: Array, setting: Setting, *, largest_move: float = LARGEST_MOVE
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    *,
+    border: Array | None = None,
+    parameter: float = 0.0,
+    largest_move: float = LARGEST_MOVE,
 ) -> Solution:
-    """Solve the square system with IPOPT, durations kept positive, then polish and check with Newton."""
-    z, _, success, iterations = _run_ipopt(t, "root", u, setting, 0.0)
-    point = z[:-1]
-    if not np.isfinite(point).all():
-        return Solution(point, 0.0, Status.NOT_FINITE, iterations, np.inf, None)
-    if not success:
-        return Solution(point, 0.0, Status.NOT_CONVERGED, iterations, np.inf, None)
-    polished = newton(t, point, setting, max_iterations=4, largest_move=1e-2)
+    """Solve the square system with IPOPT alone, durations kept positive; the arguments are those of `newton`.
+
+    The point is judged by what Newton's method would still do there: a step that it does not take.
+    """
+    row = t.system.border(parameter=1.0) if border is None else border
+    z = np.append(u, parameter)
+    value = float(row @ z[_border_places(t)])
+    z, _, _, iterations = _run_ipopt(t, "root", z, setting, np.append(row, value), np.inf)
+    point, lam, lin = z[:-1], float(z[-1]), None
+    status, residual = Status.NOT_FINITE, np.inf
+    if np.isfinite(z).all():
+        try:
+            lin = t.linearise(point, setting.moved(lam))
+        except np.linalg.LinAlgError:
+            status = Status.SINGULAR
+    if lin is not None and lin.finite():
+        residual = lin.residual_norm()
+        left = _size(t, point, lin.step(row)[0])
+        status = _verdict(t, u, point, residual, left <= ROUNDED, largest_move)
+    return Solution(point, lam, status, iterations, residual, lin, "ipopt")
+
+
+def ipopt_then_newton(t: Transcription, u: Array, setting: Setting) -> Solution:
+    """IPOPT from where Newton's method may not converge, and Newton's method from where it arrives."""
+    found = ipopt(t, u, setting)
+    if found.status not in (Status.CONVERGED, Status.NOT_CONVERGED):
+        return found
+    polished = newton(t, found.u, setting, max_iterations=POLISHING, largest_move=POLISHED)
     if not polished.status.ok:
-        return Solution(point, 0.0, polished.status, iterations, polished.residual, None)
-    status = _verdict(t, u, polished.u, polished.residual, polished.status.ok, largest_move)
-    return Solution(
-        polished.u, 0.0, status, iterations + polished.iterations, polished.residual, polished.linearisation
-    )
+        return found if not found.status.ok else polished
+    status = _verdict(t, u, polished.u, polished.residual, True, LARGEST_MOVE)
+    return replace(polished, status=status, iterations=found.iterations + polished.iterations)
 
 
 def solve(
-    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "ipopt", accuracy: float = 0.0
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    *,
+    solver: Solver,
+    border: Array | None = None,
+    parameter: float = 0.0,
+    accuracy: float = 0.0,
 ) -> Solution:
-    """Solve at fixed parameters with the named solver; `accuracy` as in `newton`."""
-    return ipopt(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
+    """Solve with the named solver alone; the arguments are those of `newton`, and IPOPT always goes for all digits."""
+    if solver == "ipopt":
+        return ipopt(t, u, setting, border=border, parameter=parameter)
+    return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +324,7 @@ class Maximum:
 
 def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
     """Maximise lambda subject to the equations, with IPOPT and the exact Hessian, from a point near the fold."""
-    z, multipliers, success, iterations = _run_ipopt(t, "fold", u, setting, freedom)
+    z, multipliers, success, iterations = _run_ipopt(t, "fold", np.append(u, 0.0), setting, np.zeros(0), freedom)
     if not (np.isfinite(z).all() and np.isfinite(multipliers).all()):
         status = Status.NOT_FINITE
     elif not success or abs(z[-1]) >= 0.999 * freedom:

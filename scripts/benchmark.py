@@ -114,7 +114,7 @@ def casahunt_orbits(scene: str, model: str, repeats: int) -> list[Row]:
     branch, row, gain = scene.removeprefix("orbit-"), reference(model, scene), GAINS[scene]
     variants = [(f"tol {tol:.0e}", "casahunt", Options(tol=tol)) for tol in TOLERANCES[model]]
     base = Options(tol=1e-7)
-    variants += [("IPOPT first", "casahunt, choices", replace(base, solver="ipopt"))]
+    variants += [("IPOPT alone", "casahunt, choices", replace(base, solver="ipopt"))]
     variants += [("full cycle", "casahunt, choices", replace(base, half=False))]
     degrees = (3, 5, 7, 9)
     variants += [(f"degree {d}", "casahunt, choices", replace(base, degree=d)) for d in degrees]

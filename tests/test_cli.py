@@ -334,7 +334,7 @@ def test_earlier_results_are_replaced(capsys, tmp_path):
 def walk_that_ends(with_what):
     """A stand-in for the diagram: two points, then `with_what`."""
 
-    def diagram(servo, model, *, start, options):
+    def diagram(servo, model, *, start, options, natural):
         yield DiagramPoint(find_orbit(servo, model, start), ())
         yield DiagramPoint(find_orbit(servo, model, start * 1.1), ())
         if isinstance(with_what, BaseException):

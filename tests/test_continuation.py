@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
+import json
+import re
+import sys
 
 import pytest
 
-from casahunt import Options, Servo, find_orbit
+from casahunt import NoOrbit, Options, Servo, find_orbit
+from casahunt.cli import main
 from casahunt.continuation import run, step_along, walk, walk_naturally
 from casahunt.diagram import collect, diagram
 from casahunt.monitor import FOLD, STANDARD, crossings, user_monitor
@@ -29,6 +34,79 @@ def test_natural_continuation_uses_given_range():
     orbits, why = run(walk_naturally(start, low=0.05, high=0.2, sense=-1.0))
     assert orbits[-1].gain == 0.05
     assert "reached" in why
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_natural_diagram_ends_at_the_fold_and_says_where(model):
+    branch = collect(Servo(), model, diagram(Servo(), model, start=0.6, natural=True))
+    assert branch.orbits[-1].gain == pytest.approx(FOLDS[model], rel=1e-6)
+    assert branch.special[-1].kind == "fold" and branch.special[-1].orbit is branch.orbits[-1]
+    assert all(b.gain > a.gain for a, b in itertools.pairwise(branch.orbits))
+    assert all(o.multipliers.leading.real < 1 for o in branch.orbits[:-1])
+    said = float(re.search(r"ends at the fold at gain = ([\d.]+)", branch.ended).group(1))
+    assert said == pytest.approx(FOLDS[model], rel=1e-6)
+
+
+def test_natural_diagram_by_ipopt_alone(monkeypatch):
+    def forbidden(*_arguments, **_options):
+        raise AssertionError("Newton was called")
+
+    for module in ("solve", "adapt", "turning_point"):
+        monkeypatch.setattr(f"casahunt.{module}.newton", forbidden)
+    options = Options(tol=1e-8, solver="ipopt")
+    branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6, options=options, natural=True))
+    assert branch.orbits[-1].gain == pytest.approx(FOLDS["switch"], rel=1e-8)
+    assert {o.solver for o in branch.orbits} == {"ipopt"}
+
+
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
+def test_walk_by_ipopt_alone_down_the_unstable_branch(monkeypatch, model):
+    """Round the fold by pseudo-arclength, past multipliers of 1e10, to where the diagrams begin."""
+
+    def forbidden(*_arguments, **_options):
+        raise AssertionError("Newton was called")
+
+    for module in ("solve", "adapt"):
+        monkeypatch.setattr(f"casahunt.{module}.newton", forbidden)
+    options = Options(solver="ipopt")
+    first = find_orbit(Servo(), model, 0.0321, options=options)
+    orbits, why = run(walk(first, low=0.0321, high=10.0, options=options))
+    assert "reached 0.0321" in why and {o.solver for o in orbits} == {"ipopt"}
+    assert max(o.gain for o in orbits) == pytest.approx(FOLDS[model], rel=0.02)
+    assert orbits[-1].period == pytest.approx(3318 if model == "switch" else 1273, rel=1e-3)
+    top = max(range(len(orbits)), key=lambda k: orbits[k].gain)
+    steep = min(orbits[top:], key=lambda o: abs(o.gain - 0.4))
+    assert steep.multipliers.log10_leading > 4.5 and steep.multipliers.trusted and orbits[-1].multipliers.trusted
+
+
+def test_a_natural_diagram_that_meets_no_fold_says_so(monkeypatch, capsys, tmp_path):
+    def lost(*_arguments):
+        raise NoOrbit("the optimisation problem was not solved")
+
+    monkeypatch.setattr(sys.modules["casahunt.diagram"], "next_fold", lost)  # `casahunt.diagram` is the function
+    monkeypatch.setattr("casahunt.command_diagram._pictures", lambda *_: None)
+    out = tmp_path / "out"
+    command = ["diagram", "--natural", "--model", "switch", "--from", "0.6", "--out", str(out), "--quiet", "--json"]
+    assert main(command) == 1
+    captured = capsys.readouterr()
+    assert "not to a fold" in captured.err and "is not shown" in captured.err
+    assert json.loads(captured.out)["failures"]
+
+
+def test_command_line_natural(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("casahunt.command_diagram._pictures", lambda *_: None)
+    out = tmp_path / "out"
+    command = ["diagram", "--natural", "--model", "switch", "--from", "0.6", "--out", str(out), "--quiet"]
+    assert main([*command, "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["continuation"] == "natural" and not record["failures"]
+    (branch,) = record["branches"]
+    assert branch["gain_range"] == pytest.approx([0.6, FOLDS["switch"]], rel=1e-6)
+    with (out / "switch.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == branch["points"] + len(branch["special"]) - 1
+    assert [row["special"] for row in rows].count("fold") == 1 and rows[-1]["special"] == "fold"
+    assert float(rows[-1]["gain"]) == pytest.approx(FOLDS["switch"], rel=1e-6)
 
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])

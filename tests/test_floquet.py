@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
-from casahunt import floquet
+from casahunt import NoOrbit, Options, Servo, find_orbit, floquet
+from casahunt.cli import main
 from casahunt.orbit import unknowns_of
 from problems import table1
 
@@ -59,6 +62,58 @@ def test_sign_and_size_at_the_largest_multiplier(orbit):
         assert found.trivial_error < 1e-8
 
 
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+def test_integrators_against_the_reference(orbit, branch):
+    """Both routes against a third program, up to mu = 1e5."""
+    for row in table1.REFERENCE["switch"][branch]:
+        found = orbit("switch", row["K"], branch)
+        for route in (found.multipliers, found.integrator_multipliers):
+            assert route.leading.real == pytest.approx(row["mu"], rel=2e-9)
+            assert route.trivial_error < 1e-7
+
+
+def test_integrators_on_an_unstable_lugre_cycle(orbit):
+    row = next(r for r in table1.REFERENCE["lugre"]["unstable"] if r["K"] == 0.4)
+    found = orbit("lugre", 0.4, "unstable").integrator_multipliers
+    assert found.leading.real == pytest.approx(row["mu"], rel=1e-7)
+
+
+def test_integrators_where_one_start_per_phase_is_lost():
+    """mu = 2.3249402192253e14 in 50-digit arithmetic: rounding at the start of the slip is as large as the orbit."""
+    servo = Servo().replace(**{"friction.static": 0.7})
+    found = find_orbit(servo, "switch", 1.0, branch="unstable", options=Options(tol=1e-9)).integrator_multipliers
+    assert found.trusted and found.leading.real == pytest.approx(2.3249402192253e14, rel=1e-6)
+
+
+def test_an_integrator_that_fails_says_so(orbit, monkeypatch):
+    def failing(*_arguments):
+        raise RuntimeError("rosenbrock: max_num_steps reached")
+
+    monkeypatch.setattr(floquet, "_integrated", lambda *_: failing)
+    with pytest.raises(NoOrbit, match="erk failed in the phase 'slip\\+'"):
+        _ = orbit("switch", 0.3).integrator_multipliers
+
+
+@pytest.mark.parametrize(("model", "branch"), [("switch", "stable"), ("switch", "unstable"), ("lugre", "stable")])
+def test_command_line_prints_both_routes(capsys, model, branch):
+    row = next(r for r in table1.REFERENCE[model][branch] if r["K"] == 0.1)
+    command = ["orbit", "--model", model, "--gain", "0.1", "--branch", branch, "--multipliers", "integrator", "--quiet"]
+    assert main([*command, "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    second = record["integrator"]
+    assert second["half_multiplier"] == pytest.approx(row["mu"], rel=1e-7)
+    off = abs(second["half_multiplier"] - record["half_multiplier"]) / max(1.0, abs(row["mu"]))
+    assert second["difference"] == pytest.approx(off, rel=1e-6) and off < 1e-7
+    assert main(command) == 0
+    text = capsys.readouterr().out
+    assert "by integrators" in text and f"difference       {second['difference']:.1e}" in text
+
+
+def test_command_line_refuses_an_unknown_route(capsys):
+    assert main(["orbit", "--gain", "0.1", "--multipliers", "integrater"]) == 2
+    assert "did you mean 'integrator'" in capsys.readouterr().err
+
+
 def test_saltation_matrix():
     """Fixed-time map through x = 1 with the velocity doubling there, worked out by hand."""
     f_before, f_after, h = np.array([1.0, 0.0]), np.array([2.0, 0.0]), np.array([1.0, 0.0])
@@ -66,8 +121,6 @@ def test_saltation_matrix():
 
 
 def test_multipliers_are_computed_when_read(orbit, monkeypatch):
-    from casahunt import Options, Servo, find_orbit
-
     calls = []
     monkeypatch.setattr(floquet, "multipliers", lambda *a: calls.append(a))
     for model in ("switch", "lugre"):
