@@ -85,7 +85,8 @@ def caption2(study: Study) -> str:
         f"{amplitude:.3g} rad at {1 / period:.3g} Hz; measured were {MEASURED_AMPLITUDE} rad and "
         f"{1 / MEASURED_PERIOD:.3g} Hz. Beyond: each of these half periods is the limit cycle computed as a boundary "
         f"value problem, {orbit.amplitude:.5g} rad and {orbit.period:.5g} s, to within "
-        f"{below(float(apart), 1e-4, 1e-3, 1e-2, 1.0)} of both; the measured ones are averages over periods that differ."
+        f"{below(float(apart), 1e-4, 1e-3, 1e-2, 1.0)} of both; the measured ones are averages over periods that "
+        "differ."
     )
 
 
