@@ -287,15 +287,17 @@ def _to_the_stop(slip: _Slip, x: Array, s: Array, fresh: Array) -> tuple[Array, 
     t = np.zeros(m)
     for _ in range(MOST_STEPS):
         y, after, error = slip.step(x, s, h, slope)
-        leap = np.abs(y[1] - x[1]) / (LEAP * np.maximum(np.abs(x[1]), slip.vs))
-        bad = ~(np.maximum(error / (TOLERANCE * size), leap) <= 1)  # nan is bad
-        # The speed may touch zero between the ends of a step: where it turns upwards, look at its minimum.
-        turns = ~bad & ~fresh & (s * slope[1] < 0) & (s * after[1] > 0) & (s * y[1] > 0)
+        accurate, change = error <= TOLERANCE * size, np.abs(y[1] - x[1])  # nan is not accurate
+        # The speed may dip to zero, or into the Stribeck peak, between the ends of a step: look at its minimum.
+        turns = accurate & ~fresh & (s * slope[1] < 0) & (s * after[1] > 0) & (s * y[1] > 0)
         until = np.ones(here.size)
         if turns.any():
             until[turns] = _first_zero(slip, x, s, h, slope, turns, lambda y, after: after[1])
             low = slip.step(x[:, turns], s[turns], until[turns] * h[turns], slope[:, turns])[0]
+            change[turns] = np.maximum(change[turns], np.abs(low[1] - x[1, turns]))
             until[turns] = np.where(s[turns] * low[1] <= 0, until[turns], 1.0)
+        leap = change / (LEAP * np.maximum(np.abs(x[1]), slip.vs))
+        bad = ~(accurate & (leap <= 1))
         crossed = ~bad & ~fresh & ((s * y[1] <= 0) | (until < 1))
         crept = ~bad & ~fresh & ~crossed & (slip.distance(y, s) < CREPT * size)
         fell[here[~bad]] &= (s * slope[1] < 0)[~bad]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import ListedColormap
 
-from casahunt.attraction import FirstStick
+from casahunt.attraction import WITNESSES, FirstStick
 from casahunt.plotting import SMALL, Figure
 
 from .drawing import FIXED, Axes, key, line, sheet
@@ -129,10 +129,11 @@ def caption13(study: Study) -> str:
         f"the state space (exact Switch), at the gain of Figure 5 and at that of Figure 11. Each of {total} states "
         "is followed from stick to stick until it is in a set that the motion does not leave: below the unstable "
         "cycle, where each stick is nearer than the one before, or around the stable cycle, where each comes nearer "
-        f"to it; undecided are {undecided}. Agrees: the fixed points attract, as section 4.1 concludes from "
-        f"linearising. Beyond: how far they attract. {'. '.join(words)}. So at K = {CASES[0][0]} nearly every motion "
-        f"ends hunting, and at K = {CASES[-1][0]}, with a stable cycle all the same, nearly every motion ends at "
-        "rest. The region comes in bands: states that one swing or more takes to the border, the unstable cycle's "
+        f"to it ({WITNESSES} motions show either); undecided are {undecided}. Agrees: the fixed points attract, as "
+        f"section 4.1 concludes from linearising. Beyond: how far they attract. {'. '.join(words)}. So at K = "
+        f"{CASES[0][0]} nearly every state drawn ends hunting, and at K = {CASES[-1][0]}, with a stable cycle all the "
+        "same, at rest. The region comes in bands: states that one swing or more takes to the border, the unstable "
+        "cycle's "
         f"stable manifold. At K = {CASES[1][0]}, x1 = {CASES[1][1]:g} rad the line is where the first stick is at "
         "the set point, the middle of a band narrower than the grid; other bands that narrow are not drawn."
     )
