@@ -2,7 +2,7 @@
 
 Switch (report, sections 3.2 and 4.1): x2 = 0 and x3' = x1 = 0, stuck while |m| <= Fs, m = -ki x3:
     the segment   x1 = x2 = 0,  |x3| <= Fs/ki.
-The stick region x2 = 0, |kp x1 + ki x3| <= Fs is a strip of the plane (x1, x3) around it (Figure 5).  In the strip
+The stick region x2 = 0, |kp x1 + ki x3| <= Fs is a strip of the plane (x1, x3) around it.  In the strip
 x1 stays and x3' = x1, so that the equilibria are all of it that does not leave: every other point reaches
 kp x1 + ki x3 = sign(x1) Fs after a finite time.
 

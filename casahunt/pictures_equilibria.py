@@ -1,4 +1,4 @@
-"""Equilibria as pictures: the stick region of Switch (report, Figure 5), the generalised Jacobian of LuGre."""
+"""Equilibria as pictures: the stick region of Switch, the generalised Jacobian of LuGre."""
 
 from __future__ import annotations
 
