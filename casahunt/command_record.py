@@ -23,7 +23,8 @@ from .errors import InputError, NoOrbit
 from .find import find_orbit
 from .hunting import MODELS
 from .orbit import Orbit
-from .record import Measurement, measure, read_record
+from .record import Measurement, measure
+from .record_file import read_record
 
 
 def add(commands: Any) -> None:

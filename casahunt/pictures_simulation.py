@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from .orbit import Orbit
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
-from .record import Measurement, Record
+from .record import Measurement
+from .record_file import Record
 from .trajectory import Trajectory
 
 PER_INTERVAL = 8
@@ -86,7 +87,7 @@ def folded(record: Record, measurement: Measurement, orbit: Orbit | None) -> Fig
 
     dots = {"linestyle": "none", "marker": "o", "markersize": 2.2, "color": "0.55", "alpha": 0.6, "zorder": 2}
     period = measurement.period
-    for edge, own in zip(measurement.crossings[:-1], measurement.periods, strict=True):
+    for edge, own in zip(measurement.starts, measurement.periods, strict=True):
         here = (t >= edge - period / 4) & (t < edge + own - period / 4)
         below.plot(t[here] - edge, (y - level)[here], **dots)
     averages = f"amplitude {measurement.amplitude:.4g} rad, frequency {measurement.frequency:.4g} Hz"

@@ -1,4 +1,4 @@
-"""Every CSV file that a command writes, read back with csv and float() and with numpy, beside the JSON of the same run."""
+"""Every CSV file that a command writes, read back with csv, float() and numpy, beside the JSON of the same run."""
 
 from __future__ import annotations
 
