@@ -44,7 +44,7 @@ from .record_period import (
     off_line,
     usual_distance,
 )
-from .record_shape import coherence, factors, fold, peak_to_peak, quantum, shape_of, waves
+from .record_shape import coherence, equal_parts, factors, fold, peak_to_peak, quantum, shape_of, waves
 from .trajectory import Trajectory
 
 Array = np.ndarray
@@ -192,10 +192,17 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     if not math.isfinite(period):
         return _nothing(record, still=not _moves(grid))
     times, values = _thinned(t, y - origin, period)
-    marks = mark(times, values, grid, period)
-    if marks is None:
-        return _nothing(record, still=not _moves(grid))
-    found = _divided(times, values, marks)
+    found = None
+    for _ in range(FEWEST):
+        marks = mark(times, values, grid, period)
+        if marks is None:
+            return _nothing(record, still=not _moves(grid))
+        found = _divided(times, values, marks)
+        parts = equal_parts(found.waves)
+        if parts == 1:
+            break
+        period /= parts
+    assert found is not None
     k = found.lengths.size
     kind, reason = _judge(found) if k > 1 else ("hunting", "")
     if k < FEWEST and kind != "irregular":
@@ -203,7 +210,7 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
             f"{record.name}: must hold at least {FEWEST} whole periods, but holds {k} of about "
             f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
         )
-    if kind == "hunting":
+    if kind in ("hunting", "irregular"):
         found = _divided(times, values, _settled(found))
         kind, reason = _judge(found)
     return _averages(record, times, values, found, kind, reason, origin)

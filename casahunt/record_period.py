@@ -23,6 +23,7 @@ Symbols: m samples, n points of an even grid, k marks.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -41,7 +42,8 @@ STRAY = 0.02
 UNRELATED = 0.5
 """U from which on a lag is no repetition: less than half of the variance is alike."""
 BEATEN, FLOOR = 0.6, 0.005
-"""A larger lag is the period if its U (plus the floor: sampling) is below this part of that of the smaller lag."""
+"""A larger lag is the period if its U (plus the floor, and what sampling makes of jumps) is below this part of that of
+the smaller lag."""
 LONGEST = 0.65
 """Largest lag, in units of the length of the record."""
 SCALES, NARROW = (4, 16, 64, 256, 1024), 50
@@ -56,6 +58,8 @@ THRESHOLDS = (0.5, 0.4, 0.6, 0.3, 0.7)
 """Thresholds tried, in units of the range."""
 BAND = 0.15
 """Half width of the band round the threshold, in units of the range."""
+QUIET, FINEST = 6.0, 20
+"""Half widths of the band in units of the noise, and the part of a period that is averaged at most to reach them."""
 REACH = 0.25
 """A mark may be so many periods away from where the last one foretells it."""
 ALIKE = 1.25
@@ -71,11 +75,13 @@ class Grid:
     times : (n,) [s].
     values : (n,) mean of the samples near each, between samples a straight line [rad].
     covered : (n,) False in gaps.
+    spacing : usual distance of the samples, or of the points if that is larger [s].
     """
 
     times: Array
     values: Array
     covered: Array
+    spacing: float
 
     @property
     def step(self) -> float:
@@ -128,7 +134,7 @@ def gridded(times: Array, values: Array) -> Grid:
     d = np.diff(times)
     i = np.clip(np.searchsorted(times, even) - 1, 0, d.size - 1)
     covered = held | (d[i] <= GAP * usual_distance(times))
-    return Grid(even, np.interp(even, at, mean), covered)
+    return Grid(even, np.interp(even, at, mean), covered, max(usual_distance(times), span / n))
 
 
 # The period -------------------------------------------------------------------------------------------------
@@ -141,7 +147,7 @@ def find_period(grid: Grid) -> tuple[float, float]:
         if best[1] <= FLOOR:
             break
         i = int(part * grid.times.size)
-        found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:]))
+        found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:], grid.spacing))
         if found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
             best = found
     return best
@@ -149,10 +155,16 @@ def find_period(grid: Grid) -> tuple[float, float]:
 
 def _best(grid: Grid) -> tuple[float, float]:
     best = (float("nan"), float("inf"))
+    # Samples see a jump half their distance early or late: that much of U is no difference of two lags.
+    both = grid.covered[1:] & grid.covered[:-1]
+    steps = np.diff(grid.values)[both]
+    jumps = float(np.mean(steps**2)) * grid.spacing / grid.step if steps.size else 0.0
     for values, covered, step in _differences(grid):
         if best[1] <= FLOOR:
             break
-        found = _smallest_lag(unlikeness(values, covered), step)
+        power = float(np.mean(values[covered] ** 2)) if covered.any() else 0.0
+        floor = FLOOR + (jumps / 1.5 / power if power > 0 else 0.0)
+        found = _smallest_lag(unlikeness(values, covered), step, floor)
         if found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
             best = found
     return best
@@ -222,7 +234,7 @@ def unlikeness(values: Array, covered: Array) -> Array:
     return np.where(sure, np.maximum(change, 0) / np.where(sure, both, 1.0), np.nan)
 
 
-def _smallest_lag(u: Array, step: float) -> tuple[float, float]:
+def _smallest_lag(u: Array, step: float, floor: float) -> tuple[float, float]:
     """The smallest lag [s] whose U no larger one beats by far, and that U."""
     none = (float("nan"), float("inf"))
     off = np.flatnonzero(u > UNRELATED)
@@ -242,7 +254,7 @@ def _smallest_lag(u: Array, step: float) -> tuple[float, float]:
     held = np.array(lags) <= u.size * step / LONGEST / FEWEST  # of the others the record does not hold enough periods
     for i, depth in enumerate(depths):
         later = [d for d, fits in zip(depths[i + 1 :], held[i + 1 :], strict=True) if fits or not held[i]]
-        if all(d + FLOOR >= BEATEN * (depth + FLOOR) for d in later):
+        if all(d + floor >= BEATEN * (depth + floor) for d in later):
             return lags[i], depth
     return none
 
@@ -280,24 +292,35 @@ def extended(t: Array, where: Array, values: Array) -> Array:
     return np.asarray(np.interp(t, where, values) + slope * beyond)
 
 
+def noise_of(values: Array) -> float:
+    """Standard deviation of noise that is independent from sample to sample, from second differences."""
+    return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)
+
+
 def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None:
     """Divide the record (times, values) of this period; None where there are no two marks."""
     level = level_of(grid, period)
     r = grid.values - level
-    low, high = _range(r, grid.covered, max(1, round(period / grid.step)))
+    width = max(1, round(period / grid.step))
+    low, high = _range(r, grid.covered, width)
+    # Noise must not carry the position through the band: averages of as many samples as that takes.
+    samples = (QUIET * noise_of(values) / max(BAND * (high - low), 1e-300)) ** 2
+    smooth = min(samples * usual_distance(times), period / FINEST)
+    if smooth > 2 * grid.step:
+        r = moving_mean(r, grid.covered, round(smooth / grid.step))
+        low, high = _range(r, grid.covered, width)
     if not high > low:
         return None
-    chosen = _chosen(grid, r, low, high, period)
+    gaps = _gaps(times, period)
+    chosen = _chosen(grid, r, (low, high), period, gaps)
     if chosen is None:
         return None
     rising, share, passages = chosen
     threshold = low + share * (high - low)
-    gaps = _gaps(times, period)
     at = np.interp(times, grid.times, level)
     for _ in range(2):
         marks, resolution = _refined(times, values - at, passages, threshold)
-        gapped = _touched(marks, gaps)
-        whole = (np.abs(np.diff(marks) - period) <= REACH * period) & ~gapped
+        whole, gapped = _whole(marks, period, gaps)
         if not whole.any():
             break
         middle, mean = means_between(times, values, marks, whole)
@@ -321,9 +344,11 @@ def _gaps(times: Array, period: float) -> Array:
     return np.array([times[i], times[i + 1]])
 
 
-def _touched(marks: Array, gaps: Array) -> Array:
-    """(k - 1,) between these marks lies a gap: one that ends behind the first and begins before the second."""
-    return np.asarray(np.searchsorted(gaps[1], marks[:-1], "right") < np.searchsorted(gaps[0], marks[1:], "left"))
+def _whole(marks: Array, period: float, gaps: Array) -> tuple[Array, Array]:
+    """(k - 1,) from this mark to the next it is one period without a gap; there is a gap between."""
+    # one that ends behind the first mark and begins before the second
+    gapped = np.searchsorted(gaps[1], marks[:-1], "right") < np.searchsorted(gaps[0], marks[1:], "left")
+    return (np.abs(np.diff(marks) - period) <= REACH * period) & ~gapped, np.asarray(gapped)
 
 
 def _range(r: Array, covered: Array, width: int) -> tuple[float, float]:
@@ -340,13 +365,15 @@ def _range(r: Array, covered: Array, width: int) -> tuple[float, float]:
     return float(np.median(low)), float(np.median(high))
 
 
-def _chosen(grid: Grid, r: Array, low: float, high: float, period: float) -> tuple[bool, float, Array] | None:
+def _chosen(
+    grid: Grid, r: Array, ends: tuple[float, float], period: float, gaps: Array
+) -> tuple[bool, float, Array] | None:
     """Direction, threshold and passages (2, k) that divide the record into most periods by the sharpest passages."""
     tried: list[tuple[int, float, bool, float, Array]] = []
     for share in THRESHOLDS:
-        for rising, passages in zip((True, False), _passages(grid, r, low, high, share), strict=True):
+        for rising, passages in zip((True, False), _passages(grid, r, *ends, share), strict=True):
             for chain in _chains(passages.mean(axis=0), period):
-                whole = np.abs(np.diff(passages.mean(axis=0)[chain]) - period) <= REACH * period
+                whole, _ = _whole(passages.mean(axis=0)[chain], period, gaps)
                 width = float(np.median(passages[1, chain] - passages[0, chain]))
                 tried.append((int(whole.sum()), width, rising, share, passages[:, chain]))
     if not tried or max(entry[0] for entry in tried) < 1:

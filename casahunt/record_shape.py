@@ -37,6 +37,8 @@ TRIM, TRIMS = 3.0, 4
 """Samples so many noises off a cap are left out of it, in so many rounds: the flanks beside a plateau."""
 LADDER, STRAY = 0.05, 0.1
 """Values are on a ladder if all but this share (the second) of their distances are whole steps to within the first."""
+MOST_PARTS, ALIKE = 5, 0.005
+"""Parts that a wave may divide into; share of its power by which equal ones may differ."""
 SAME = 1e-7
 """Values that differ by less than this part of their range are the same."""
 
@@ -88,6 +90,26 @@ def coherence(wave: Array) -> Array:
 def factors(wave: Array, mean: Array) -> Array:
     """(k,) factor that fits the mean wave to each period's."""
     return np.asarray(wave @ mean / float(mean @ mean))
+
+
+def equal_parts(wave: Array) -> int:
+    """Into how many equal parts the mean wave divides: 1 for a period, n where n periods were taken for one.
+
+    Two parts are equal if their difference is no larger than that of the waves from their mean, averaged, or than
+    `ALIKE` of the wave: sampling and rounding can make a period differ from the next one.
+    """
+    k = wave.shape[0]
+    if k < 2:
+        return 1
+    mean = wave.mean(axis=0)
+    power = float(mean @ mean)
+    scatter = float(np.mean(np.sum((wave - mean) ** 2, axis=1))) / (k - 1)
+    bins = np.arange(BINS) + 0.5
+    for parts in range(MOST_PARTS, 1, -1):
+        shifted = np.interp((bins + BINS / parts) % BINS, bins, mean, period=BINS)
+        if float(np.sum((mean - shifted) ** 2)) < max(2 * ALIKE * power, 3 * scatter):
+            return parts
+    return 1
 
 
 def quantum(values: Array) -> float:
@@ -151,13 +173,14 @@ def _smoothed(phi: Array, values: Array, grid: Array, count: int) -> Array:
 
 
 def peak_to_peak(folded: Folded, phase: Array, shape: Array, noise: float) -> tuple[float, float]:
-    """Top minus bottom of the folded samples, and its error: of noise, and of what caps twice as deep change."""
+    """Top minus bottom of the folded samples, and its error: of noise, and of what caps of half and twice the depth change."""
     size, error = 0.0, 0.0
     for sign in (1, -1):
         top, count = _top(folded, sign, phase, CAP, shape)
-        deeper, _ = _top(folded, sign, phase, 2 * CAP, shape)
+        # A parabola fits a cap, not the edge of a saw tooth: then the answer moves with the depth.
+        moved = max(abs(top - _top(folded, sign, phase, factor * CAP, shape)[0]) for factor in (0.5, 2))
         size += top
-        error += (top - deeper) ** 2 + (1.5 * noise) ** 2 / count  # the vertex of a parabola is 1.5 times the mean's
+        error += moved**2 + (1.5 * noise) ** 2 / count  # the vertex of a parabola is 1.5 times the mean's
     return size, math.sqrt(error)
 
 
