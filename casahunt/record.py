@@ -54,14 +54,14 @@ SAMPLES = 20_001
 """Samples that are taken of a simulated motion."""
 MOST, DETAIL = 1_000_000, 1000
 """Samples beyond which neighbours are averaged, if so many remain in a period."""
-COHERENCE = 0.75
-"""Mean correlation of a period with the others in a record that oscillates."""
+COHERENCE, FEW_COHERENCE, MANY = 0.75, 0.9, 12
+"""Mean correlation of a period with the others in a record that oscillates, if there are so many; of `FEWEST`."""
 LEAST_COHERENCE = 0.4
 """The same of each single period."""
 COVERED = 0.7
 """Part of the time between the first and the last mark, without gaps, that whole periods must take."""
-IRREGULAR = 0.3
-"""Scatter of the periods or amplitudes, relative to their mean, from which on nothing repeats."""
+UNEVEN, IRREGULAR = 0.12, 0.3
+"""Scatter of the periods and of the amplitudes, relative to their mean, from which on nothing repeats."""
 STEADY = 0.05
 """Change of the fitted amplitude over the record up to which it counts as steady."""
 SURE = 5.0
@@ -192,20 +192,25 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     if not math.isfinite(period):
         return _nothing(record, still=not _moves(grid))
     times, values = _thinned(t, y - origin, period)
+    # A jump comes half a distance of samples early or late; two rounded values differ by the squares of two roundings.
+    blur = float(np.mean(np.diff(values) ** 2)) / 3 + quantum(y) ** 2 / 6
     found = None
     for _ in range(FEWEST):
         marks = mark(times, values, grid, period)
         if marks is None:
             return _nothing(record, still=not _moves(grid))
         found = _divided(times, values, marks)
-        parts = equal_parts(found.waves)
+        parts = equal_parts(found.waves, blur)
         if parts == 1:
             break
         period /= parts
     assert found is not None
     k = found.lengths.size
     kind, reason = _judge(found) if k > 1 else ("hunting", "")
-    if k < FEWEST and kind != "irregular":
+    held = t[-1] - t[0] - np.sum(np.diff(marks.times)[marks.gapped])
+    if k < FEWEST and held > (FEWEST + 2) * period:
+        return _nothing(record, still=False)
+    if k < FEWEST:
         raise InputError(
             f"{record.name}: must hold at least {FEWEST} whole periods, but holds {k} of about "
             f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
@@ -343,7 +348,8 @@ def _nothing(record: Record, *, still: bool) -> Measurement:
 def _judge(found: _Periods) -> tuple[Kind, str]:
     """Is it a limit cycle?"""
     alike = coherence(found.waves)
-    if float(np.mean(alike)) < COHERENCE or float(np.min(alike)) < LEAST_COHERENCE:
+    wanted = float(np.interp(alike.size, (FEWEST, MANY), (FEW_COHERENCE, COHERENCE)))
+    if float(np.mean(alike)) < wanted or float(np.min(alike)) < LEAST_COHERENCE:
         least, mean = float(np.min(alike)), float(np.mean(alike))
         return "irregular", f"no shape repeats: periods correlate by {mean:.2f} with the others, one by {least:.2f}"
     marks, periods, amplitudes = found.marks, found.lengths, found.sizes
@@ -353,7 +359,7 @@ def _judge(found: _Periods) -> tuple[Kind, str]:
     if covered < COVERED:
         return "irregular", f"only {covered:.0%} of the time divides into periods of about {np.mean(periods):.3g} s"
     scatter = _scatter(periods) / float(np.mean(periods))
-    if scatter > IRREGULAR:
+    if scatter > UNEVEN:
         return "irregular", f"the periods scatter by {scatter:.0%} of their mean"
     if (amplitudes <= 0).any():
         return "irregular", "not every period has the same shape"

@@ -44,6 +44,8 @@ UNRELATED = 0.5
 BEATEN, FLOOR = 0.6, 0.005
 """A larger lag is the period if its U (plus the floor, and what sampling makes of jumps) is below this part of that of
 the smaller lag."""
+CLEAR = 0.1
+"""U that a lag must reach of which the record does not hold enough periods."""
 LONGEST = 0.65
 """Largest lag, in units of the length of the record."""
 SCALES, NARROW = (4, 16, 64, 256, 1024), 50
@@ -253,6 +255,8 @@ def _smallest_lag(u: Array, step: float, floor: float) -> tuple[float, float]:
         depths.append(max(float(u[i] - 0.25 * (u[i - 1] - u[i + 1]) * shift), 0.0) if bend > 0 else float(u[i]))
     held = np.array(lags) <= u.size * step / LONGEST / FEWEST  # of the others the record does not hold enough periods
     for i, depth in enumerate(depths):
+        if not held[i] and depth > CLEAR:
+            continue
         later = [d for d, fits in zip(depths[i + 1 :], held[i + 1 :], strict=True) if fits or not held[i]]
         if all(d + floor >= BEATEN * (depth + floor) for d in later):
             return lags[i], depth
@@ -303,14 +307,14 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
     r = grid.values - level
     width = max(1, round(period / grid.step))
     low, high = _range(r, grid.covered, width)
+    if not high > low:
+        return None
     # Noise must not carry the position through the band: averages of as many samples as that takes.
-    samples = (QUIET * noise_of(values) / max(BAND * (high - low), 1e-300)) ** 2
+    samples = (QUIET * noise_of(values) / (BAND * (high - low))) ** 2
     smooth = min(samples * usual_distance(times), period / FINEST)
     if smooth > 2 * grid.step:
         r = moving_mean(r, grid.covered, round(smooth / grid.step))
         low, high = _range(r, grid.covered, width)
-    if not high > low:
-        return None
     gaps = _gaps(times, period)
     chosen = _chosen(grid, r, (low, high), period, gaps)
     if chosen is None:
@@ -333,8 +337,8 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
 def means_between(times: Array, values: Array, marks: Array, whole: Array) -> tuple[Array, Array]:
     """Middle times of the whole periods and the means over time of the values there."""
     integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
-    mean = np.diff(np.interp(marks, times, integral)) / np.diff(marks)
-    return ((marks[1:] + marks[:-1]) / 2)[whole], mean[whole]
+    mean = np.diff(np.interp(marks, times, integral))[whole] / np.diff(marks)[whole]
+    return ((marks[1:] + marks[:-1]) / 2)[whole], mean
 
 
 def _gaps(times: Array, period: float) -> Array:
@@ -346,9 +350,13 @@ def _gaps(times: Array, period: float) -> Array:
 
 def _whole(marks: Array, period: float, gaps: Array) -> tuple[Array, Array]:
     """(k - 1,) from this mark to the next it is one period without a gap; there is a gap between."""
-    # one that ends behind the first mark and begins before the second
-    gapped = np.searchsorted(gaps[1], marks[:-1], "right") < np.searchsorted(gaps[0], marks[1:], "left")
-    return (np.abs(np.diff(marks) - period) <= REACH * period) & ~gapped, np.asarray(gapped)
+    gapped = _between(np.array([marks[:-1], marks[1:]]), gaps)
+    return (np.abs(np.diff(marks) - period) <= REACH * period) & ~gapped, gapped
+
+
+def _between(ends: Array, gaps: Array) -> Array:
+    """(k,) there is a gap between ends[0] and ends[1]: one that ends behind the first and begins before the second."""
+    return np.asarray(np.searchsorted(gaps[1], ends[0], "right") < np.searchsorted(gaps[0], ends[1], "left"))
 
 
 def _range(r: Array, covered: Array, width: int) -> tuple[float, float]:
@@ -356,10 +364,9 @@ def _range(r: Array, covered: Array, width: int) -> tuple[float, float]:
     n = max(1, r.size // width)
     size = min(width, r.size)
     windows, held = r[: n * size].reshape(n, size), covered[: n * size].reshape(n, size)
-    held = held & (held.mean(axis=1) > 0.9)[:, None]
-    if not held.any():
+    full = held.mean(axis=1) >= min(0.9, float(np.max(held.mean(axis=1))))  # a gap may hide a peak
+    if not held[full].any(axis=1).all():
         return 0.0, 0.0
-    full = held.any(axis=1)
     low = np.min(np.where(held, windows, np.inf), axis=1)[full]
     high = np.max(np.where(held, windows, -np.inf), axis=1)[full]
     return float(np.median(low)), float(np.median(high))
@@ -372,6 +379,7 @@ def _chosen(
     tried: list[tuple[int, float, bool, float, Array]] = []
     for share in THRESHOLDS:
         for rising, passages in zip((True, False), _passages(grid, r, *ends, share), strict=True):
+            passages = passages[:, ~_between(passages, gaps)]
             for chain in _chains(passages.mean(axis=0), period):
                 whole, _ = _whole(passages.mean(axis=0)[chain], period, gaps)
                 width = float(np.median(passages[1, chain] - passages[0, chain]))

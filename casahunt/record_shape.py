@@ -37,8 +37,8 @@ TRIM, TRIMS = 3.0, 4
 """Samples so many noises off a cap are left out of it, in so many rounds: the flanks beside a plateau."""
 LADDER, STRAY = 0.05, 0.1
 """Values are on a ladder if all but this share (the second) of their distances are whole steps to within the first."""
-MOST_PARTS, ALIKE = 5, 0.005
-"""Parts that a wave may divide into; share of its power by which equal ones may differ."""
+MOST_PARTS, ALIKE, MOST_ALIKE = 5, 0.005, 0.2
+"""Parts that a wave may divide into; share of its power by which equal ones may always differ, and at most."""
 SAME = 1e-7
 """Values that differ by less than this part of their range are the same."""
 
@@ -89,14 +89,14 @@ def coherence(wave: Array) -> Array:
 
 def factors(wave: Array, mean: Array) -> Array:
     """(k,) factor that fits the mean wave to each period's."""
-    return np.asarray(wave @ mean / float(mean @ mean))
+    return np.asarray(wave @ mean / max(float(mean @ mean), 1e-300))
 
 
-def equal_parts(wave: Array) -> int:
+def equal_parts(wave: Array, blur: float) -> int:
     """Into how many equal parts the mean wave divides: 1 for a period, n where n periods were taken for one.
 
-    Two parts are equal if their difference is no larger than that of the waves from their mean, averaged, or than
-    `ALIKE` of the wave: sampling and rounding can make a period differ from the next one.
+    Two parts are equal if their difference is no larger than that of the waves from their mean, averaged, than
+    `ALIKE` of the wave, or than what sampling and rounding can make of equal periods: the variance `blur` [rad2].
     """
     k = wave.shape[0]
     if k < 2:
@@ -107,7 +107,8 @@ def equal_parts(wave: Array) -> int:
     bins = np.arange(BINS) + 0.5
     for parts in range(MOST_PARTS, 1, -1):
         shifted = np.interp((bins + BINS / parts) % BINS, bins, mean, period=BINS)
-        if float(np.sum((mean - shifted) ** 2)) < max(2 * ALIKE * power, 3 * scatter):
+        allowed = max(2 * ALIKE * power, 3 * scatter, BINS * blur)
+        if float(np.sum((mean - shifted) ** 2)) < min(allowed, MOST_ALIKE * power):
             return parts
     return 1
 
