@@ -387,7 +387,10 @@ def _trend(amplitudes: Array) -> tuple[Kind, str] | None:
         change = math.expm1(abs(slope) * (part.size - 1))
         if change < STEADY * (part.size - 1) / (k.size - 1) or abs(slope) < SURE * error:
             return None
+    first, middle, last = amplitudes[[0, k.size // 2, -1]]
+    settling = k.size >= 2 * FEWEST and abs(last - middle) < abs(middle - first) / 2 and last > STEADY * first
+    hint = ", and ever less: it may be settling on a cycle (leave out more of its start: --from)" if settling else ""
     return "decaying" if slope < 0 else "growing", (
         f"the amplitude changes steadily, by the factor {math.exp(slope):.4g} each period, in all from 1 to "
-        f"{amplitudes[-1] / amplitudes[0]:.4g}"
+        f"{last / first:.4g}{hint}"
     )

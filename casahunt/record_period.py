@@ -146,11 +146,12 @@ def find_period(grid: Grid) -> tuple[float, float]:
     """The period [s] and U there; (nan, inf) where nothing repeats."""
     best = _best(grid)
     for part in PARTS:
-        if best[1] <= FLOOR:
-            break
         i = int(part * grid.times.size)
         found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:], grid.spacing))
-        if found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
+        times = best[0] / found[0]
+        # Pairs at a larger lag may leave out the transient, because of a gap, and so repeat better.
+        fraction = times > 1.5 and abs(times - round(times)) < 0.02 * times and found[1] < best[1] + CLEAR / 2
+        if fraction or found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
             best = found
     return best
 
