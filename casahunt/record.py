@@ -4,7 +4,7 @@ Report, section 2 and Figure 4: the servo is left alone at K = 0.04, its positio
 (0.061 rad) and frequency (0.122 Hz) are averages over consecutive periods.  A record is no computed orbit:
 its mean drifts, it is lopsided and noisy, its samples are not evenly spaced, some are missing.  So
 
-    period     of the whole waveform, between marks that divide the record (record_period.py); no period holds a gap
+    period     of the whole waveform (record_period.py), between marks (record_marks.py); no period holds a gap
     coherent   every period resembles the mean of all others, or the record is irregular: noise resembles nothing
     transient  periods at the start that differ from those of the second half are left out, and `left_out` says so
     amplitude  half of top minus bottom of all periods laid over each other (record_shape.py)
@@ -32,18 +32,8 @@ import numpy as np
 from .checks import number
 from .errors import InputError
 from .record_file import Record
-from .record_period import (
-    FEWEST,
-    Grid,
-    Marks,
-    find_period,
-    gridded,
-    level_of,
-    mark,
-    means_between,
-    off_line,
-    usual_distance,
-)
+from .record_marks import Marks, level_of, mark, means_between
+from .record_period import FEWEST, Grid, find_period, gridded, off_line, usual_distance
 from .record_shape import coherence, equal_parts, factors, fold, peak_to_peak, quantum, shape_of, waves
 from .trajectory import Trajectory
 
@@ -194,20 +184,13 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     times, values = _thinned(t, y - origin, period)
     # A jump comes half a distance of samples early or late; two rounded values differ by the squares of two roundings.
     blur = float(np.mean(np.diff(values) ** 2)) / 3 + quantum(y) ** 2 / 6
-    found = None
-    for _ in range(FEWEST):
-        marks = mark(times, values, grid, period)
-        if marks is None:
-            return _nothing(record, still=not _moves(grid))
-        found = _divided(times, values, marks)
-        parts = equal_parts(found.waves, blur)
-        if parts == 1:
-            break
-        period /= parts
-    assert found is not None
+    found = _into_periods(times, values, grid, period, blur)
+    if found is None:
+        return _nothing(record, still=not _moves(grid))
     k = found.lengths.size
+    period = float(np.mean(found.lengths)) if k else period
     kind, reason = _judge(found) if k > 1 else ("hunting", "")
-    held = t[-1] - t[0] - np.sum(np.diff(marks.times)[marks.gapped])
+    held = t[-1] - t[0] - np.sum(np.diff(found.marks.times)[found.marks.gapped])
     if k < FEWEST and held > (FEWEST + 2) * period:
         return _nothing(record, still=False)
     if k < FEWEST:
@@ -216,7 +199,7 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
             f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
         )
     if kind in ("hunting", "irregular"):
-        found = _divided(times, values, _settled(found))
+        found = _divided(times, values, _settled(found, blur))
         kind, reason = _judge(found)
     return _averages(record, times, values, found, kind, reason, origin)
 
@@ -233,6 +216,19 @@ def _thinned(t: Array, y: Array, period: float) -> tuple[Array, Array]:
     return times[near], values[near]
 
 
+def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: float) -> _Periods | None:
+    """The record divided by its period, or by a part of that if several were taken for one."""
+    while True:
+        marks = mark(times, values, grid, period)
+        if marks is None:
+            return None
+        found = _divided(times, values, marks)
+        parts = equal_parts(found.waves, blur)
+        if parts == 1:
+            return found
+        period /= parts
+
+
 def _divided(times: Array, values: Array, marks: Marks) -> _Periods:
     lengths = np.diff(marks.times)[marks.whole]
     if not lengths.size:
@@ -242,8 +238,8 @@ def _divided(times: Array, values: Array, marks: Marks) -> _Periods:
     return _Periods(marks, wave, lengths, sizes)
 
 
-def _settled(found: _Periods) -> Marks:
-    """The marks without the periods at the start that differ from those of the second half."""
+def _settled(found: _Periods, blur: float) -> Marks:
+    """The marks without the periods at the start, up to the last one that differs from those of the second half."""
     marks, k = found.marks, found.lengths.size
     half = max(FEWEST, (k + 1) // 2)
     later = slice(k - half, k)
@@ -255,10 +251,9 @@ def _settled(found: _Periods) -> Marks:
     for values, least in ((size, 0.0), (found.lengths / np.mean(found.lengths[later]), 3 * resolution)):
         centre, scatter = float(np.mean(values[later])), _scatter(values[later])
         away |= np.abs(values - centre) > max(SURE * scatter, DIFFERENT, least)
-    away |= odd > max(3 * float(np.max(odd[later])), 5 * DIFFERENT)
-    first = int(np.argmin(away[: k - half])) if k > half and not away[: k - half].all() else k - half
-    if first == 0 or not away[0]:
-        return marks
+    blurred = math.sqrt(3 * blur * mean.size / float(mean @ mean))
+    away |= odd > max(3 * float(np.max(odd[later])), 5 * DIFFERENT, blurred)
+    first = int(np.max(np.flatnonzero(away[: k - half]), initial=-1)) + 1
     whole = marks.whole.copy()
     whole[np.flatnonzero(whole)[:first]] = False
     return replace(marks, whole=whole)

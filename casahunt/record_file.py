@@ -2,7 +2,7 @@
 
     times [s] = factor_t * column,   position [rad] = factor_p * column
 
-Columns and units are those of the header (units.py), or stated by whoever reads the file.  Units that are stated nowhere
+Columns and units are those of the header (units.py), or stated by whoever reads the file.  Units that nobody states
 are taken as s and rad, and `Reading.sentence` says so.  The samples are parsed by numpy; only where it stumbles is the
 file read once more line by line, to name the line and the cell.
 """
@@ -102,7 +102,7 @@ class Record:
         for what, values in (("times", t), ("positions", y)):
             size = float(np.max(np.abs(values), initial=0.0))
             if size > LARGEST or 0 < size < SMALLEST:
-                raise InputError(f"{self.name}: {what} must lie between {SMALLEST:g} and {LARGEST:g}, not near {size:g}")
+                raise InputError(f"{self.name}: {what} must lie in {SMALLEST:g} to {LARGEST:g}, not near {size:g}")
         back = np.flatnonzero(t[1:] <= t[:-1])
         if back.size:
             i = int(back[0])
@@ -120,8 +120,8 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
     """Read a CSV file with times and positions, and convert them to s and rad.
 
     Commas, semicolons, tabs or blanks separate the columns; lines that begin with # are comments.  With a header,
-    the columns named time (or t) and position (or pos, theta, angle) are taken, in the units stated there; otherwise the
-    first two.
+    the columns named time (or t) and position (or pos, theta, angle) are taken, in the units stated there; otherwise
+    the first two.
 
     Parameters
     ----------

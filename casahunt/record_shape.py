@@ -174,7 +174,7 @@ def _smoothed(phi: Array, values: Array, grid: Array, count: int) -> Array:
 
 
 def peak_to_peak(folded: Folded, phase: Array, shape: Array, noise: float) -> tuple[float, float]:
-    """Top minus bottom of the folded samples, and its error: of noise, and of what caps of half and twice the depth change."""
+    """Top minus bottom of the folded samples, and its error: of noise, and what caps of other depths change."""
     size, error = 0.0, 0.0
     for sign in (1, -1):
         top, count = _top(folded, sign, phase, CAP, shape)

@@ -2,9 +2,9 @@
 
     value [s or rad] = factor * value in the file
 
-A unit stands in a header in brackets ("Time (ms)", "theta [deg]"), behind a slash or a colon ("angle/deg"), as the last word
-("pos_deg", "t ms", "time in ms"), or is the whole name ("ms").  What is stated and not known is refused; what is not
-stated at all stays open (None): whoever reads it must say what it was taken for.
+A unit stands in a header in brackets ("Time (ms)", "theta [deg]"), behind a slash or a colon ("angle/deg"), as the last
+word ("pos_deg", "t ms", "time in ms"), or is the whole name ("ms").  What is stated and not known is refused; what is
+not stated at all stays open (None): whoever reads it must say what it was taken for.
 """
 
 from __future__ import annotations
