@@ -29,6 +29,8 @@ BAND = 0.15
 """Half width of the band round the threshold, in units of the range."""
 QUIET, FINEST = 6.0, 20
 """Half widths of the band in units of the noise, and the part of a period that is averaged at most to reach them."""
+PAIRED = 200
+"""Points at most that a median slope is taken of."""
 REACH = 0.25
 """A mark may be so many periods away from where the last one foretells it."""
 ALIKE = 1.25
@@ -75,10 +77,15 @@ def level_of(grid: Grid, period: float) -> Array:
 
 
 def extended(t: Array, where: Array, values: Array) -> Array:
-    """Straight lines between the points; beyond them it goes on with the slope that it has had on the whole."""
+    """Straight lines between the points; beyond them the median of the slopes between any two goes on.
+
+    The median (Theil and Sen), because a transient at the start must not tilt the end.
+    """
     slope = 0.0
     if where.size > 2:
-        slope = float(np.polynomial.polynomial.polyfit(where - where[0], values, 1)[1])
+        few = np.linspace(0, where.size - 1, min(where.size, PAIRED)).astype(int)
+        i, j = np.triu_indices(few.size, 1)
+        slope = float(np.median((values[few][j] - values[few][i]) / (where[few][j] - where[few][i])))
     beyond = np.minimum(t - where[0], 0) + np.maximum(t - where[-1], 0)
     return np.asarray(np.interp(t, where, values) + slope * beyond)
 
