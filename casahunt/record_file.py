@@ -30,6 +30,11 @@ _NOT_MEASURED = frozenset(
     "d ref reference set setpoint target des desired cmd command demand error err dot velocity vel speed rate".split()
 )
 """theta_d, theta_ref, theta_dot: not the position."""
+_COUNTS: dict[Quantity, frozenset[str]] = {
+    "time": frozenset(("sample", "samples", "index", "tick", "ticks")),
+    "angle": frozenset(("encoder", "count", "counts", "cts", "inc", "increments", "pulses", "lsb")),
+}
+"""Columns named by what they count."""
 
 
 @dataclass(frozen=True)
@@ -264,8 +269,8 @@ def _columns(name: str, head: _Head) -> tuple[int, int]:
     return time or 0, position or 0
 
 
-def _matching(header: Sequence[str], names: frozenset[str], quantity: str) -> int | None:
-    """The column that is named best: by one of the names alone, by one among other words, by a unit alone."""
+def _matching(header: Sequence[str], names: frozenset[str], quantity: Quantity) -> int | None:
+    """The column that is named best: by one of the names alone, by one among other words, by a unit or a count."""
     best: tuple[int, int] | None = None
     for i, cell in enumerate(header):
         words, stated = split_header(cell)
@@ -274,6 +279,8 @@ def _matching(header: Sequence[str], names: frozenset[str], quantity: str) -> in
             rank = 0 if len(words) == 1 else 1
         elif not words and quantity_of(stated) == quantity:
             rank = 2
+        elif not words and _COUNTS[quantity].intersection((stated or "").casefold().split()):
+            rank = 3
         else:
             continue
         best = min(best, (rank, i)) if best else (rank, i)

@@ -106,7 +106,7 @@ def find_period(grid: Grid) -> tuple[float, float]:
         found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:], grid.spacing))
         times = best[0] / found[0]
         # Pairs at a larger lag may leave out the transient, because of a gap, and so repeat better.
-        fraction = times > 1.5 and abs(times - round(times)) < 0.02 * times and found[1] < best[1] + CLEAR / 2
+        fraction = times > 1.5 and abs(times - round(times)) < 0.02 * times and found[1] < 1.1 * best[1] + FLOOR
         if fraction or found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
             best = found
     return best

@@ -83,7 +83,7 @@ def waves(times: Array, values: Array, marks: Array, whole: Array) -> Array:
 def coherence(wave: Array) -> Array:
     """(k,) correlation of each period's wave with the mean of all others."""
     others = wave.sum(axis=0) - wave
-    size = np.sqrt(np.sum(wave**2, axis=1) * np.sum(others**2, axis=1))
+    size = np.linalg.norm(wave, axis=1) * np.linalg.norm(others, axis=1)
     return np.asarray(np.sum(wave * others, axis=1) / np.maximum(size, 1e-300))
 
 
