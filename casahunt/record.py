@@ -223,6 +223,8 @@ def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: 
         if marks is None:
             return None
         found = _divided(times, values, marks)
+        if found.lengths.size and np.ptp(found.waves.mean(axis=0)) <= NOTHING * np.ptp(values):
+            return None  # two samples in a period: nothing is left of them in a mean wave
         parts = equal_parts(found.waves, blur)
         if parts == 1:
             return found
@@ -245,13 +247,14 @@ def _settled(found: _Periods, blur: float) -> Marks:
     later = slice(k - half, k)
     mean = found.waves[later].mean(axis=0)
     size = factors(found.waves, mean)
-    odd = np.sqrt(np.sum((found.waves - size[:, None] * mean) ** 2, axis=1) / float(mean @ mean))
+    power = float(mean @ mean)
+    odd = np.sqrt(np.sum((found.waves - size[:, None] * mean) ** 2, axis=1) / power)
     resolution = float(np.median(marks.resolution)) / float(np.mean(found.lengths))
     away = np.zeros(k, bool)
     for values, least in ((size, 0.0), (found.lengths / np.mean(found.lengths[later]), 3 * resolution)):
         centre, scatter = float(np.mean(values[later])), _scatter(values[later])
         away |= np.abs(values - centre) > max(SURE * scatter, DIFFERENT, least)
-    blurred = math.sqrt(3 * blur * mean.size / float(mean @ mean))
+    blurred = math.sqrt(3 * blur * mean.size / power)
     away |= odd > max(3 * float(np.max(odd[later])), 5 * DIFFERENT, blurred)
     first = int(np.max(np.flatnonzero(away[: k - half]), initial=-1)) + 1
     whole = marks.whole.copy()

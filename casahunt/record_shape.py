@@ -33,6 +33,8 @@ NOISE_SHARE = 0.01
 """Error of a point of the shape, in units of the amplitude, above which more samples are used."""
 CAP = 0.05
 """Depth of the caps that peaks are fitted to, in units of the amplitude."""
+FEWEST_PLACES = 4
+"""Phases that a parabola needs."""
 TRIM, TRIMS = 3.0, 4
 """Samples so many noises off a cap are left out of it, in so many rounds: the flanks beside a plateau."""
 LADDER, STRAY = 0.05, 0.1
@@ -181,8 +183,28 @@ def peak_to_peak(folded: Folded, phase: Array, shape: Array, noise: float) -> tu
         # A parabola fits a cap, not the edge of a saw tooth: then the answer moves with the depth.
         moved = max(abs(top - _top(folded, sign, phase, factor * CAP, shape)[0]) for factor in (0.5, 2))
         size += top
-        error += moved**2 + (1.5 * noise) ** 2 / count  # the vertex of a parabola is 1.5 times the mean's
+        error += moved**2 + _hidden(folded, sign, top) ** 2 + (1.5 * noise) ** 2 / count  # the vertex of a parabola is 1.5 times the mean's
     return size, math.sqrt(error)
+
+
+def _hidden(folded: Folded, sign: int, top: float) -> float:
+    """What a peak may rise between samples: half of the step to the next phase that is sampled.
+
+    Samples whose distance divides the period meet the same few phases in all periods.
+    """
+    bins = np.minimum((folded.phase * GRID).astype(int), GRID - 1)
+    count = np.bincount(bins, minlength=GRID)
+    held = np.flatnonzero(count)
+    mean = sign * np.bincount(bins, folded.values, GRID)[held] / count[held]
+    rise = 0.0
+    for side in (1, -1):
+        away = side * (held - held[np.argmax(mean)]) % GRID
+        order = np.argsort(away)
+        near, far = away[order][:-1], away[order][1:]
+        # A hole counts that is no farther than it is long: the peak may lie in it.
+        hole = (far - near > 1) & (near <= far - near)
+        rise = max(rise, float(np.max((top - mean[order][1:][hole]) / 2, initial=0.0)))
+    return rise
 
 
 def _median(values: Array, weights: Array) -> float:
@@ -206,6 +228,12 @@ def _top(folded: Folded, sign: int, phase: Array, depth: float, shape: Array) ->
     u, y, weights = u[cap], values[cap], weights[cap]
     if u.size < 6:
         return float(np.max(shape)), max(int(u.size), 1)
+    place = np.round(u * GRID).astype(int)
+    if np.unique(place).size < FEWEST_PLACES:
+        place -= place.min()
+        count = np.bincount(place)
+        highest = int(np.argmax(np.where(count > 0, np.bincount(place, y) / np.maximum(count, 1), -np.inf)))
+        return float(np.mean(y[place == highest])), int(count[highest])
     kept = np.ones(u.size, bool)
     width = max(float(np.max(np.abs(u))), 1e-12)
     c = np.array([_median(y, weights), 0.0, 0.0])  # a plateau, to begin with: that leaves its flanks out at once
