@@ -58,6 +58,8 @@ SURE = 5.0
 """Standard errors that a trend of the amplitudes, or a difference of the first periods, must have to count."""
 DIFFERENT = 0.01
 """Difference of a period from the later ones, relative, below which it is no transient."""
+LASTING = 2.5
+"""Periods at the end of the record without a whole one, from which on the oscillation is over."""
 NOTHING = 1e-9
 """Size of an oscillation, relative to the largest |position|, that is rounding."""
 
@@ -201,6 +203,8 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     if kind in ("hunting", "irregular"):
         found = _divided(times, values, _settled(found, blur))
         kind, reason = _judge(found)
+    if kind == "hunting":
+        kind, reason = _lasting(t, found)
     return _averages(record, times, values, found, kind, reason, origin)
 
 
@@ -363,30 +367,48 @@ def _judge(found: _Periods) -> tuple[Kind, str]:
         return "irregular", "not every period has the same shape"
     if amplitudes.size < FEWEST:
         return "hunting", ""
-    trend = _trend(amplitudes)
-    if trend is not None:
-        return trend
+    slope = _trend(amplitudes)
+    if slope:
+        return _changing(amplitudes, slope)
+    if _trend(periods):
+        return "irregular", f"the periods change steadily, from {periods[0]:.4g} to {periods[-1]:.4g} s"
     scatter = _scatter(amplitudes) / float(np.mean(amplitudes))
     if scatter > IRREGULAR and _scatter(amplitudes[amplitudes.size // 2 :]) > IRREGULAR * float(np.mean(amplitudes)):
         return "irregular", f"the amplitudes scatter by {scatter:.0%} of their mean"
     return "hunting", ""
 
 
-def _trend(amplitudes: Array) -> tuple[Kind, str] | None:
-    """A steady change of the amplitudes."""
-    k = np.arange(amplitudes.size)
+def _lasting(t: Array, found: _Periods) -> tuple[Kind, str]:
+    """Hunting, unless it ends before the record does."""
+    period, last = float(np.mean(found.lengths)), float(found.marks.times[1:][found.marks.whole][-1])
+    behind = np.diff(t, prepend=last)[t > last]
+    rest = float(np.sum(behind[behind < period / 2]))  # without gaps
+    if rest < LASTING * period:
+        return "hunting", ""
+    return "irregular", f"the oscillation ends at about {last:.4g} s: the last {rest:.4g} s hold no whole period"
+
+
+def _trend(values: Array) -> float:
+    """Slope of the logarithm per period of values that change steadily; 0 if they do not."""
+    k = np.arange(values.size)
     slope = 0.0
     # A trend must hold in the second half too: a transient at the start is over by then.
     for part in (k, k[k.size // 2 :]) if k.size >= 2 * FEWEST else (k,):
-        y = np.log(amplitudes[part])
-        slope, intercept = np.polyfit(part, y, 1)
+        y = np.log(values[part])
+        slope, intercept = (float(c) for c in np.polyfit(part, y, 1))
         rest = float(np.sum((y - intercept - slope * part) ** 2)) / max(part.size - 2, 1)
         error = math.sqrt(rest / float(np.sum((part - part.mean()) ** 2)))
         change = math.expm1(abs(slope) * (part.size - 1))
         if change < STEADY * (part.size - 1) / (k.size - 1) or abs(slope) < SURE * error:
-            return None
-    first, middle, last = amplitudes[[0, k.size // 2, -1]]
-    settling = k.size >= 2 * FEWEST and abs(last - middle) < abs(middle - first) / 2 and last > STEADY * first
+            return 0.0
+    return slope
+
+
+def _changing(amplitudes: Array, slope: float) -> tuple[Kind, str]:
+    """What a steady change of the amplitudes means."""
+    k = amplitudes.size
+    first, middle, last = amplitudes[[0, k // 2, -1]]
+    settling = k >= 2 * FEWEST and abs(last - middle) < abs(middle - first) / 2 and last > STEADY * first
     hint = ", and ever less: it may be settling on a cycle (leave out more of its start: --from)" if settling else ""
     return "decaying" if slope < 0 else "growing", (
         f"the amplitude changes steadily, by the factor {math.exp(slope):.4g} each period, in all from 1 to "

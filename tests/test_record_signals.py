@@ -181,6 +181,31 @@ def test_what_is_still_settling_says_so():
     assert "settling" not in measure(Record(T100, np.exp(-T100 / 200) * np.sin(2 * np.pi * T100 / 8))).reason
 
 
+def test_what_ends_is_no_limit_cycle():
+    found = measure(Record(T100, np.where(T100 < 60, np.sin(2 * np.pi * T100 / 7), 0)))
+    assert found.kind == "irregular" and "the oscillation ends at about 59" in found.reason
+    kept = T100 < 60  # a gap at the end says nothing
+    kept[-100:] = True
+    assert measure(Record(T100[kept], np.sin(2 * np.pi * T100[kept] / 7))).hunting
+
+
+def test_periods_that_change_steadily_are_none():
+    found = measure(Record(T100, np.sin(2 * np.pi * (T100 / 7 + T100**2 / 2000))))
+    assert found.kind == "irregular" and "the periods change steadily" in found.reason
+
+
+@pytest.mark.parametrize("rate", [3, 4, 6, 8, 12, 30])
+@pytest.mark.parametrize("phase", [0.0, 0.02, 0.05, 0.11])
+def test_peaks_between_samples(rate, phase):
+    """A distance of samples that divides the period meets the same few phases, and perhaps no peak, in all periods."""
+    p = np.arange(20 * rate) / rate + phase
+    for y in (np.sin(2 * np.pi * p), np.where(p % 1 < 0.3, 2 * (p % 1) / 0.3 - 1, 1 - 2 * (p % 1 - 0.3) / 0.7)):
+        found = measure(Record(7 * (p - phase), y))
+        assert found.hunting and abs(found.period - 7) <= 3 * found.period_error
+        assert abs(found.amplitude - 1) <= 3 * found.amplitude_error
+    assert measure(Record(np.arange(40.0), np.arange(40) % 2)).kind == "irregular"
+
+
 # Noise -----------------------------------------------------------------------------------------------------
 
 
