@@ -34,8 +34,7 @@ STRAY = 0.02
 UNRELATED = 0.5
 """U from which on a lag is no repetition: less than half of the variance is alike."""
 BEATEN, FLOOR = 0.6, 0.005
-"""A larger lag is the period if its U (plus the floor, and what sampling makes of jumps) is below this part of that of
-the smaller lag."""
+"""A larger lag is the period if its U (plus the floor) is below this part of that of the smaller lag."""
 CLEAR = 0.1
 """U that a lag must reach of which the record does not hold enough periods."""
 LONGEST = 0.65
@@ -57,13 +56,11 @@ class Grid:
     times : (n,) [s].
     values : (n,) mean of the samples near each, between samples a straight line [rad].
     covered : (n,) False in gaps.
-    spacing : usual distance of the samples, or of the points if that is larger [s].
     """
 
     times: Array
     values: Array
     covered: Array
-    spacing: float
 
     @property
     def step(self) -> float:
@@ -92,7 +89,7 @@ def gridded(times: Array, values: Array) -> Grid:
     d = np.diff(times)
     i = np.clip(np.searchsorted(times, even) - 1, 0, d.size - 1)
     covered = held | (d[i] <= GAP * usual_distance(times))
-    return Grid(even, np.interp(even, at, mean), covered, max(usual_distance(times), span / n))
+    return Grid(even, np.interp(even, at, mean), covered)
 
 
 # The period -------------------------------------------------------------------------------------------------
@@ -103,7 +100,7 @@ def find_period(grid: Grid) -> tuple[float, float]:
     best = _best(grid)
     for part in PARTS:
         i = int(part * grid.times.size)
-        found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:], grid.spacing))
+        found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:]))
         times = best[0] / found[0]
         # Pairs at a larger lag may leave out the transient, because of a gap, and so repeat better.
         fraction = times > 1.5 and abs(times - round(times)) < 0.02 * times and found[1] < 1.1 * best[1] + FLOOR
@@ -114,16 +111,10 @@ def find_period(grid: Grid) -> tuple[float, float]:
 
 def _best(grid: Grid) -> tuple[float, float]:
     best = (float("nan"), float("inf"))
-    # Samples see a jump half their distance early or late: that much of U is no difference of two lags.
-    both = grid.covered[1:] & grid.covered[:-1]
-    steps = np.diff(grid.values)[both]
-    jumps = float(np.mean(steps**2)) * grid.spacing / grid.step if steps.size else 0.0
     for values, covered, step in _differences(grid):
         if best[1] <= FLOOR:
             break
-        power = float(np.mean(values[covered] ** 2)) if covered.any() else 0.0
-        floor = FLOOR + (jumps / 1.5 / power if power > 0 else 0.0)
-        found = _smallest_lag(unlikeness(values, covered), step, floor)
+        found = _smallest_lag(unlikeness(values, covered), step)
         if found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
             best = found
     return best
@@ -194,7 +185,7 @@ def unlikeness(values: Array, covered: Array) -> Array:
     return np.where(sure, np.maximum(change, 0) / np.where(sure, both, 1.0), np.nan)
 
 
-def _smallest_lag(u: Array, step: float, floor: float) -> tuple[float, float]:
+def _smallest_lag(u: Array, step: float) -> tuple[float, float]:
     """The smallest lag [s] whose U no larger one beats by far, and that U."""
     none = (float("nan"), float("inf"))
     off = np.flatnonzero(u > UNRELATED)
@@ -216,7 +207,7 @@ def _smallest_lag(u: Array, step: float, floor: float) -> tuple[float, float]:
         if not held[i] and depth > CLEAR:
             continue
         later = [d for d, fits in zip(depths[i + 1 :], held[i + 1 :], strict=True) if fits or not held[i]]
-        if all(d + floor >= BEATEN * (depth + floor) for d in later):
+        if all(d + FLOOR >= BEATEN * (depth + FLOOR) for d in later):
             return lags[i], depth
     return none
 

@@ -183,7 +183,8 @@ def peak_to_peak(folded: Folded, phase: Array, shape: Array, noise: float) -> tu
         # A parabola fits a cap, not the edge of a saw tooth: then the answer moves with the depth.
         moved = max(abs(top - _top(folded, sign, phase, factor * CAP, shape)[0]) for factor in (0.5, 2))
         size += top
-        error += moved**2 + _hidden(folded, sign, top) ** 2 + (1.5 * noise) ** 2 / count  # the vertex of a parabola is 1.5 times the mean's
+        error += moved**2 + _hidden(folded, sign, top) ** 2
+        error += (1.5 * noise) ** 2 / count  # the vertex of a parabola is 1.5 times as uncertain as a mean
     return size, math.sqrt(error)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Measurement, Record, measure
+from casahunt.record_period import find_period, gridded
 
 T100 = np.arange(0, 100, 0.02)
 
@@ -102,8 +103,8 @@ def test_errors_are_honest(seed, transient):
 @pytest.mark.parametrize("transient", [False, True])
 def test_errors_are_honest_often(transient):
     """Refused are records of few periods with a gap, of pulses missed by their samples, and slow transients."""
-    refused = [what for measured, what in (honest(seed, transient) for seed in range(1000, 1150)) if not measured]
-    assert len(refused) <= 8, "\n".join(refused)
+    refused = [what for measured, what in (honest(seed, transient) for seed in range(1000, 1080)) if not measured]
+    assert len(refused) <= 5, "\n".join(refused)
 
 
 # Of the issue ----------------------------------------------------------------------------------------------
@@ -206,6 +207,24 @@ def test_peaks_between_samples(rate, phase):
     assert measure(Record(np.arange(40.0), np.arange(40) % 2)).kind == "irregular"
 
 
+def test_a_wave_on_a_large_slow_wander_in_noise():
+    """The wander is twenty times as large as the wave, the noise as large: moving averages find the period."""
+    noise = np.random.default_rng(0).standard_normal(T100.size)
+    found = measure(Record(T100, np.sin(2 * np.pi * T100 / 4) + 20 * np.sin(2 * np.pi * T100 / 130) + noise))
+    assert found.hunting and abs(found.period - 4) <= 3 * found.period_error < 0.4
+    assert abs(found.amplitude - 1) <= 3 * found.amplitude_error < 1
+
+
+@pytest.mark.parametrize("size", [0.1, 0.3, 0.6])
+def test_noise_shakes_no_mark(size):
+    """Noise that reaches from one edge of the band to the other: 20 periods of 500 samples."""
+    t = np.arange(0, 200, 0.02)
+    y = np.sin(2 * np.pi * t / 10) + size * np.random.default_rng(4).standard_normal(t.size)
+    found = measure(Record(t, y))
+    assert found.hunting and found.periods.size >= 18
+    assert found.period_scatter < 0.05 * found.period and abs(found.period - 10) <= 3 * found.period_error < 0.3
+
+
 # Noise -----------------------------------------------------------------------------------------------------
 
 
@@ -238,9 +257,9 @@ def test_noise_does_not_hunt(kind, m):
 
 @pytest.mark.slow
 def test_noise_does_not_hunt_often():
-    """600 records: three may pass, which by chance repeat three or four times."""
+    """300 records: two may pass, which by chance repeat three or four times."""
     hunting = []
-    for seed in range(600):
+    for seed in range(300):
         rng = np.random.default_rng([5, seed])
         kind = ("white", "uniform", "walk", "bits", "smoothed")[seed % 5]
         m = int(10 ** rng.uniform(1.3, 4))
@@ -250,7 +269,7 @@ def test_noise_does_not_hunt_often():
             continue
         if found is not None and found.hunting:
             hunting.append((kind, m, found.periods.size))
-    assert len(hunting) <= 3 and all(k <= 4 for *_, k in hunting), hunting
+    assert len(hunting) <= 2 and all(k <= 4 for *_, k in hunting), hunting
 
 
 # Sizes -----------------------------------------------------------------------------------------------------
@@ -278,3 +297,10 @@ def test_many_samples():
     assert found.period == pytest.approx(10, abs=3 * found.period_error) and found.period_error < 1e-2
     assert found.amplitude == pytest.approx(0.05, abs=3 * found.amplitude_error) and found.amplitude_error < 1e-4
     assert math.isfinite(found.drift)
+
+
+def test_noise_has_no_period():
+    """Not even a weak one, that a later test of its periods would have to refuse."""
+    t = np.arange(0, 100, 0.1)
+    for seed in range(5):
+        assert math.isnan(find_period(gridded(t, np.random.default_rng(seed).standard_normal(t.size)))[0])
