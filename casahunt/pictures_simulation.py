@@ -5,6 +5,8 @@ Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s]
 
 from __future__ import annotations
 
+import numpy as np
+
 from .orbit import Orbit
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
 from .record import Measurement
@@ -78,7 +80,8 @@ def folded(record: Record, measurement: Measurement, orbit: Orbit | None) -> Fig
     above, below = figure.subplots(2, 1, height_ratios=(1, 1.6))
     every = max(1, record.times.size // MOST_DOTS)
     t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
-    above.plot(t, y, color=NEUTRAL, linewidth=0.8, zorder=3)
+    gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap
+    above.plot(np.insert(t, gap, np.nan), np.insert(y, gap, np.nan), color=NEUTRAL, linewidth=0.8, zorder=3)
     above.plot(t, level, color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), zorder=4)
     for edge in measurement.crossings:
         above.axvline(edge, color="0.8", linewidth=0.7, zorder=1)
