@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from casahunt import InputError, Measurement, Record, measure
+from casahunt.record_marks import Marks
 from casahunt.record_period import find_period, gridded
+from casahunt.record_shape import equal_parts
+from casahunt.record_verdict import Periods, judge
 
 T100 = np.arange(0, 100, 0.02)
 
@@ -304,3 +308,60 @@ def test_noise_has_no_period():
     t = np.arange(0, 100, 0.1)
     for seed in range(5):
         assert math.isnan(find_period(gridded(t, np.random.default_rng(seed).standard_normal(t.size)))[0])
+
+
+# Guards one by one -----------------------------------------------------------------------------------------
+
+
+def test_three_periods_taken_for_one():
+    """A pulse three times, once a sample late: of equal periods if sampling or rounding can do that, else of one."""
+    wave = np.full((4, 99), -0.1)
+    for begin in (10, 43, 77):
+        wave[:, begin : begin + 16] = 1.0
+    wave = np.repeat(wave - wave.mean(), 100, axis=1).reshape(4, 100, 99).mean(axis=2)  # 99 bins -> 100
+    assert equal_parts(wave, 0.0) == 1
+    assert equal_parts(wave, 0.06) == 3
+    assert equal_parts(wave[:1], 0.06) == 1
+
+
+def divided(waves, lengths=None, sizes=None) -> Periods:
+    k = len(waves)
+    lengths = np.full(k, 10.0) if lengths is None else lengths
+    times = np.concatenate([[0.0], np.cumsum(lengths)])
+    marks = Marks(times, np.ones(k, bool), np.zeros(k, bool), True, np.full(k + 1, 1e-3), 1.0, np.zeros(k))
+    return Periods(marks, waves, lengths, np.ones(k) if sizes is None else sizes)
+
+
+@pytest.mark.parametrize(("noise", "k", "kind"), [(0.1, 4, "hunting"), (0.7, 4, "irregular"), (0.9, 12, "irregular")])
+def test_periods_must_be_alike(noise, k, kind):
+    rng = np.random.default_rng(k)
+    sine = np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100)
+    waves = sine + noise * math.sqrt(0.5) * rng.standard_normal((k, 100))
+    assert judge(divided(waves))[0] == kind
+
+
+def test_one_period_that_is_not_alike():
+    waves = np.tile(np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100), (30, 1))
+    assert judge(divided(waves))[0] == "hunting"
+    waves[11] *= -1
+    kind, reason = judge(divided(waves))
+    assert kind == "irregular" and "one by -1.00" in reason
+
+
+def test_periods_and_amplitudes_that_scatter():
+    waves = np.tile(np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100), (8, 1))
+    uneven = np.array([8.0, 12, 9, 11.5, 8, 12, 8, 11])
+    assert judge(divided(waves, lengths=uneven)) == ("irregular", "the periods scatter by 19% of their mean")
+    kind, reason = judge(divided(waves, sizes=uneven**4))
+    assert kind == "irregular" and "the amplitudes scatter by" in reason
+
+
+def test_marks_that_skip_half_of_the_record():
+    waves = np.tile(np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100), (8, 1))
+    found = divided(waves)
+    whole = np.array([True, False] * 4)
+    half = Periods(replace(found.marks, whole=whole), waves[whole], found.lengths[whole], found.sizes[whole])
+    kind, reason = judge(half)
+    assert kind == "irregular" and "of the time divides into periods" in reason
+    gaps = replace(half.marks, gapped=~whole)
+    assert judge(replace(half, marks=gaps))[0] == "hunting"
