@@ -235,7 +235,10 @@ def _averages(
     inside = (times >= edges[0]) & (times <= edges[-1])
     drift = float(np.polyfit(times[inside] - edges[0], marks.level[inside], 1)[0])
     _, means = means_between(times, values, marks.times, marks.whole)
+    # Steps hide how slow a passage is; a drift of the level shifts them against the waveform, by half a step at most.
+    shift = min(step / 2, float(np.ptp(np.interp(edges, times, marks.level))))
     resolution = float(np.median(marks.resolution)) + step / 2 * marks.slowness
+    resolution += shift * float(np.mean(periods)) / (2 * size)
     dither = math.exp(-2 * (math.pi / step) ** 2 * max(noise**2 - step**2 / 6, 0.0)) if step else 0.0
     return Measurement(
         kind=kind,

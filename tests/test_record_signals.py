@@ -162,6 +162,14 @@ def test_rounded_positions(quantum):
     assert measure(Record(T100, y)).quantum == 0
 
 
+@pytest.mark.parametrize("quantum", [0.02, 0.045, 0.06])
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.0])
+def test_steps_shift_against_a_drifting_wave(quantum, phase):
+    y = 0.05 * np.sin(2 * np.pi * T100 / 20.03 + phase) + 3e-4 * T100
+    found = measure(Record(T100, quantum * np.round(y / quantum)))
+    assert abs(found.period - 20.03) <= 2 * found.period_error < 0.2 * 20.03
+
+
 def test_noise_dithers_the_steps_away():
     noise = 0.02 * np.random.default_rng(2).standard_normal(T100.size)
     found = measure(Record(T100, 0.02 * np.round((0.05 * np.sin(2 * np.pi * T100 / 9.3) + noise) / 0.02)))
