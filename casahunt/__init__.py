@@ -20,7 +20,8 @@ from .floquet import Multipliers
 from .fold import Fold, find_fold
 from .friction import Friction
 from .orbit import Arc, Orbit
-from .record import Measurement, Record, measure, read_record, record_of
+from .record import Measurement, measure, record_of
+from .record_file import Record, read_record
 from .servo import Controller, Servo, load
 from .simulate import simulate
 from .trajectory import Trajectory, Verdict

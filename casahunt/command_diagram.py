@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import time
@@ -33,6 +32,7 @@ from .hunting import MODELS
 from .monitor import FOLD
 from .orbit import Orbit
 from .servo import Servo
+from .tables import table
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
@@ -129,12 +129,11 @@ def _one_branch(
     point: DiagramPoint | None = next(points)  # nothing is written for a servo that does not hunt
     try:
         with _opened(out / f"{model}.csv") as file:
-            writer = csv.writer(file)
-            writer.writerow(CSV_COLUMNS)
+            write = table(file, CSV_COLUMNS)
             while point is not None:
                 rows = [csv_row(found.orbit, found.kind) for found in point.special]
                 itself = any(found.orbit is point.orbit for found in point.special)
-                writer.writerows(rows if itself else [*rows, csv_row(point.orbit, "")])
+                write(rows if itself else [*rows, csv_row(point.orbit, "")])
                 file.flush()
                 orbits.append(point.orbit)
                 special += point.special
@@ -186,14 +185,14 @@ def csv_row(orbit: Orbit, special: str) -> list[Any]:
     multipliers = orbit.multipliers
     trusted = multipliers.trusted
     return [
-        repr(orbit.gain),
-        repr(orbit.amplitude),
-        repr(orbit.period),
-        repr(orbit.half_multiplier if trusted else math.nan),
-        repr(multipliers.log10_leading if trusted else math.nan),
+        orbit.gain,
+        orbit.amplitude,
+        orbit.period,
+        orbit.half_multiplier if trusted else math.nan,
+        multipliers.log10_leading if trusted else math.nan,
         orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
-        f"{multipliers.trivial_error:.3g}",
-        f"{orbit.error_estimate:.3g}",
+        multipliers.trivial_error,
+        orbit.error_estimate,
         orbit.status.name.lower(),
         orbit.unknowns,
         orbit.iterations,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import time
 from pathlib import Path
@@ -15,6 +14,7 @@ from .console import add_common, complain, finite, progress, say, servo_of, writ
 from .errors import InputError, NoOrbit
 from .fold_curve import POINTS, FoldCurve, FoldPoint, check_range, fold_curve
 from .hunting import MODELS
+from .tables import table as csv_table
 
 CSV_COLUMNS = (
     "model",
@@ -143,14 +143,12 @@ def _record(curve: FoldCurve) -> dict[str, Any]:
 
 def _write(curves: list[FoldCurve], path: Path) -> None:
     with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(CSV_COLUMNS)
-        for curve in curves:
-            for p in curve.points:
-                writer.writerow(
-                    [
-                        curve.model, curve.vary, repr(p.value), repr(p.gain), repr(p.orbit.amplitude),
-                        repr(p.orbit.period), repr(p.slope), repr(p.elasticity), f"{p.error_estimate:.3g}",
-                        p.status.name.lower(), "cusp" if p in curve.cusps else "",
-                    ]
-                )  # fmt: skip
+        write = csv_table(file, CSV_COLUMNS)
+        write(
+            [
+                curve.model, curve.vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
+                p.error_estimate, p.status.name.lower(), "cusp" if p in curve.cusps else "",
+            ]
+            for curve in curves
+            for p in curve.points
+        )  # fmt: skip

@@ -1,11 +1,15 @@
 """casahunt record: amplitude and frequency of a measured hunting record, beside the predicted cycle.
 
-Keys of the JSON object: file, kind ("hunting", "decaying", "growing", "irregular", "still"), reason (null for
-"hunting"), periods (number of whole ones); amplitude, amplitude_scatter [rad], frequency, frequency_scatter [Hz],
-period, period_scatter [s], mean_level [rad], offset [rad] from the set point, drift [rad/s], noise [rad], above (part
-of a period above the level), null where there is nothing to average; amplitudes [rad] and period_lengths [s], one by
-one; predicted, null or an object with model, gain, amplitude, period, frequency, error_estimate and the ratios
-amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or why there is none; wall_s.
+Keys of the JSON object: file; columns, for time and position the column read, its unit, the factor to s or rad, and who
+stated the unit ("header", "option", "nobody": taken as s or rad); kind ("hunting", "decaying", "growing", "irregular",
+"still"), reason (null for "hunting"), periods (number of whole ones); amplitude, frequency, period [rad, Hz, s], each
+with _scatter (standard deviation over the periods) and _error (estimate of the error of the mean); mean_level [rad],
+offset [rad] from the set point, drift [rad/s], noise [rad], quantum [rad] (step of rounded positions, 0 if they are
+not), above (part of a period above the level), null where there is nothing to average; left_out_before,
+left_out_behind and missing [s], the time at either end and in between that is in no whole period; amplitudes [rad] and
+period_lengths [s], one by one; predicted, null or an object with model, gain, amplitude, period, frequency,
+error_estimate and the ratios amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or
+why there is none; wall_s.
 """
 
 from __future__ import annotations
@@ -23,14 +27,17 @@ from .errors import InputError, NoOrbit
 from .find import find_orbit
 from .hunting import MODELS
 from .orbit import Orbit
-from .record import Measurement, measure, read_record
+from .record import Measurement, measure
+from .record_file import Record, read_record
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("record", allow_abbrev=False, help="a measured hunting record beside the prediction")
-    command.add_argument("file", metavar="F.csv", help="times [s] and positions [rad]")
+    command.add_argument("file", metavar="F.csv", help="times and positions; units as its header states them")
     add_common(command)
+    command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
+    command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
     command.add_argument("--model", default="switch", help="switch (default) or lugre, for the prediction")
     command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
@@ -48,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     began = time.perf_counter()
-    record = read_record(options.file)
+    record = read_record(options.file, time_unit=options.time_unit, position_unit=options.position_unit)
     if start is not None:
         record = record.after(start)
         if record.times.size == 0:
@@ -66,9 +73,9 @@ def run(options: argparse.Namespace) -> int:
 
         plotting.save(pictures_simulation.folded(record, found, orbit), plot)
     if options.json:
-        print(json.dumps(_record(options.file, found, orbit, failure, set_point, wall_s)))
+        print(json.dumps(_record(options.file, record, found, orbit, failure, set_point, wall_s)))
     else:
-        _show(options.file, found, orbit, set_point)
+        _show(options.file, record, found, orbit, set_point)
     if not found.hunting:
         complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
     if failure:
@@ -76,39 +83,70 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.hunting and failure is None else 1
 
 
-def _show(file: str, m: Measurement, orbit: Orbit | None, set_point: float | None) -> None:
-    print(f"record {file}: {m.kind if m.periods.size else 'no oscillation'}, {m.periods.size} whole periods")
+def _show(file: str, record: Record, m: Measurement, orbit: Orbit | None, set_point: float | None) -> None:
+    kind = "no oscillation" if m.kind == "still" else m.kind
+    print(f"record {file}: {kind}, {m.periods.size} whole periods")
+    if record.reading is not None:
+        print(f"  {record.reading.sentence}")
     rows = [
-        ("amplitude", "rad", m.amplitude, m.amplitude_scatter, orbit and orbit.amplitude),
-        ("frequency", "Hz", m.frequency, m.frequency_scatter, orbit and 1 / orbit.period),
-        ("period", "s", m.period, m.period_scatter, orbit and orbit.period),
+        ("amplitude", "rad", m.amplitude, m.amplitude_error, m.amplitude_scatter, orbit and orbit.amplitude),
+        ("frequency", "Hz", m.frequency, m.frequency_error, m.frequency_scatter, orbit and 1 / orbit.period),
+        ("period", "s", m.period, m.period_error, m.period_scatter, orbit and orbit.period),
     ]
     if m.periods.size:
-        print(f"  {'':9}  {'measured':>12}  {'scatter':>10}" + (f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""))
-        for name, unit, value, scatter, predicted in rows:
+        beside = f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""
+        print(f"  {'':9}  {'measured':>12}  {'error':>10}  {'scatter':>10}{beside}")
+        for name, unit, value, error, scatter, predicted in rows:
             beside = f"  {predicted:12.6g}  {value / predicted:7.4f}" if predicted else ""
-            print(f"  {name:9}  {value:12.6g}  {scatter:10.2g}{beside}  {unit}")
+            print(f"  {name:9}  {value:12.6g}  {error:10.2g}  {scatter:10.2g}{beside}  {unit}")
     elif orbit:
         print(f"  predicted: amplitude {orbit.amplitude:.6g} rad, frequency {1 / orbit.period:.6g} Hz")
     offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
     print(f"  mean position {m.mean_level:.6g} rad{offset}, drift {m.drift:.2g} rad/s")
     if m.periods.size:
         print(f"  noise {m.noise:.2g} rad; above its level {m.above:.1%} of the time")
+        for sentence in _remarks(m):
+            print(f"  {sentence}")
     if orbit:
         source = f"{orbit.model} model at gain {orbit.gain:.10g}"
         print(f"  predicted by the {source}, error estimate {orbit.error_estimate:.1e}")
 
 
+def _remarks(m: Measurement) -> list[str]:
+    """What a reader must know of the averages."""
+    remarks = []
+    before, behind = (time > 1.25 * m.period for time in m.left_out)
+    if before:
+        remarks.append(f"left out: the first {m.left_out[0]:.4g} s, which do not repeat like the rest (a transient?)")
+    if behind:
+        remarks.append(f"left out: the last {m.left_out[1]:.4g} s, which hold no whole period")
+    if m.missing > 0.01 * m.period:
+        remarks.append(f"left out: {m.missing:.4g} s in between, in gaps or without a whole period")
+    if m.quantum > 0:
+        remarks.append(f"positions come in steps of {m.quantum:.4g} rad; the error of the amplitude covers that")
+    return remarks
+
+
 def _record(
-    file: str, m: Measurement, orbit: Orbit | None, failure: str | None, set_point: float | None, wall_s: float
+    file: str,
+    record: Record,
+    m: Measurement,
+    orbit: Orbit | None,
+    failure: str | None,
+    set_point: float | None,
+    wall_s: float,
 ) -> dict[str, Any]:
     def number(value: float) -> float | None:
         return float(value) if math.isfinite(value) else None
 
     names = (
-        "amplitude", "amplitude_scatter", "frequency", "frequency_scatter", "period", "period_scatter", "mean_level",
-        "drift", "noise", "above",
+        "amplitude", "amplitude_scatter", "amplitude_error", "frequency", "frequency_scatter", "frequency_error",
+        "period", "period_scatter", "period_error", "mean_level", "drift", "noise", "quantum", "above", "missing",
     )  # fmt: skip
+    reading, columns = record.reading, {}
+    if reading is not None:
+        for what, c in (("time", reading.time), ("position", reading.position)):
+            columns[what] = {"column": c.name, "unit": c.unit.name, "factor": c.unit.factor, "stated_by": c.origin}
     predicted = None
     if orbit is not None:
         predicted = {
@@ -123,11 +161,14 @@ def _record(
         }
     return {
         "file": file,
+        "columns": columns,
         "kind": m.kind,
         "reason": m.reason or None,
         "periods": int(m.periods.size),
         **{name: number(getattr(m, name)) for name in names},
         "offset": None if set_point is None else number(m.mean_level - set_point),
+        "left_out_before": m.left_out[0],
+        "left_out_behind": m.left_out[1],
         "amplitudes": m.amplitudes.tolist(),
         "period_lengths": m.periods.tolist(),
         "predicted": predicted,

@@ -10,7 +10,6 @@ status, advice (null where converged), ended (why it stopped early, or null), in
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import time
@@ -24,6 +23,7 @@ from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError
 from .hunting import MODELS
 from .simulate import simulate
+from .tables import table as csv_table
 from .trajectory import Trajectory
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
@@ -160,6 +160,5 @@ def _write(found: Trajectory, path: Path, step: float | None) -> None:
     columns = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
     numbers = np.vstack([t, found.set_point + x[0], x[1:], found.torque(x)]).T
     with path.open("w", newline="", encoding="ascii") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([*map(repr, row), mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))
+        write = csv_table(stream, columns)
+        write([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))

@@ -5,9 +5,12 @@ Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s]
 
 from __future__ import annotations
 
+import numpy as np
+
 from .orbit import Orbit
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
-from .record import Measurement, Record
+from .record import Measurement
+from .record_file import Record
 from .trajectory import Trajectory
 
 PER_INTERVAL = 8
@@ -77,7 +80,8 @@ def folded(record: Record, measurement: Measurement, orbit: Orbit | None) -> Fig
     above, below = figure.subplots(2, 1, height_ratios=(1, 1.6))
     every = max(1, record.times.size // MOST_DOTS)
     t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
-    above.plot(t, y, color=NEUTRAL, linewidth=0.8, zorder=3)
+    gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap
+    above.plot(np.insert(t, gap, np.nan), np.insert(y, gap, np.nan), color=NEUTRAL, linewidth=0.8, zorder=3)
     above.plot(t, level, color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), zorder=4)
     for edge in measurement.crossings:
         above.axvline(edge, color="0.8", linewidth=0.7, zorder=1)
@@ -86,7 +90,7 @@ def folded(record: Record, measurement: Measurement, orbit: Orbit | None) -> Fig
 
     dots = {"linestyle": "none", "marker": "o", "markersize": 2.2, "color": "0.55", "alpha": 0.6, "zorder": 2}
     period = measurement.period
-    for edge, own in zip(measurement.crossings[:-1], measurement.periods, strict=True):
+    for edge, own in zip(measurement.starts, measurement.periods, strict=True):
         here = (t >= edge - period / 4) & (t < edge + own - period / 4)
         below.plot(t[here] - edge, (y - level)[here], **dots)
     averages = f"amplitude {measurement.amplitude:.4g} rad, frequency {measurement.frequency:.4g} Hz"

@@ -11,9 +11,10 @@ import pytest
 from casahunt import InputError, Record, Servo, cli, measure, read_record, record_of, simulate
 
 KEYS = {
-    "file", "kind", "reason", "periods", "amplitude", "amplitude_scatter", "frequency", "frequency_scatter", "period",
-    "period_scatter", "mean_level", "drift", "noise", "above", "offset", "amplitudes", "period_lengths", "predicted",
-    "prediction_failed", "wall_s",
+    "file", "columns", "kind", "reason", "periods", "amplitude", "amplitude_scatter", "amplitude_error", "frequency",
+    "frequency_scatter", "frequency_error", "period", "period_scatter", "period_error", "mean_level", "drift", "noise",
+    "quantum", "above", "missing", "left_out_before", "left_out_behind", "offset", "amplitudes", "period_lengths",
+    "predicted", "prediction_failed", "wall_s",
 }  # fmt: skip
 
 
