@@ -23,7 +23,8 @@ from .orbit import Arc, Orbit
 from .record import Measurement, Record, measure, read_record, record_of
 from .servo import Controller, Servo, load
 from .simulate import simulate
-from .trajectory import Trajectory, Verdict
+from .trajectory import Trajectory
+from .verdict import Verdict
 
 
 def __getattr__(name: str) -> str:
