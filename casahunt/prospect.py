@@ -83,7 +83,7 @@ class Cycle:
 
     Attributes
     ----------
-    amplitude : a* [rad], the larger stick position of a lopsided cycle.
+    amplitude : a* [rad]; of a lopsided cycle the stick position next to the one asked about.
     multiplier : of half a period; of the whole period for a lopsided cycle.
     swings : 1 symmetric, 2 lopsided.
     radius : around a* in which every stick position is followed by a closer one [rad].

@@ -56,7 +56,7 @@ UNIT = 0.1
 """Expected size of the motion in units of Fs/kp, the error at which the proportional torque is static friction."""
 MOST_EVENTS = 100_000
 THROWN_OUT = 100.0
-"""A servo this many times farther out than it started, or than Fs/kp, is not followed further if it never comes back."""
+"""A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
 CHATTER = 50
 """Events in a row within `INSTANT` seconds, relative to the time so far, that are not a motion any more."""
 INSTANT = 1e-12

@@ -10,14 +10,9 @@ largest |x1| between crossings of the set point.  Each is a function of the one 
     undecided  none of these is certain; the sentence says what is missing
 
 Swings that come close to each other prove no cycle: just above the fold they creep past the place where the two cycles
-were, d_{k+1}/d_k -> 1 with d_k = A_{k+1} - A_k, and decay later.  For Switch prospect.py therefore solves P(a*) = a* and
-checks that the last stick position is drawn to it.  Elsewhere the divided differences of g are read off the swings,
-r_k = d_{k+1}/d_k = g[A_k, A_{k+1}], c = g[A_{k-1}, A_k, A_{k+1}], and Newton's step A* = A + d/(1 - r) counts where
-
-    2 |c| |d| / (1 - r)^2 <= `KANTOROVICH`,   |r| < 1.
-
-A root of g(A) - A exists where that number is at most 1/2 (Kantorovich); in the passage of a vanished cycle,
-g - A = -eps - c (A - A*)^2, it is 1/2 + eps/(2 c (A - A*)^2), above 1/2 everywhere.
+were, d_{k+1}/d_k -> 1 with d_k = A_{k+1} - A_k, and decay later.  For Switch prospect.py therefore solves P(a*) = a*
+and checks that the last stick position is drawn to it.  For LuGre and the stick band the swings themselves must show
+it (swings.py).
 
 Nothing is judged below the floor: what the position is known to, and `REST` of Fs/kp.  Whether small swings decay is
 then no question of the motion but of the linear loop and of the event map.
@@ -39,17 +34,14 @@ from .prospect import Ahead, Cycle, cycle_near, escapes, settles
 from .regularised import REGULARISED
 from .regularised import parameters as band_parameters
 from .servo import Servo
+from .swings import limit_of, limit_of_sides
 
 Array = np.ndarray
 
 SWINGS = 4
-"""Fewest swings from which hunting is concluded; so many full periods make amplitude and period."""
+"""Fewest swings from which hunting is concluded; most full periods that make amplitude and period."""
 SETTLED = 1e-2
 """Relative distance from the cycle at which swings have settled."""
-KANTOROVICH = 0.1
-"""Largest Kantorovich number of a Newton step on the swings; 1/2 is the theorem's."""
-ABOVE = 20.0
-"""Differences between swings are read where they are so many times the error of the position."""
 REST = 1e-6
 """Positions within this part of Fs/kp of the set point are at rest, if the servo stays there."""
 STILL = 1e-3
@@ -57,6 +49,8 @@ STILL = 1e-3
 INSIDE = 0.95
 BENT = 3.0
 """Creep of a stuck LuGre servo in units of Fs/sigma0."""
+SPAN = 20.0
+"""States may start at so many times the scale that their errors are measured in, as in simulate.py."""
 CARRIED = 8
 """Swings that the event map carries a stuck servo on, beyond the motion."""
 
@@ -71,9 +65,10 @@ class Verdict:
     ----------
     kind : "hunting", "decaying", "growing", "at rest" or "undecided".
     sentence : what supports it, or what is missing.
-    amplitude : mean of half the peak-to-peak position over the periods looked at [rad]; nan without any.
+    amplitude : mean of half the peak-to-peak position over the last periods that agree with each other [rad]; nan
+        without any.
     period : mean of these periods [s]; nan without any.
-    swings : number of (overlapping) periods looked at.
+    swings : number of these (overlapping) periods.
     judged : the swings that it was judged from [rad], the last ones of the motion.
     since : when the first of them was seen [s]; nan without any.
     limit : where they tend: the cycle's swing [rad], 0 for rest, inf for growth; nan for undecided.
@@ -103,24 +98,29 @@ class Verdict:
 class Motion(Protocol):
     """What a verdict needs of a trajectory (trajectory.py)."""
 
-    model: Model
-    servo: Servo
-    gain: float
-    regularised: bool
-    times: Array
-    states: Array
-    modes: tuple[str, ...]
-    state_errors: Array
-    ended: str
-
-    def shape(self) -> tuple[Array, Array]:
-        """Crossings and peaks."""
-
-    def dense(self, per_interval: int = 4) -> tuple[Array, Array]:
-        """Times and states."""
-
-    def torque(self, states: Array) -> Array:
-        """Motor torque."""
+    # fmt: off
+    @property
+    def model(self) -> Model: """See Trajectory."""
+    @property
+    def servo(self) -> Servo: """See Trajectory."""
+    @property
+    def gain(self) -> float: """See Trajectory."""
+    @property
+    def regularised(self) -> bool: """See Trajectory."""
+    @property
+    def times(self) -> Array: """See Trajectory."""
+    @property
+    def states(self) -> Array: """See Trajectory."""
+    @property
+    def modes(self) -> tuple[str, ...]: """See Trajectory."""
+    @property
+    def state_errors(self) -> Array: """See Trajectory."""
+    @property
+    def ended(self) -> str: """See Trajectory."""
+    def shape(self) -> tuple[Array, Array]: """See Trajectory."""
+    def dense(self, per_interval: int = 4) -> tuple[Array, Array]: """See Trajectory."""
+    def torque(self, states: Array) -> Array: """See Trajectory."""
+    # fmt: on
 
 
 def unit_of(motion: Motion) -> float:
@@ -148,27 +148,24 @@ def judge(motion: Motion) -> Verdict:
         return replace(seen, kind="at rest", sentence="it stands at the set point, held by static friction", limit=0.0)
     if escapes(motion.servo, motion.model, motion.gain, motion.states[:, -1]):
         text = "the loop without dry friction is unstable, and the motion is beyond what friction can hold back"
-        return replace(seen, kind="growing", sentence=f"{text}{_listed(seen)}", limit=math.inf)
+        return replace(seen, kind="growing", sentence=f"{text}", limit=math.inf)
     if motion.model == "switch" and not motion.regularised:
         return _switch(motion, seen, stuck[0], error)
     return _other(motion, seen, stuck[0], swings, error)
 
 
 def _measured(crossings: Array, peaks: Array) -> tuple[float, float, int]:
-    """(amplitude, period, number) of the last full periods; means of two peaks, so that a lopsided cycle is one."""
+    """(amplitude, period, number) of the last full periods that agree to `SETTLED`, `SWINGS` of them at most.
+
+    An amplitude is the mean of two peaks, so that a lopsided cycle has one.
+    """
     halves = np.diff(crossings)
     A, T = (peaks[1:-2] + peaks[2:-1]) / 2, halves[:-1] + halves[1:]  # complete swings only
-    count = min(SWINGS, A.size)
-    amplitude, period = (float(np.mean(v[-count:])) if count else math.nan for v in (A, T))
-    return amplitude, period, count
-
-
-def _listed(seen: Verdict) -> str:
-    """The swings in words."""
-    if not seen.judged:
-        return ""
-    swings = ", ".join(f"{a:.6g}" for a in seen.judged)
-    return f"; last swings since {seen.since:.4g} s: {swings} rad"
+    if not A.size:
+        return math.nan, math.nan, 0
+    differ = np.flatnonzero(np.abs(A[-SWINGS:] - A[-1]) > SETTLED * A[-1])
+    count = min(SWINGS, A.size) - (int(differ[-1]) + 1 if differ.size else 0)
+    return float(np.mean(A[-count:])), float(np.mean(T[-count:])), count
 
 
 # Switch: the stick position is all there is to know -------------------------------------------------------------
@@ -176,16 +173,22 @@ def _listed(seen: Verdict) -> str:
 
 def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdict:
     servo, gain = motion.servo, motion.gain
+    crossings, peaks = motion.shape()
+    times = motion.times[np.flatnonzero(np.array(motion.modes) == "stick")]
+    if crossings.size > SWINGS and not (times > crossings[-SWINGS]).any():  # reversals without stick
+        found = _converging(seen, peaks[1:-1], error)
+        if found is not None:
+            return found
     cycle = cycle_near(servo, gain, float(sticks[-1]), error) if sticks.size else None
     if cycle is not None:
-        return _at_cycle(seen, cycle, float(sticks[-1]), sticks.size, motion.times[-1])
+        return _at_cycle(motion, seen, cycle, sticks)
     if motion.modes[-1] == "stick":
         a, text = float(sticks[-1]), ""
     else:
         carried = _carried_on(motion)
         if carried is None:
             missing = f"the servo has not come to stick in {motion.times[-1]:.4g} s, nor did it when followed on"
-            return replace(seen, sentence=f"{missing}; try a longer time{_listed(seen)}")
+            return replace(seen, sentence=f"{missing}; try a longer time")
         a, text = carried
     first = ahead = settles(servo, "switch", gain, a + error)
     motions, swings = ahead.motions, 0
@@ -210,21 +213,21 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
     return _open(motion, seen, first)
 
 
-def _at_cycle(seen: Verdict, cycle: Cycle, a: float, count: int, end: float) -> Verdict:
+def _at_cycle(motion: Motion, seen: Verdict, cycle: Cycle, sticks: Array) -> Verdict:
+    a, count, end = float(sticks[-1]), sticks.size, motion.times[-1]
     what = "cycle" if cycle.swings == 1 else "lopsided cycle"
     distance = abs(a - cycle.amplitude) / cycle.amplitude
     known = replace(seen, limit=cycle.amplitude, multiplier=cycle.multiplier)
     if count >= SWINGS and distance <= SETTLED:
         return replace(
             known, kind="hunting",
-            sentence=f"the last stick position is {distance:.1e} from that of a {what} of {cycle.amplitude:.8g} rad, and "
-            f"what is left shrinks to {cycle.multiplier:+.4g} times {'a swing' if cycle.swings == 1 else 'a period'}"
-            f"{_listed(seen)}",
+            sentence=f"the last stick position is {distance:.1e} from that of a {what} of {cycle.amplitude:.8g} rad, "
+            f"and each {'swing' if cycle.swings == 1 else 'period'} leaves {cycle.multiplier:+.4g} times that distance",
         )  # fmt: skip
     return replace(
         known, limit=math.nan, multiplier=math.nan,
-        sentence=f"only {count} stick positions in {end:.4g} s, the last one {distance:.1e} from that of a {what} of "
-        f"{cycle.amplitude:.6g} rad that draws it; more time will show it{_listed(seen)}",
+        sentence=f"{count} stick positions in {end:.4g} s, the last one {distance:.1e} from that of a {what} of "
+        f"{cycle.amplitude:.6g} rad that draws it; try a longer time{_waits(motion)}",
     )  # fmt: skip
 
 
@@ -243,16 +246,9 @@ def _next(servo: Servo, gain: float, a: float, error: float) -> tuple[float, flo
 
 
 def _other(motion: Motion, seen: Verdict, sticks: Array, swings: Array, error: float) -> Verdict:
-    found = limit_of(swings, error) or _lopsided(swings, error)
-    if found is not None and found[0] > max(seen.floor, 10 * found[1]):
-        limit, uncertain, ratio = found
-        distance = abs(float(swings[-1]) - limit) / limit
-        if distance <= SETTLED:
-            text = (
-                f"the swings converge: each differs from the next by {ratio:+.4g} times the difference before, which leads "
-                f"to {limit:.8g} rad (within {uncertain:.1e}), {distance:.1e} from the last one{_listed(seen)}"
-            )
-            return replace(seen, kind="hunting", sentence=text, limit=limit, multiplier=ratio)
+    found = _converging(seen, swings, error)
+    if found is not None:
+        return found
     friction, (kp, kd, _) = motion.servo.friction, motion.servo.torque_gains(motion.gain)
     x = motion.states[:, -1]
     # A motion this weak is as good as stuck where its velocity would carry it.
@@ -270,41 +266,20 @@ def _other(motion: Motion, seen: Verdict, sticks: Array, swings: Array, error: f
     return _resting(motion, seen, "", ahead) if ahead.holds else _open(motion, seen, ahead)
 
 
-def limit_of(swings: Array, error: float) -> tuple[float, float, float] | None:
-    """(limit, its error, ratio of differences) of swings [rad] known to `error`; None where convergence is not certain.
-
-    Newton's step on the latest differences that stand above the error, with the later swings for a check.
-    """
-    A = np.asarray(swings, float)
-    d = np.diff(A)
-    clear = np.flatnonzero(np.abs(d) > ABOVE * error)
-    usable = [k for k in clear if k >= 2 and k - 1 in clear and k - 2 in clear]
-    if A.size < SWINGS or not usable:
+def _converging(seen: Verdict, swings: Array, error: float) -> Verdict | None:
+    """Hunting, where the swings themselves prove that they converge to a cycle, and have settled."""
+    found = limit_of(swings, error) or limit_of_sides(swings, error)
+    if found is None or found[0] <= max(seen.floor, 10 * found[1]):
         return None
-    k = int(usable[-1])
-    r0, r1 = d[k - 1] / d[k - 2], d[k] / d[k - 1]
-    base = A[k] - A[k - 2]
-    if abs(base) <= ABOVE * error:
+    limit, uncertain, ratio = found
+    distance = abs(float(swings[-1]) - limit) / limit
+    if distance > SETTLED:
         return None
-    blur = 4 * error / abs(d[k - 1])  # of r0 and r1
-    c = (r1 - r0) / base
-    r = r1 + c * (A[k] - A[k - 1])
-    number = 2 * (abs(c) + 2 * blur / abs(base)) * abs(d[k]) / (1 - r) ** 2
-    if not (abs(r) + blur < 1 and abs(r1) < 1 and number <= KANTOROVICH):
-        return None
-    step = d[k] / (1 - r)
-    limit = float(A[k] + step)
-    uncertain = float(2 * number * abs(step) + error / (1 - abs(r)))
-    # What follows must come closer still.
-    late = np.abs(A[k + 1 :] - limit)
-    allowed = abs(step) * max(abs(r), abs(r1)) + uncertain + error
-    return (limit, uncertain, float(r)) if (late <= allowed).all() else None
-
-
-def _lopsided(swings: Array, error: float) -> tuple[float, float, float] | None:
-    """The same for a cycle whose two sides differ: each side by itself; the last swing's side counts."""
-    here, there = limit_of(swings[::-1][::2][::-1], error), limit_of(swings[::-1][1::2][::-1], error)
-    return here if here is not None and there is not None else None
+    text = (
+        f"the swings converge: they differ by {ratio:+.4g} times the difference before, which leads to {limit:.8g} rad "
+        f"(within {uncertain:.1e}), {distance:.1e} from the last one"
+    )
+    return replace(seen, kind="hunting", sentence=text, limit=limit, multiplier=ratio)
 
 
 # What is shared -------------------------------------------------------------------------------------------------
@@ -344,7 +319,8 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
             return bool(segment.mode == "stick") or slips > 40
         return bool(segment.event == "centre" or segment.end[0] * side <= 0 or slips > 200)
 
-    scale = np.maximum(state_scale(model, servo, motion.gain, max(abs(float(x[0])), REST * unit_of(motion))), np.abs(x) / 20)
+    size = max(abs(float(x[0])), REST * unit_of(motion))
+    scale = np.maximum(state_scale(model, servo, motion.gain, size), np.abs(x) / SPAN)
     degree, kind = SCHEMES[model]
     try:
         segments = march(
@@ -369,7 +345,7 @@ def _resting(motion: Motion, seen: Verdict, text: str, ahead: Ahead) -> Verdict:
     since = float(t[away[-1]]) if away.size else 0.0
     sentence = f"{text}{ahead.sentence}".rstrip("; ")
     if away.size and away[-1] == t.size - 1:
-        return replace(seen, kind="decaying", sentence=f"{sentence}{_listed(seen)}{_waits(motion)}", limit=0.0)
+        return replace(seen, kind="decaying", sentence=f"{sentence}{_waits(motion)}", limit=0.0)
     within = f"within {seen.floor:.2g} rad of the set point, what the position is known to, since {since:.4g} s"
     return replace(
         seen, kind="at rest", sentence=f"{within}; {sentence}", limit=0.0, amplitude=math.nan, period=math.nan, swings=0
@@ -380,9 +356,7 @@ def _open(motion: Motion, seen: Verdict, ahead: Ahead) -> Verdict:
     text = f"neither a cycle nor rest is certain after {motion.times[-1]:.4g} s"
     if motion.ended:
         text = f"it was followed only until {motion.ended}"
-    return replace(
-        seen, sentence=f"{text} ({ahead.sentence}); try a longer time{_listed(seen)}{_waits(motion)}"
-    )
+    return replace(seen, sentence=f"{text} ({ahead.sentence}); try a longer time{_waits(motion)}")
 
 
 def _waits(motion: Motion) -> str:
