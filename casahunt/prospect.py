@@ -32,7 +32,7 @@ import numpy as np
 from . import regularised as band
 from .event_map import half_cycle, patience, state_scale
 from .fixed_points import map_at
-from .hunting import Model
+from .hunting import SCHEMES, SYSTEMS, Model
 from .linear_loop import linear_loop
 from .march import MarchFailure, march
 from .servo import Servo
@@ -55,6 +55,9 @@ NEWTON_STEPS, LARGEST_STEP, CLOSE = 12, 0.5, 1e-11
 """Newton for P(a) = a: steps, their largest relative size, and the size at which they end."""
 FAR, PARTS, RESOLVED = 1.2, (1.0, 0.6, 0.3), 1e-6
 """Radius of the checked neighbourhood in units of the distance, where in it, and its least relative size."""
+NUDGE, NUDGED, KNOWN = 1e-4, 4.5, 1e-9
+"""Relative push off a cycle that a motion has been on from its start; periods for which it is then followed; relative
+error of the swings that are read off."""
 ESCAPE = {"switch": 1.05, "lugre": 2.0}
 """What |w . x| must exceed in units of the certain bound; a LuGre bristle that is being bent adds sigma1 z'."""
 
@@ -213,6 +216,31 @@ def _between(ends: tuple[tuple[float, float], tuple[float, float]], width: float
         + width * (d0 * t * (1 - t) ** 2 - d1 * t * t * (1 - t))
     )  # fmt: skip
     return max(float(np.max(curve)), middle), abs(middle - float(curve[16]))
+
+
+def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Array:
+    """Swings of the LuGre servo from a state on a cycle of `period` [s], pushed off it by `NUDGE`; none where it fails.
+
+    Whether a cycle draws motions cannot be seen from a motion that has been on it from the start.
+    """
+    size = float(np.abs(x[0]))
+    scale = np.maximum(state_scale("lugre", servo, gain, max(size, 1e-3 * servo.friction.static)), np.abs(x))
+    degree, kind = SCHEMES["lugre"]
+    pushed = x * np.array([1 + NUDGE, 1 + NUDGE, 1 + NUDGE, 1.0])
+    try:
+        segments = march(
+            SYSTEMS["lugre"], mode, pushed, servo.parameters(gain), scale=scale, until=lambda _: False, tol=1e-7,
+            degree=degree, kind=kind, max_time=NUDGED * period,
+        )  # fmt: skip
+    except MarchFailure:
+        return np.zeros(0)
+    peaks, largest = [], 0.0
+    for segment in segments:
+        largest = max(largest, float(np.max(np.abs(segment.w[:, 0]))), abs(float(segment.end[0])))
+        if segment.event == "centre":
+            peaks.append(largest)
+            largest = 0.0
+    return np.array(peaks[2:])
 
 
 def cycle_near(servo: Servo, gain: float, a: float, error: float) -> Cycle | None:

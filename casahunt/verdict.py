@@ -30,11 +30,11 @@ from .event_map import patience, state_scale
 from .fixed_points import map_at
 from .hunting import SCHEMES, SYSTEMS, Model, motor_torque
 from .march import MarchFailure, march
-from .prospect import Ahead, Cycle, cycle_near, escapes, settles
+from .prospect import KNOWN, NUDGE, Ahead, Cycle, cycle_near, escapes, nudged, settles
 from .regularised import REGULARISED
 from .regularised import parameters as band_parameters
 from .servo import Servo
-from .swings import limit_of, limit_of_sides
+from .swings import ABOVE, limit_of, limit_of_sides
 
 Array = np.ndarray
 
@@ -247,6 +247,8 @@ def _next(servo: Servo, gain: float, a: float, error: float) -> tuple[float, flo
 
 def _other(motion: Motion, seen: Verdict, sticks: Array, swings: Array, error: float) -> Verdict:
     found = _converging(seen, swings, error)
+    if found is None and motion.model == "lugre" and swings.size >= SWINGS and _agree(swings[-SWINGS:], error):
+        found = _drawn_back(motion, seen, float(swings[-1]), error)
     if found is not None:
         return found
     friction, (kp, kd, _) = motion.servo.friction, motion.servo.torque_gains(motion.gain)
@@ -264,6 +266,25 @@ def _other(motion: Motion, seen: Verdict, sticks: Array, swings: Array, error: f
     ahead = settles(motion.servo, motion.model, motion.gain, a + slack + error, regularised=motion.regularised)
     seen = replace(seen, motions=ahead.motions)
     return _resting(motion, seen, "", ahead) if ahead.holds else _open(motion, seen, ahead)
+
+
+def _drawn_back(motion: Motion, seen: Verdict, swing: float, error: float) -> Verdict | None:
+    """Hunting of a LuGre servo whose swings agree from the start, where a push off them dies out."""
+    pushed = nudged(motion.servo, motion.gain, motion.states[:, -1], motion.modes[-1], seen.period)
+    blur = max(error, KNOWN * swing)
+    found = limit_of(pushed, blur)
+    if found is None or abs(found[0] - swing) > ABOVE * blur + found[1] or swing <= seen.floor:
+        return None
+    text = (
+        f"the swings agree to {ABOVE * error:.1e} rad, and pushed off by {NUDGE:g} of themselves they come back: they "
+        f"differ by {found[2]:+.4g} times the difference before"
+    )
+    return replace(seen, kind="hunting", sentence=text, limit=swing, multiplier=found[2])
+
+
+def _agree(swings: Array, error: float) -> bool:
+    """The swings differ by no more than can be read."""
+    return bool(np.ptp(swings) <= ABOVE * error)
 
 
 def _converging(seen: Verdict, swings: Array, error: float) -> Verdict | None:

@@ -157,6 +157,20 @@ def test_a_fast_start_is_not_thrown_out():
     assert found.ended == "" and found.verdict.kind != "growing"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("branch", "kinds"), [("stable", {"hunting"}), ("unstable", {"undecided", "decaying"})])
+def test_lugre_started_on_a_cycle(orbit, branch, kinds):
+    """Its swings agree from the first to the last on either cycle; only the stable one draws them back."""
+    cycle = orbit("lugre", 0.6, branch)
+    x = cycle.sample()[1][:, 0]
+    start = {"set_point": 0.0, "position": x[0], "velocity": x[1], "integral": x[2], "bristle": x[3]}
+    found = simulate(TABLE_1, "lugre", 0.6, time=4.2 * cycle.period, tol=1e-7, **start).verdict
+    assert found.kind in kinds
+    if branch == "stable":
+        assert found.multiplier == pytest.approx(cycle.half_multiplier, abs=1e-3)
+        assert found.limit == pytest.approx(cycle.amplitude, rel=1e-6)
+
+
 # The sentence and the numbers behind it ------------------------------------------------------------------------
 
 
@@ -181,7 +195,7 @@ def test_motions_that_are_not_known_are_not_judged():
 def test_command_prints_the_swings(capsys):
     assert cli.main(["simulate", "--gain", "0.04"]) == 0
     out = capsys.readouterr().out
-    assert "judged from      swings of 0.050047, 0.050047" in out and "floor" in out
+    assert "judged from      0.050047, 0.050047" in out and "floor" in out
 
 
 # Motions ten times as long -------------------------------------------------------------------------------------
