@@ -105,7 +105,8 @@ def test_settling_below_the_unstable_cycle_and_hunting_above(orbit, gain):
     cycle = cycle_near(TABLE_1, gain, stable * 1.02, 1e-6)
     assert cycle.amplitude == pytest.approx(stable, rel=1e-8) and abs(cycle.multiplier) < 1
     assert cycle_near(TABLE_1, gain, unstable, 1e-9) is None
-    assert cycle_near(TABLE_1, gain, stable, 0.99 * stable) is None  # drawn to it from everywhere it may be: no
+    # Not drawn to it from everywhere that it may be: that would reach beyond the unstable cycle.
+    assert cycle_near(TABLE_1, gain, stable, stable - 0.999 * unstable) is None
 
 
 def test_a_stuck_servo_is_judged_by_where_it_breaks_away_to():
