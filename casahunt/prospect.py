@@ -51,6 +51,8 @@ SAFETY = 3.0
 """What a cubic missed half-way is allowed for so many times."""
 NARROW = 1e-6
 """Width in log b of a piece that holds a jump of P, where a slip that would have gone on stops half-way."""
+SMALLEST = 1e-11
+"""Width in log b that is not divided further."""
 NEWTON_STEPS, LARGEST_STEP, CLOSE = 12, 0.5, 1e-11
 """Newton for P(a) = a: steps, their largest relative size, and the size at which they end."""
 FAR, PARTS, RESOLVED = 1.2, (1.0, 0.6, 0.3), 1e-6
@@ -178,7 +180,7 @@ def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: b
                 return said(False, _grows(math.exp(u), q), math.exp(u))
         while waiting:
             left, right = waiting.pop()
-            if len(seen) > MOST_MOTIONS:
+            if len(seen) > MOST_MOTIONS or right - left < SMALLEST:
                 return said(False, f"the event map near {math.exp(left):.4g} rad is not resolved")
             middle = (left + right) / 2
             ends, q = (at(left), at(right)), at(middle)[0]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import taylor
 
-from casahunt import Servo, cli, simulate
+from casahunt import Servo, cli, prospect, simulate
 from casahunt.prospect import cycle_near, escapes, settles
 from casahunt.swings import limit_of, limit_of_sides
 from casahunt.verdict import SWINGS, judge
@@ -107,6 +107,35 @@ def test_settling_below_the_unstable_cycle_and_hunting_above(orbit, gain):
     assert cycle_near(TABLE_1, gain, unstable, 1e-9) is None
     # Not drawn to it from everywhere that it may be: that would reach beyond the unstable cycle.
     assert cycle_near(TABLE_1, gain, stable, stable - 0.999 * unstable) is None
+
+
+@pytest.mark.parametrize("slopes", [True, False])
+@pytest.mark.parametrize(("top", "holds"), [(0.9, True), (0.97, True), (1.01, False), (1.5, False)])
+def test_a_hump_between_the_first_stick_positions_is_found(monkeypatch, slopes, top, holds):
+    """P(b)/b = 1/2 + (top - 1/2) exp(-(ln b/b0)^2/w^2), wherever the hump is between the points first looked at."""
+    for shift in (0.0, 0.2, 0.4, 0.6):
+        centre, width = math.log(1e-3) + shift, 0.4
+
+        def ratio(b, centre=centre, width=width):
+            u = (math.log(b) - centre) / width
+            hump = (top - 0.5) * math.exp(-u * u)
+            return 0.5 + hump, -2 * u / width * hump if slopes else math.nan
+
+        monkeypatch.setattr(prospect, "_swing", lambda *_, ratio=ratio: ratio)
+        assert settles(TABLE_1, "switch", 0.04, 0.01).holds == holds
+
+
+def test_jumps_of_the_map_are_no_obstacle_below_one(monkeypatch):
+    def ratio(b):
+        return (0.1, 0.0) if b < 1e-3 else (0.8, 0.0)
+
+    monkeypatch.setattr(prospect, "_swing", lambda *_: ratio)
+    assert settles(TABLE_1, "switch", 0.04, 0.01).holds
+    # A jump up to where P(b) is almost b is not resolved, and the search ends.
+    monkeypatch.setattr(prospect, "_swing", lambda *_: lambda b: (0.1, 0.0) if b < 1e-3 else (0.99, 0.0))
+    assert "not resolved" in settles(TABLE_1, "switch", 0.04, 0.01).sentence
+    unstable = settles(UNDAMPED, "switch", 0.04, 0.01)
+    assert not unstable.holds and "unstable" in unstable.sentence
 
 
 def test_a_stuck_servo_is_judged_by_where_it_breaks_away_to():
