@@ -2,8 +2,9 @@
 
 Keys of the JSON object: model, gain, set_point, time (reached), regularised, tol; verdict ("hunting", "decaying",
 "growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null without whole periods), swings (their
-number); judged: swings [rad], since [s], ratios of each to the one before, limit (the cycle's swing, 0 for rest, else
-null) [rad], multiplier (or null), floor [rad] below which nothing is judged, map_motions (beyond the motion itself);
+number); judged: swings [rad], since [s], ratios of each to the one before, limit (the cycle's swing, also
+of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or null), floor [rad] below
+which nothing is judged, map_motions (beyond the motion itself);
 position, velocity, integral and bristle (null for Switch) at the end; events, a list of [time, name, mode before,
 mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown);
 status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.

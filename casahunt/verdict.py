@@ -71,7 +71,8 @@ class Verdict:
     swings : number of these (overlapping) periods.
     judged : the swings that it was judged from [rad], the last ones of the motion.
     since : when the first of them was seen [s]; nan without any.
-    limit : where they tend: the cycle's swing [rad], 0 for rest, inf for growth; nan for undecided.
+    limit : where they tend: the cycle's swing [rad], 0 for rest, inf for growth; nan where that is not known.  An
+        undecided motion may be on its way to a cycle that is.
     multiplier : the factor by which the distance from the limit changes each swing; nan where it was not computed.
     floor : what a position must differ by to be judged [rad].
     motions : motions of the event map computed beyond the motion judged.
@@ -209,7 +210,8 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
     later = cycle_near(servo, gain, a, error)
     if later is not None:
         text = f"carried on by the event map it comes to a cycle of {later.amplitude:.6g} rad"
-        return _open(motion, seen, replace(first, sentence=text))
+        known = replace(seen, limit=later.amplitude, multiplier=later.multiplier)
+        return _open(motion, known, replace(first, sentence=text))
     return _open(motion, seen, first)
 
 
@@ -225,7 +227,7 @@ def _at_cycle(motion: Motion, seen: Verdict, cycle: Cycle, sticks: Array) -> Ver
             f"and each {'swing' if cycle.swings == 1 else 'period'} leaves {cycle.multiplier:+.4g} times that distance",
         )  # fmt: skip
     return replace(
-        known, limit=math.nan, multiplier=math.nan,
+        known,
         sentence=f"{count} stick positions in {end:.4g} s, the last one {distance:.1e} from that of a {what} of "
         f"{cycle.amplitude:.6g} rad that draws it; try a longer time{_waits(motion)}",
     )  # fmt: skip

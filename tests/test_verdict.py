@@ -148,6 +148,7 @@ def test_a_stuck_servo_is_judged_by_where_it_breaks_away_to():
     amplitude, _ = taylor.switch_cycle(corner, gain, 0.0017)
     wait = simulate(corner, "switch", gain, time=3.0, set_point=0.0, position=-1.02 * amplitude).verdict
     assert wait.kind == "undecided" and "s later" in wait.sentence
+    assert wait.limit == pytest.approx(amplitude, rel=1e-8)  # what it is on its way to
     small = simulate(corner, "switch", gain, time=5.0, set_point=0.0, position=-1e-4).verdict
     assert small.kind == "decaying" and "s later" in small.sentence
     assert abs(taylor.switch_half_cycle(corner, gain, 1e-4)[0]) < 1e-4
