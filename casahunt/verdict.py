@@ -135,14 +135,12 @@ def judge(motion: Motion) -> Verdict:
     error = float(motion.state_errors[0])
     stuck = _stuck(motion)
     swings, at = stuck if motion.model == "switch" and not motion.regularised else (peaks[1:-1], crossings[:-1])
-    count = min(SWINGS + 1, swings.size)
+    floor = max(REST * unit_of(motion), error)
+    clear = np.flatnonzero(swings > floor)[-SWINGS - 1 :]
     seen = Verdict(
         "undecided", "", *_measured(crossings, peaks),
-        judged=tuple(map(float, swings[swings.size - count :])),
-        since=float(at[at.size - count]) if count else math.nan,
-        floor=max(REST * unit_of(motion), error),
+        judged=tuple(map(float, swings[clear])), since=float(at[clear[0]]) if clear.size else math.nan, floor=floor,
     )  # fmt: skip
-
     if not math.isfinite(error):
         return replace(seen, sentence="two computations of the motion do not agree; ask for a larger tolerance")
     if not motion.states[:2, -1].any() and abs(motion.torque(motion.states[:, -1:])[0]) <= motion.servo.friction.static:
@@ -180,7 +178,8 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
         found = _converging(seen, peaks[1:-1], error)
         if found is not None:
             return found
-    cycle = cycle_near(servo, gain, float(sticks[-1]), error) if sticks.size else None
+    known = sticks.size and sticks[-1] > seen.floor
+    cycle = cycle_near(servo, gain, float(sticks[-1]), error) if known else None
     if cycle is not None:
         return _at_cycle(motion, seen, cycle, sticks)
     if motion.modes[-1] == "stick":
@@ -207,11 +206,11 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
         if swings:
             text = f"carried on by the event map it sticks {a:.4g} rad beside the set point {swings} swings later; "
         return _resting(motion, seen, text, ahead)
-    later = cycle_near(servo, gain, a, error)
+    later = cycle_near(servo, gain, a, error) if a > seen.floor else None
     if later is not None:
         text = f"carried on by the event map it comes to a cycle of {later.amplitude:.6g} rad"
-        known = replace(seen, limit=later.amplitude, multiplier=later.multiplier)
-        return _open(motion, known, replace(first, sentence=text))
+        coming = replace(seen, limit=later.amplitude, multiplier=later.multiplier)
+        return _open(motion, coming, replace(first, sentence=text))
     return _open(motion, seen, first)
 
 
@@ -355,7 +354,8 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
     last = segments[-1]
     a = abs(float(last.end[0]))
     if exact and last.mode == "stick":
-        return a, f"followed on it sticks {a:.4g} rad beside the set point; "
+        where = f"sticks {a:.4g} rad beside" if a > REST * unit_of(motion) else "comes to"
+        return a, f"followed on it {where} the set point; "
     if last.event == "" and a <= max(1e-3 * abs(float(x[0])), REST * unit_of(motion)):
         return 0.0, "followed on it creeps to the set point without crossing it; "
     return None

@@ -158,6 +158,7 @@ def test_rounding_is_not_judged():
     """A servo that creeps to its set point leaves positions of 1e-18 rad, which grow or shrink by rounding."""
     found = simulate(TABLE_1, "switch", 0.7721022688090521, set_point=0.1, time=51.56885110479699).verdict
     assert found.kind == "at rest" and found.limit == 0 and math.isnan(found.amplitude)
+    assert found.judged and min(found.judged) > found.floor
     assert found.floor > 1e-9 and f"{found.floor:.2g}" in found.sentence
 
 
@@ -247,6 +248,15 @@ def test_the_comparison_sees_a_wrong_verdict():
     for wrong in ("decaying", "growing"):
         claimed = SimpleNamespace(verdict=replace(hunts.verdict, kind=wrong), dense=hunts.dense, end=hunts.end)
         assert verdicts.contradiction(claimed, hunts_on)
+
+
+def test_the_script_counts_what_is_contradicted(monkeypatch, capsys, tmp_path):
+    case = verdicts.Case(TABLE_1, "switch", 0.8, 1.2358, 10.0, {})
+    monkeypatch.setattr(verdicts, "cases", lambda *_: [case, case])
+    assert verdicts.main(["--servos", "2", "--json", str(tmp_path / "v.json")]) == 0
+    assert "contradicted" in capsys.readouterr().out and (tmp_path / "v.json").read_text().count('"at rest"') == 4
+    monkeypatch.setattr(verdicts, "contradiction", lambda *_: "it hunts")
+    assert verdicts.main(["--servos", "1"]) == 1 and "BUT it hunts" in capsys.readouterr().out
 
 
 @pytest.mark.slow
