@@ -12,7 +12,8 @@ The long motion is judged by a rule of its own, on the largest |x1| of two windo
 100 % of its time, A1 and A2.  It contradicts
 
     hunting    where A2 is not within 5 % of the amplitude claimed, or x1 does not change its sign in the second window
-    decaying   where A2 exceeds the last swing of the short one, or does not fall short of A1 although x1 changes sign
+    decaying   where A2 exceeds the last swing of the short one, or what is reached on both sides of the set point does
+               not fall from the first window to the second
     at rest    where |x1| exceeds, after the end of the short motion, what was said it stays within
     growing    where it neither reaches twice the last swing nor is given up on its way out
 
@@ -151,7 +152,9 @@ def contradiction(short: Trajectory, long: Trajectory) -> str:
         floor = max(verdict.floor, long.state_errors[0])
         if A2 > last * (1 + 1e-9) + floor:
             return f"{A2:.6g} rad, more than {last:.6g}"
-        return f"{A2:.9g} rad after {A1:.9g}" if turns and A2 > A1 * (1 - STEADY) and A2 > 3 * floor else ""
+        # What is reached on both sides: a window that begins in a stick begins with the swing before.
+        B1, B2 = (min(float(np.max(x[0][w])), -float(np.min(x[0][w]))) for w in (first, second))
+        return f"{B2:.9g} rad after {B1:.9g}" if min(B1, B2) > 3 * floor and B2 > B1 * (1 - STEADY) else ""
     if verdict.kind == "at rest":
         later = float(np.max(x1[t >= own_t[-1]]))
         floor = verdict.floor + float(long.state_errors[0])
