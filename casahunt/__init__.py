@@ -24,7 +24,8 @@ from .record import Measurement, measure, record_of
 from .record_file import Record, read_record
 from .servo import Controller, Servo, load
 from .simulate import simulate
-from .trajectory import Trajectory, Verdict
+from .trajectory import Trajectory
+from .verdict import Verdict
 
 
 def __getattr__(name: str) -> str:

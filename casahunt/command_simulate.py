@@ -1,7 +1,10 @@
 """casahunt simulate: the motion of the closed loop from an initial state.
 
 Keys of the JSON object: model, gain, set_point, time (reached), regularised, tol; verdict ("hunting", "decaying",
-"growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null without whole periods), swings;
+"growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null without whole periods), swings (their
+number); judged: swings [rad], since [s], ratios of each to the one before, limit (the cycle's swing, also
+of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or null), floor [rad] below
+which nothing is judged, map_motions (beyond the motion itself);
 position, velocity, integral and bristle (null for Switch) at the end; events, a list of [time, name, mode before,
 mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown);
 status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
@@ -84,6 +87,9 @@ def run(options: argparse.Namespace) -> int:
         name = f"{model} servo{' with stick band' if found.regularised else ''} at gain {gain:.10g}"
         print(f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}")
         print(f"  because          {verdict.sentence}")
+        if verdict.judged:
+            swings = ", ".join(f"{a:.6g}" for a in verdict.judged)
+            print(f"  judged from      {swings} rad since {verdict.since:.6g} s; floor {verdict.floor:.1e} rad")
         if math.isfinite(verdict.amplitude):
             print(f"  amplitude        {verdict.amplitude:.10g} rad (mean of the last {verdict.swings} periods)")
             print(f"  period           {verdict.period:.10g} s")
@@ -134,6 +140,15 @@ def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, A
         "amplitude": number(verdict.amplitude),
         "period": number(verdict.period),
         "swings": verdict.swings,
+        "judged": {
+            "swings": list(verdict.judged),
+            "since": number(verdict.since),
+            "ratios": [number(ratio) for ratio in verdict.ratios],
+            "limit": number(verdict.limit),
+            "multiplier": number(verdict.multiplier),
+            "floor": number(verdict.floor),
+            "map_motions": verdict.motions,
+        },
         "position": found.set_point + float(x[0]),
         "velocity": float(x[1]),
         "integral": float(x[2]),

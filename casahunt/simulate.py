@@ -34,8 +34,10 @@ from .errors import InputError, NoOrbit, Status
 from .event_map import state_scale
 from .hunting import MODELS, SCHEMES, SYSTEMS, Model, System
 from .march import MarchFailure, Segment, march
+from .prospect import escapes
 from .servo import Servo
-from .trajectory import Happening, Trajectory, unit_of
+from .trajectory import Happening, Trajectory
+from .verdict import unit_of
 
 Array = np.ndarray
 
@@ -54,7 +56,7 @@ UNIT = 0.1
 """Expected size of the motion in units of Fs/kp, the error at which the proportional torque is static friction."""
 MOST_EVENTS = 100_000
 THROWN_OUT = 100.0
-"""A servo this many times farther out than it started, or than Fs/kp, is not followed further."""
+"""A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
 CHATTER = 50
 """Events in a row within `INSTANT` seconds, relative to the time so far, that are not a motion any more."""
 INSTANT = 1e-12
@@ -235,7 +237,7 @@ class _Run:
                 raise MarchFailure(f"mode {segment.mode!r}: events without end at {now:.6g} s")
             if len(segments) > MOST_EVENTS:
                 ended = f"{MOST_EVENTS} events by {now:.6g} s"
-            elif abs(float(x[0])) > limit:
+            elif abs(float(x[0])) > limit and escapes(self.servo, self.model, self.gain, x):
                 ended = f"{abs(float(x[0])):.3g} rad away from the set point at {now:.6g} s"
             if ended:
                 break

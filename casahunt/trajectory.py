@@ -1,4 +1,4 @@
-"""A simulated motion as data, and what its end shows: hunting, decaying, growing, at rest or undecided.
+"""A simulated motion as data; what its end shows is judged in verdict.py.
 
 States are x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3 = integral of x1 [rad s] and, for LuGre, x4 = z [rad].
 Inside an interval a motion is its collocation polynomial; simulate.py computes it.
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -18,22 +17,9 @@ from .collocation import Scheme, scheme
 from .errors import InputError, Status
 from .hunting import SCHEMES, Model, motor_torque
 from .servo import Servo
+from .verdict import Verdict, judge
 
 Array = np.ndarray
-
-SWINGS = 4
-"""Full periods (overlapping, one per half period) that a verdict looks at."""
-AGREE = 1e-3
-"""Relative spread of amplitude and period up to which swings agree."""
-SETTLED = 1e-2
-"""Relative change of the amplitude still to come, extrapolated, up to which swings have settled."""
-FADING = 0.5
-"""Decaying means an extrapolated amplitude below this part of the last one."""
-REST = 1e-6
-"""At rest means a position that stays within this part of Fs/kp of the set point, for half of the time at least."""
-
-Kind = Literal["hunting", "decaying", "growing", "at rest", "undecided"]
-
 
 @dataclass(frozen=True)
 class Happening:
@@ -53,26 +39,6 @@ class Happening:
     before: str
     after: str
     error: float
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the end of a motion shows.
-
-    Attributes
-    ----------
-    kind : "hunting", "decaying", "growing", "at rest" or "undecided".
-    sentence : what supports it.
-    amplitude : mean of half the peak-to-peak position over the periods looked at [rad]; nan without any.
-    period : mean of these periods [s]; nan without any.
-    swings : number of (overlapping) periods looked at.
-    """
-
-    kind: Kind
-    sentence: str
-    amplitude: float
-    period: float
-    swings: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,117 +169,4 @@ class Trajectory:
     @cached_property
     def verdict(self) -> Verdict:
         """What the end of the motion shows: hunting, decaying, growing, at rest or undecided."""
-        return judge_motion(self)
-
-
-# The verdict ---------------------------------------------------------------------------------------------
-
-
-def judge_motion(trajectory: Trajectory) -> Verdict:
-    """What the end of a motion shows.
-
-    Amplitudes A_k are means of two consecutive peaks |x1|, so that a lopsided cycle counts as one; their
-    differences shrink by the half multiplier mu near a cycle.  From the last three the amplitude still to
-    come is extrapolated (Aitken): that tells the end of a convergence from a slow decay, in which each
-    swing differs little from the one before and the sum of the differences is everything.
-    """
-    crossings, peaks = trajectory.shape()
-    halves = np.diff(crossings)
-    A = (peaks[1:-2] + peaks[2:-1]) / 2  # complete swings only
-    T = halves[:-1] + halves[1:]
-    count = min(SWINGS, A.size)
-    amplitude, period = (float(np.mean(v[-count:])) if count else float("nan") for v in (A, T))
-
-    def verdict(kind: Kind, sentence: str) -> Verdict:
-        return Verdict(kind, sentence, amplitude, period, count)
-
-    rest = _rest(trajectory)
-    if rest:
-        return Verdict("at rest", rest, float("nan"), float("nan"), 0)
-    # For growth and decay the swing under way counts, once it has turned, and so does the first one.
-    P = peaks if _has_turned(trajectory, crossings) else peaks[:-1]
-    if trajectory.ended and "away" in trajectory.ended:
-        return verdict("growing", f"the servo is thrown out: {trajectory.ended}")
-    if A.size >= SWINGS:
-        a, T = A[-SWINGS:], T[-SWINGS:]
-        spread = [float(np.ptp(v) / np.mean(v)) for v in (a, T)]
-        to_come = _still_to_come(A)
-        if max(spread) <= AGREE and abs(to_come) <= SETTLED * a[-1]:
-            return verdict(
-                "hunting",
-                f"the last {SWINGS + 1} half periods agree to {spread[0]:.1e} in amplitude and {spread[1]:.1e} in "
-                f"period; extrapolated, the amplitude changes by another {to_come / a[-1]:+.1e} of itself",
-            )
-    if P.size >= SWINGS:
-        B = (P[:-1] + P[1:]) / 2
-        steps = np.diff(B)[-(SWINGS - 2) :]
-        factors = P[1:] / P[:-1]
-        change = f"from {B[-1 - steps.size]:.4g} to {B[-1]:.4g} rad"
-        text = f"over the last {steps.size + 1} periods the amplitude goes {change}"
-        to_come = _still_to_come(B)
-        if (steps < 0).all() and B[-1] + to_come < FADING * B[-1]:
-            return verdict(
-                "decaying", f"{text}, the last swing {factors[-1]:.4g} times the one before, and tends to no cycle"
-            )
-        if (steps > 0).all() and to_come > FADING * B[-1]:
-            return verdict("growing", f"{text}, the last swing {factors[-1]:.4g} times the one before")
-        if abs(to_come) <= SETTLED * B[-1]:
-            return verdict("undecided", f"{text}: the swings are settling; more time is needed")
-        return verdict("undecided", f"{text}, neither steady nor steadily growing or decaying; more time is needed")
-    return verdict("undecided", _stuck(trajectory) or f"only {P.size} swings in {trajectory.times[-1]:.4g} s")
-
-
-def _still_to_come(A: Array) -> float:
-    """Sum of the differences of A still to come, if they go on as a geometric series; -A, +inf where they diverge."""
-    if A.size < 3:
-        return float("nan")
-    d0, d1 = float(A[-2] - A[-3]), float(A[-1] - A[-2])
-    if abs(d1) <= 1e-12 * float(A[-1]):
-        return 0.0
-    ratio = d1 / d0 if d0 else np.inf
-    if abs(ratio) < 1:
-        return d1 * ratio / (1 - ratio)
-    # Differences of alternating sign that do not shrink lead nowhere in particular.
-    return float("nan") if ratio < 0 else (-float(A[-1]) if d1 < 0 else np.inf)
-
-
-def unit_of(trajectory: Trajectory) -> float:
-    """Fs/kp [rad], the error at which the proportional torque is static friction."""
-    return trajectory.servo.friction.static / trajectory.servo.torque_gains(trajectory.gain)[0]
-
-
-def _rest(trajectory: Trajectory) -> str:
-    """The sentence of a servo at rest at its set point; "" for one that is not."""
-    t, x = trajectory.dense(8)
-    late = t >= t[-1] / 2
-    allowed = REST * unit_of(trajectory)
-    if trajectory.regularised:  # a stick is a creep by up to eta/alpha
-        friction = trajectory.servo.friction
-        allowed = max(allowed, 2 * friction.stick_band / friction.stick_rate)
-    if np.max(np.abs(x[0, late])) > allowed:
-        return ""
-    since = float(t[np.flatnonzero(np.abs(x[0]) > allowed)[-1]]) if (np.abs(x[0]) > allowed).any() else 0.0
-    return f"within {allowed:.2g} rad of the set point since {since:.4g} s"
-
-
-def _has_turned(trajectory: Trajectory, crossings: Array) -> bool:
-    """The last swing has had its peak."""
-    t, x = trajectory.dense(8)
-    late = np.abs(x[0, t > (crossings[-1] if crossings.size else -1.0)])
-    return bool(late.size and np.max(late) > late[-1]) or trajectory.modes[-1] == "stick"
-
-
-def _stuck(trajectory: Trajectory) -> str:
-    """The sentence of a servo stuck beside its set point with time running out; "" elsewhere."""
-    x = trajectory.end
-    _, _, ki = trajectory.servo.torque_gains(trajectory.gain)
-    static = trajectory.servo.friction.static
-    m = float(trajectory.torque(x[:, None])[0])
-    slow = abs(float(x[1])) <= 1e-3 * max(float(np.max(np.abs(trajectory.states[1]))), 1e-300)
-    if not slow or abs(m) > static or x[0] == 0:
-        return ""
-    wait = (m + np.sign(x[0]) * static) / (ki * float(x[0]))
-    return (
-        f"the motion ends stuck at {float(x[0]):+.4g} rad beside the set point; the integral action breaks it away "
-        f"about {wait:.4g} s later"
-    )
+        return judge(self)
