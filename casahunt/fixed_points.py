@@ -85,6 +85,8 @@ PEAK, PEAK_TILT = 1e-4, 1e-6
 """Half width of the first bracket of a maximum of P(a)/a; |P' - P/a| that counts as zero there."""
 SEARCH, CLIMB = 12, (2.0, 1.4, 1.1)
 """Factors of two from the Routh-Hurwitz gain searched for a first cycle; factors of the climb from there."""
+ABOVE = (1.01, 1.4, 3.0, 10.0, 100.0)
+"""Multiples of a fold gain at which no stable fixed point may be left."""
 EPS = float(np.finfo(float).eps)
 
 
@@ -650,6 +652,14 @@ def map_fold(servo: Servo) -> MapFold:
         raise NoOrbit(
             f"the fold of the event map did not converge: last step {step:.2g} at gain {gain:.8g}", Status.NOT_CONVERGED
         )
+    for factor in ABOVE:
+        higher = _outermost(servo, factor * gain)
+        if higher is not None:
+            raise NoOrbit(
+                f"a fold of the event map was located at gain {gain:.8g}, but it is not the last one: the map has a "
+                f"stable fixed point at gain {higher[0]:.6g} too",
+                Status.NOT_CONVERGED,
+            )
     return MapFold(gain, top.start, abs(step) / gain, top.excess, top.slope)
 
 

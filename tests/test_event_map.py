@@ -90,6 +90,21 @@ def test_fold_of_the_map_is_the_fold():
     assert found.multiplier == pytest.approx(1, abs=1e-5) and abs(found.excess) < 1e-11
 
 
+def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
+    """Where the climb stops too early, what is located is some fold, not the last one."""
+    from casahunt import fixed_points as module
+
+    honest = module._outermost
+
+    def one_more(servo, gain):
+        return (gain, None) if gain > 0.9 else honest(servo, gain)
+
+    monkeypatch.setattr(module, "CLIMB", ())
+    monkeypatch.setattr(module, "_outermost", one_more)
+    with pytest.raises(NoOrbit, match="not the last one"):
+        map_fold(Servo())
+
+
 def test_bad_input():
     for arguments in ((0.1, -1.0), (0.1, 1.0, 0.5), (-1.0,), (float("nan"),)):
         with pytest.raises(InputError):
