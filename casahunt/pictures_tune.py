@@ -15,7 +15,8 @@ from .pictures_fold import elasticities
 from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
 from .plotting import diagram as drawn_diagram
 from .sensitivity import fold_sensitivities
-from .tune import Task, Tuning
+from .tune import Tuning
+from .tune_check import Task
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
