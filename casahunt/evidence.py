@@ -336,10 +336,10 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
              f"fold gain {p.n('verification/fold_gain', '.10g')}, "
              f"relative error {p.n('verification/fold_error', '.1e')}"],
             ["event map", p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],
-            *([["folds of the set", p.n("verification/set/folds", "d") + " servos",
+            *([["folds of the set", p.n("verification/set/folds", "g") + " servos",
                 f"largest fold gain {p.n('verification/set/largest_fold_gain', '.10g')}"]] if check["set"] else []),
             ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"),
-             f"{p.n('verification/loops_checked', 'd')} servos"],
+             f"{p.n('verification/loops_checked', 'g')} servos"],
         ]),
         _table(["linear loop", "phase margin", "gain may fall to", "gain may rise to"], loops),
         "<h2>Simulated regulator tasks</h2>",

@@ -207,7 +207,7 @@ def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arra
     middle = (low + high) / 2
     size = int(varied.sum())
     if 2**size <= corners:
-        picks = np.array(list(itertools.product((False, True), repeat=size)), bool).reshape(-1, size)
+        picks = np.array(list(itertools.product((False, True), repeat=size)), bool).reshape(2**size, size)
     else:
         picks = random.random((corners, size)) < 0.5
     rows = np.tile(middle, (len(picks), 1))

@@ -119,6 +119,7 @@ class Given:
         return boxes
 
     def at(self, q: Array) -> Servo:
+        """The nominal servo with the times exp(q), where they are free."""
         return with_times(self.servo, q) if self.free else self.servo
 
     def answer(self, q: Array) -> tuple[Answer | None, WorstCase]:
@@ -216,6 +217,7 @@ class Given:
 
     @property
     def guard(self) -> float:
+        """Relative room that the problems over the times keep."""
         return GUARD * self.options.tol
 
     def _fold(self, servo: Servo) -> Fold | None:
@@ -224,6 +226,12 @@ class Given:
         return self.folds[servo]
 
     def folds_at(self, q: Array) -> list[Fold]:
+        """The folds of the members that have one, at the times exp(q).
+
+        Raises
+        ------
+        NoOrbit : one was not computed.
+        """
         moved = q - log_times(self.servo)
         members = [with_times(m, log_times(m) + moved) if moved.any() else m for m in self.members]
         return [fold for fold in map(self._fold, members) if fold is not None]
