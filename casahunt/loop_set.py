@@ -48,6 +48,7 @@ STARTS, HALVINGS = 6, 34
 LOG_STEP = 0.02
 """Step of a table in ln kappa."""
 EDGE_STEPS = 60
+BARELY_STABLE = 1e-6
 NEAR_MISS = 0.05
 """A demand missed by less [rad] at a gain of a table may be kept between two of them."""
 
@@ -208,8 +209,8 @@ class LoopDemands:
         return {DEMANDS[0]: (1.0, 1.0), DEMANDS[1]: (1 / f, 1.0), DEMANDS[2]: (1.0, f)}[name]
 
     def least(self, name: str) -> float:
-        """The smallest phi [rad] that a demand allows."""
-        return self.phase_margin if name == DEMANDS[0] else 0.0
+        """The smallest phi [rad] that a demand allows; a loop without a phase margin asked for must be stable."""
+        return max(self.phase_margin, BARELY_STABLE) if name == DEMANDS[0] else 0.0
 
 
 def shortfall(boxes: Sequence[LoopBox], demands: LoopDemands, gain: float, name: str) -> tuple[float, WorstLoop]:

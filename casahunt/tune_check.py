@@ -51,6 +51,7 @@ CORNERS = {"switch": 32, "lugre": 8}
 SAMPLES = {"switch": 16, "lugre": 4}
 LOOP_SAMPLES = 200
 """Servos of the set whose folds, and whose loops, are computed: corners (drawn where there are more) and samples."""
+MOST_NAMED = 5
 MOST_SCANS = 6
 """Servos without a computed fold that the event map is asked about."""
 IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": ()}
@@ -164,8 +165,17 @@ def verified(
         the problem.
     """
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
-    nominal = fold_of(servo, model, options)
-    fold = nominal if worst == servo else fold_of(worst, model, options)
+    unverified: list[str] = []
+
+    def again(of: Servo) -> Fold | None:
+        try:
+            return fold_of(of, model, options)
+        except NoOrbit as error:
+            unverified.append(f"the fold was not found again from nothing: {error}")
+            return answer.worst.fold if of == worst else None
+
+    nominal = again(servo)
+    fold = nominal if worst == servo else again(worst)
     checked = None if uncertainty is None else check_set(answer, model, demands, uncertainty, options)
     largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
     margin = gain / largest - 1 if largest else math.inf
@@ -174,15 +184,18 @@ def verified(
     loops, corners, number, missed = _loops(answer, demands, uncertainty)
     span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
     amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
-    tasks = regulator_tasks(servo, model, gain, span, amplitude, "nominal")
-    if worst != servo:
-        tasks += regulator_tasks(worst, model, gain, span, amplitude, "worst")
+    tasks: list[Task] = []
+    for friction, of in (("nominal", servo), *([("worst", worst)] if worst != servo else [])):
+        try:
+            tasks += regulator_tasks(of, model, gain, span, amplitude, friction)
+        except NoOrbit as error:
+            unverified.append(f"the tasks with the {friction} friction were not simulated: {error}")
     against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
     against += missed
     if seen == "cycle":
         against.append(f"the event map at the worst friction: {sentence}")
     against += [f"{t.friction} friction, {t.start}: {t.motion.verdict.kind}" for t in tasks if t.hunts]
-    unverified = [f"the event map at the worst friction is not conclusive: {sentence}"] if seen == "open" else []
+    unverified += [f"the event map at the worst friction is not conclusive: {sentence}"] if seen == "open" else []
     unverified += checked.open if checked else ()
     unverified += [f"in the search for the worst friction: {failure}" for failure in answer.worst.failures]
     unverified += [
@@ -237,6 +250,8 @@ def check_set(
         if not state and (i in failures or n < MOST_SCANS):
             corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, rows[i], strict=True))
             left.append(f"no fold was computed at {corner}: {failures.get(i, 'no cycle was found')}")
+    if len(left) > MOST_NAMED:
+        left = [*left[:MOST_NAMED], f"and {len(left) - MOST_NAMED} more servos of the set without a fold"]
     largest = float(np.nanmax(gains, initial=0.0))
     return SetCheck(int(np.isfinite(gains).sum()), largest, tuple(above), tuple(left))
 

@@ -191,6 +191,7 @@ class Given:
 
     def join(self, worst: WorstCase, q: Array) -> bool:
         """Whether the worst servo is a new one."""
+        self.folds.setdefault(worst.servo, worst.fold)
         own = with_times(worst.servo, log_times(worst.servo) - q + log_times(self.servo)) if self.free else worst.servo
         if any(_same(own, member) for member in self.members):
             return False

@@ -15,6 +15,7 @@ import argparse
 import itertools
 import json
 import math
+import signal
 import sys
 import time
 from pathlib import Path
@@ -340,20 +341,33 @@ def grid_search(servo: Servo, arguments: dict, seed: int, points: int) -> str:
     return ""
 
 
-def one(seed: int, quick: bool) -> dict:
+class _Late(Exception):
+    """A task took longer than its limit."""
+
+
+def _late(*_: object) -> None:
+    raise _Late
+
+
+def one(seed: int, quick: bool, limit: int) -> dict:
     """Run and judge one task."""
     servo, arguments = random_task(seed)
     began = time.perf_counter()
     result: dict = {"task": seed, "free": arguments["free"], "cost": arguments["cost"],
                     "set": list(arguments["uncertainty"].parameters)}  # fmt: skip
+    signal.alarm(limit)
     try:
         tuning = tune(servo, "switch", **arguments)
+    except _Late:
+        return result | {"outcome": "not finished", "tune_s": time.perf_counter() - began}
     except NoOrbit as error:
+        signal.alarm(0)
         result |= {"outcome": "refused", "said": str(error), "tune_s": time.perf_counter() - began}
         if "cannot be met" in str(error) or "not found" in str(error):
             found = grid_search(servo, arguments, seed, 3 if quick else 7)
             result |= {"outcome": "infeasible" if not found else "WRONGLY REFUSED", "grid": found}
         return result
+    signal.alarm(0)
     result |= {"gain": tuning.gain, "binding": tuning.binding, "tune_s": time.perf_counter() - began,
                "unverified": tuning.verification.unverified, "against": tuning.verification.against}  # fmt: skip
     faults = judge_answer(tuning, seed, 20 if quick else SAMPLES)
@@ -369,12 +383,14 @@ def main() -> None:
     parser.add_argument("--tasks", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0, help="of the first task")
     parser.add_argument("--only", type=int, help="one task")
+    parser.add_argument("--limit", type=int, default=300, help="seconds for one task")
     parser.add_argument("--out", help="write every result there")
     options = parser.parse_args()
+    signal.signal(signal.SIGALRM, _late)
     tasks = range(options.seed, options.seed + (8 if options.quick else options.tasks))
     results = []
     for seed in tasks if options.only is None else [options.only]:
-        results.append(one(seed, options.quick))
+        results.append(one(seed, options.quick, options.limit))
         r = results[-1]
         said = r.get("said", "") or r.get("faults") or r.get("against") or r.get("unverified") or ""
         print(f"{seed:3d} {r['outcome']:16s} {r['tune_s']:6.1f} s  {str(said)[:400]} {r.get('grid', '')}", flush=True)
