@@ -10,8 +10,8 @@ the set, for the fold and for each demand on the loop, are searched again at the
 (cutting planes), until there is none.  The gain of the answer is the best one at its times.
 
 "Cannot be met" is said of free times where v > 0 all over the grid and where, in every cell of it, v varies less
-between the corners than the smallest v there is; cells are halved until it is so.  That is evidence from samples.
-Where it cannot be had the answer is "not found".
+between its corners and its middle than the smallest v there is; cells are halved until it is so.  That is evidence
+from samples.  Where it cannot be had the answer is "not found".
 """
 
 from __future__ import annotations
@@ -216,12 +216,16 @@ class Search:
         return [o for o in self.seen.values() if o is not None and o.missed <= 0]
 
     def _exclude(self) -> bool:
-        """Whether v varies less than its size in every cell of the grid, cells halved where it does not."""
+        """Whether v varies less than its size in every cell of the grid, cells halved where it does not.
+
+        With the middle among the points a valley between straight walls is no deeper than they vary.
+        """
         edges = [list(zip(axis, axis[1:], strict=False)) or [(axis[0], axis[0])] for axis in self.axes]
         cells = list(itertools.product(*edges))
         while cells:
             cell = cells.pop(0)
-            corners = list(itertools.product(*[sorted(set(side)) for side in cell]))
+            corners: list[tuple[float, ...]] = list(itertools.product(*[sorted(set(side)) for side in cell]))
+            corners.append(tuple((a + b) / 2 for a, b in cell))
             if len(self.seen) + len(corners) > MOST_TIMES[self.given.model]:
                 return False
             found = self._look_at(corners)

@@ -20,6 +20,9 @@ from casahunt.simulate import simulate
 from casahunt.tune import Tuning, tune
 from casahunt.tune_check import scanned, until_decided, waits
 from casahunt.tune_demands import Demands, check_bounds
+from casahunt.tune_given import Given, Outlook
+from casahunt.tune_problem import Point
+from casahunt.tune_search import Search
 from casahunt.uncertainty import Uncertainty, WorstCase
 from problems import table1
 
@@ -279,6 +282,45 @@ def test_a_feasible_task_is_not_refused(unscanned, servo):
     fold = find_fold(servo.replace(**{"controller.lead_time": 0.6}), "switch")
     assert found.servo.controller.lead_time == pytest.approx(0.6, rel=1e-5)
     assert found.gain == pytest.approx(1.1 * fold.gain, rel=1e-5) and found.gain_only is None
+
+
+def searched(servo, monkeypatch, v) -> Search:
+    """A search over the lead time, v [ln K or rad] a function of ln(tau_d/TIME)."""
+    bounds = {"lead_time": (TIME / 2, 2 * TIME)}
+    given = Given(servo, "switch", Demands(), None, ("lead_time",), bounds, "gain", Options())
+
+    def outlook(q):
+        missed = float(v(q[0] - math.log(TIME)))
+        return Outlook(q, missed, 1.0, math.inf if missed > 0 else 1.0 + missed)
+
+    monkeypatch.setattr(given, "outlook", outlook)
+    return Search(given)
+
+
+def test_that_it_cannot_be_met_is_said_with_evidence_only(servo, monkeypatch):
+    far = searched(servo, monkeypatch, lambda x: 1 + 0.5 * x)
+    assert far._starts() == [] and far.excluded
+    # A well between two points of the grid that all but touches zero: nothing is claimed.
+    near = searched(servo, monkeypatch, lambda x: 3 * abs(x - 0.26) + 1e-12)
+    start = near._starts()[0]
+    assert not near.excluded and start.missed > 0 and start.q[0] - math.log(TIME) == pytest.approx(0.26, abs=0.02)
+    # One that reaches below: found, although no point of the grid is feasible.
+    well = searched(servo, monkeypatch, lambda x: 3 * abs(x - 0.26) - 0.02)
+    assert all(abs(axis - math.log(TIME) - 0.26) > 0.02 / 3 for axis in well.axes[0])
+    assert well._starts()[0].missed <= 0
+
+
+@pytest.mark.slow
+def test_times_are_found_where_ipopt_gives_up(unscanned, monkeypatch, servo):
+    """The search without derivatives takes over; the optimum is at a corner of the bounds, which it reaches."""
+
+    def gives_up(r):
+        return Point(r.q, r.k, np.zeros(4), False, "Maximum_Iterations_Exceeded")
+
+    monkeypatch.setattr("casahunt.tune_search.solve_round", gives_up)
+    found = tune(servo, "switch", free=["lead_time"], bounds={"lead_time": (0.05, 0.6), "gain": (0.01, 0.2)})
+    expected = 1.1 * find_fold(servo.replace(**{"controller.lead_time": 0.6}), "switch").gain
+    assert found.gain == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_task_is_simulated_until_it_is_decided(servo):
