@@ -74,7 +74,7 @@ def refusal(near: Nearest, demands: Demands, *, times: int = 0, missed: float = 
         return f"the tuning cannot be met; in the way: {said}"
     evidence = f"{times} pairs of controller times between the bounds were tried"
     if proven:
-        head = f"the tuning cannot be met: {evidence}, and all miss the demands by more than neighbours differ"
+        head = f"the tuning cannot be met: {evidence}, and what is missing is everywhere more than it varies in between"
     else:
         head = f"a tuning that meets the demands was not found: {evidence}"
     amount = ""

@@ -18,7 +18,7 @@ from casahunt.linear_loop import linear_loop
 from casahunt.orbit import direction_of, unknowns_of
 from casahunt.simulate import simulate
 from casahunt.tune import Tuning, tune
-from casahunt.tune_check import scanned, until_decided, waits
+from casahunt.tune_check import SAMPLES, scanned, until_decided, waits
 from casahunt.tune_demands import Demands, check_bounds
 from casahunt.tune_given import Given, Outlook
 from casahunt.tune_problem import Point
@@ -43,8 +43,9 @@ def plain(servo) -> Tuning:
 
 @pytest.fixture
 def unscanned(monkeypatch):
-    """Leave out the scan of the event map, which `plain` has shown and which takes seconds."""
+    """Leave out the scan of the event map, which `plain` has shown, and most samples of sets: both take seconds."""
     monkeypatch.setattr("casahunt.tune_check.scanned", lambda *_: ("not scanned", "clear"))
+    monkeypatch.setitem(SAMPLES, "switch", 2)
 
 
 # The equations
