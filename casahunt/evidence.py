@@ -17,8 +17,9 @@ from .delayed_loop import Margins
 from .sensitivity import fold_sensitivities
 from .servo import flatten
 from .tune import Tuning
-from .tune_check import Task, Verification, regulator_tasks
+from .tune_check import Verification
 from .tune_demands import COSTS
+from .tune_tasks import Task, regulator_tasks
 from .uncertainty import linear_range
 
 BEFORE = 0.5

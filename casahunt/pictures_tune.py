@@ -16,7 +16,7 @@ from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
 from .plotting import diagram as drawn_diagram
 from .sensitivity import fold_sensitivities
 from .tune import Tuning
-from .tune_check import Task
+from .tune_tasks import Task
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""

@@ -5,8 +5,7 @@
 * The event map at the worst friction: from every stick position scanned the servo sticks nearer to the set point.  Then
   no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.
 * The margins of the linear loops of corners and samples of the set, by the search for crossings of delayed_loop.py.
-* Simulated regulator tasks, each simulated longer until it is decided: a servo stuck beside its set point breaks away
-  at a time known in closed form, and what it does then belongs to the task.
+* Simulated regulator tasks, each simulated until it is decided (tune_tasks.py).
 
 What speaks against the tuning, and what could not be verified, are kept apart.
 """
@@ -15,9 +14,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -30,21 +28,15 @@ from .fold import Fold
 from .hunting import Model
 from .loop_set import DEMANDS
 from .servo import Servo, flatten
-from .simulate import simulate
-from .trajectory import Trajectory
 from .tune_demands import Demands
 from .tune_given import Answer, fold_of
+from .tune_tasks import Task, regulator_tasks
 from .uncertainty import Uncertainty, fold_gains
 
 Array = np.ndarray
 
 PERIODS = 60.0
 """Length of the simulated tasks, to begin with, in periods of the cycle at the fold."""
-LONGER, MOST_LONGER = 2.0, 14
-"""An undecided task is simulated again, this many times longer, so many times."""
-AFTER_BREAKAWAY = 1.25
-MOST_INTERVALS = 20_000
-"""Intervals of a motion from which it is not simulated any longer."""
 SLACK = 1e-4
 """Relative miss of a margin that counts as kept: the margins are solved for to 1e-9, the gain lies on their edge."""
 CORNERS = {"switch": 32, "lugre": 8}
@@ -57,32 +49,6 @@ MOST_SCANS = 6
 IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": ()}
 
 Seen = Literal["clear", "cycle", "open"]
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A simulated task.
-
-    Attributes
-    ----------
-    friction : "nominal" or "worst".
-    start : how it starts, in words.
-    motion : the motion.
-    """
-
-    friction: str
-    start: str
-    motion: Trajectory
-
-    @property
-    def hunts(self) -> bool:
-        """The motion ends in a cycle or grows."""
-        return self.motion.verdict.kind in ("hunting", "growing")
-
-    @property
-    def decided(self) -> bool:
-        """The motion shows where it ends."""
-        return self.motion.verdict.kind != "undecided" and self.motion.status.ok
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +298,7 @@ def _margins_said(loop: Margins) -> str:
     )
 
 
-# The event map and the tasks
+# The event map
 
 
 def scanned(servo: Servo, model: Model, gain: float) -> tuple[str, Seen]:
@@ -355,75 +321,3 @@ def scanned(servo: Servo, model: Model, gain: float) -> tuple[str, Seen]:
         f"largest |P(a)|/a is {seen.best:.6g} at a = {seen.best_at:.6g} rad; {len(seen.failures)} motions failed",
         state,
     )
-
-
-def until_decided(servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float]) -> Trajectory:
-    """The motion over `span` [s], or over as much longer as its verdict takes, within limits.
-
-    Parameters
-    ----------
-    servo, model, gain
-        the problem.
-    span
-        first length [s].
-    start
-        initial values, as `simulate` takes them.
-    """
-    values: dict[str, Any] = dict(start)
-    motion = simulate(servo, model, gain, time=span, **values)
-    for _ in range(MOST_LONGER):
-        if motion.verdict.kind != "undecided" or motion.ended or motion.times.size > MOST_INTERVALS:
-            break
-        span = max(LONGER * span, AFTER_BREAKAWAY * (float(motion.times[-1]) + waits(motion)))
-        try:
-            motion = simulate(servo, model, gain, time=span, **values)
-        except NoOrbit:
-            break
-    return motion
-
-
-def waits(motion: Trajectory) -> float:
-    """Time [s] until a servo that ends stuck breaks away; 0 where it moves, or is at its set point."""
-    x = motion.states[:, -1]
-    _, _, ki = motion.servo.torque_gains(motion.gain)
-    torque = float(motion.torque(x[:, None])[0])
-    static = motion.servo.friction.static
-    if x[0] == 0 or abs(torque) > static or motion.modes[-1] != "stick":
-        return 0.0
-    return float((torque + np.sign(x[0]) * static) / (ki * x[0]))
-
-
-def regulator_tasks(
-    servo: Servo, model: Model, gain: float, span: float, amplitude: float, friction: str, *, decide: bool = True
-) -> list[Task]:
-    """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
-
-    Parameters
-    ----------
-    servo, model, gain
-        the problem.
-    span
-        length of the motions [s].
-    amplitude
-        of the breakaway [rad].
-    friction
-        what the friction is called.
-    decide
-        simulate longer until the verdict is decided.
-    """
-    kp, _, ki = servo.torque_gains(gain)
-    brink = (kp * amplitude - servo.friction.static) / ki
-    starts: list[tuple[str, dict[str, float]]] = [
-        *[(f"a step of {size:g} rad from rest", {"set_point": size}) for size in (1.0, 0.1)],
-        (
-            f"breaking away {amplitude:.4g} rad beside the set point",
-            {"set_point": 0.0, "position": -amplitude, "integral": brink},
-        ),
-    ]
-
-    def motion(values: dict[str, Any]) -> Trajectory:
-        if decide:
-            return until_decided(servo, model, gain, span, values)
-        return simulate(servo, model, gain, time=span, **values)
-
-    return [Task(friction, name, motion(values)) for name, values in starts]

@@ -18,11 +18,12 @@ from casahunt.linear_loop import linear_loop
 from casahunt.orbit import direction_of, unknowns_of
 from casahunt.simulate import simulate
 from casahunt.tune import Tuning, tune
-from casahunt.tune_check import SAMPLES, scanned, until_decided, waits
+from casahunt.tune_check import SAMPLES, scanned
 from casahunt.tune_demands import Demands, check_bounds
 from casahunt.tune_given import Given, Outlook
 from casahunt.tune_problem import Point
 from casahunt.tune_search import Search
+from casahunt.tune_tasks import until_decided, waits
 from casahunt.uncertainty import Uncertainty, WorstCase
 from problems import table1
 
@@ -344,7 +345,7 @@ def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     def too_short(servo, model, gain, _, start):
         return simulate(servo, model, gain, time=0.3, **start)
 
-    monkeypatch.setattr("casahunt.tune_check.until_decided", too_short)
+    monkeypatch.setattr("casahunt.tune_tasks.until_decided", too_short)
     assert main(["tune", "--quiet"]) == 0
     said = capsys.readouterr()
     assert "not everything verified" in said.out
