@@ -325,12 +325,29 @@ def test_times_are_found_where_ipopt_gives_up(unscanned, monkeypatch, servo):
     assert found.gain == pytest.approx(expected, rel=1e-5)
 
 
-def test_a_task_is_simulated_until_it_is_decided(servo):
-    """Too short a time leaves the servo stuck beside its set point; it breaks away when the integral has built up."""
-    start = {"set_point": 0.1}
-    short = simulate(servo, "switch", 0.7121, time=0.5, **start)
-    assert short.verdict.kind == "undecided"
-    assert until_decided(servo, "switch", 0.7121, 0.5, start).verdict.kind == "at rest"
+def undecided(motion):
+    """The motion with a verdict that needs more time, whatever the judge of motions makes of it."""
+    motion.__dict__["verdict"] = replace(motion.verdict, kind="undecided", sentence="more time is needed")
+    return motion
+
+
+def test_a_task_is_simulated_until_it_is_decided(servo, monkeypatch):
+    """Longer and longer, until there is a verdict; and not for ever."""
+    lengths = []
+
+    def slow(servo, model, gain, *, time, **start):
+        lengths.append(time)
+        motion = simulate(servo, model, gain, time=time, **start)
+        return motion if time > decided_after else undecided(motion)
+
+    monkeypatch.setattr("casahunt.tune_tasks.simulate", slow)
+    decided_after = 20.0
+    motion = until_decided(servo, "switch", 0.7121, 0.5, {"set_point": 0.1})
+    assert motion.times[-1] > 20 and motion.verdict.kind in ("at rest", "decaying")
+    assert abs(motion.states[0, -1]) < 1e-3  # from 0.1 rad beside the set point
+    assert all(later >= 2 * sooner for sooner, later in zip(lengths, lengths[1:], strict=False))
+    decided_after = math.inf
+    assert until_decided(servo, "switch", 0.7121, 0.5, {"set_point": 0.1}).verdict.kind == "undecided"
     # The wait of a stuck servo, m(t) = m - ki x1 t up to static friction, against the event of a longer motion.
     stuck = simulate(servo, "switch", 0.04, set_point=0.0, position=-0.01, integral=0.0, time=1.0)
     assert stuck.modes[-1] == "stick"
@@ -343,7 +360,7 @@ def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     """Neither verified nor refused: the sentence stands in the text, the record and on standard error."""
 
     def too_short(servo, model, gain, _, start):
-        return simulate(servo, model, gain, time=0.3, **start)
+        return undecided(simulate(servo, model, gain, time=0.3, **start))
 
     monkeypatch.setattr("casahunt.tune_tasks.until_decided", too_short)
     assert main(["tune", "--quiet"]) == 0
