@@ -7,8 +7,10 @@ fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for)
 delay, sample_time}, free, bounds {gain: [low, high], ...}; worst {corner {parameter: value}, fold_gain, evaluations};
 fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
 over the uncertainty set; binding: what keeps the cost from being less;
-verification {ok, fold_gain, fold_error, nominal_fold_gain, margin, margin_kept, scan, scan_clear, loops_kept,
-loops {nominal, worst: {crossover, phase_margin, lowest_factor, highest_factor, stable}},
+verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, margin,
+margin_kept, scan, scan_clear, loops_kept, loops_checked, loops {nominal, worst (friction), and of the servos of the set
+with the least "phase margin", "gain margin (lowering)", "gain margin (raising)": {crossover, phase_margin,
+lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
 tasks [{friction, start, time, verdict, reason, status}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
 before {gain, lead_time, integral_time, tasks}, null unless --gain or --out is given; servo {key: value}: as given;
@@ -28,7 +30,8 @@ from .console import add_common, complain, finite, folder, positive, servo_of
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
 from .hunting import MODELS
-from .tune import COSTS, FREE, Demands, Tuning, tune
+from .tune import Tuning, tune
+from .tune_demands import COSTS, FREE, Demands
 from .uncertainty import load_uncertainty
 
 FILES = ["tune.html", "tune.json"]
@@ -97,8 +100,11 @@ def run(options: argparse.Namespace) -> int:
         _print(record)
         if options.out is not None:
             print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
-    if not tuning.verification.ok:
-        complain("casahunt tune", "the verification speaks against this tuning; do not use it")
+    for sentence in tuning.verification.unverified:
+        complain("casahunt tune", f"not verified: {sentence}")
+    if tuning.verification.against:
+        reasons = "; ".join(tuning.verification.against)
+        complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
         return 1
     return 0
 
@@ -134,17 +140,27 @@ def _print(record: dict[str, Any]) -> None:
     else:
         print("  hunting          possible at no gain")
     print(f"  binding          {', '.join(record['binding']) or 'nothing'}")
-    print("verified apart from the optimisation")
+    print(f"checked apart from the optimisation: {check['result']}")
     if check["fold_gain"] is not None:
         print(f"  fold once more   {check['fold_gain']:.10g}; the gain is {100 * check['margin']:.6g} % above it")
     print(f"  event map        {check['scan']}")
+    if check["set"]:
+        number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
+        print(f"  folds of the set {number} corners and samples, the largest {largest:.8g}")
     for name, loop in check["loops"].items():
         if name == "nominal" or loop != check["loops"]["nominal"]:
-            print(f"  linear loop      {name}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+            at = ", ".join(f"{key} = {value:.6g}" for key, value in check["loop_corners"].get(name, {}).items())
+            what = {"worst": "worst friction"}.get(name, f"least {name}" if name in check["loop_corners"] else name)
+            where = f"{what} ({at})" if at else what
+            print(f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
     for task in check["tasks"]:
         print(f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}")
     for task in (record["before"] or {"tasks": []})["tasks"]:
         print(f"  before           gain {record['before']['gain']:.6g}, {task['start']}: {task['verdict']}")
+    for sentence in check["against"]:
+        print(f"  against it       {sentence}")
+    for sentence in check["unverified"]:
+        print(f"  not verified     {sentence}")
     print("not proved by this")
     for sentence in record["proves_not"]:
         print(f"  {sentence}")

@@ -16,7 +16,10 @@ from typing import Any
 from .delayed_loop import Margins
 from .sensitivity import fold_sensitivities
 from .servo import flatten
-from .tune import COSTS, Task, Tuning, regulator_tasks
+from .tune import Tuning
+from .tune_check import Verification
+from .tune_demands import COSTS
+from .tune_tasks import Task, regulator_tasks
 from .uncertainty import linear_range
 
 BEFORE = 0.5
@@ -30,7 +33,10 @@ PROVES_NOT = (
     "Optimum and worst friction are local; a better tuning, or a worse friction inside the set, may exist.",
     "Friction outside the set, flexibility, noise, backlash and saturation are not in the model.",
 )
-INSIDE = "The margins of the linear loop are kept at the nominal and at the worst friction, and not checked in between."
+INSIDE = (
+    "Inside of the uncertainty set the worst servo is searched for, from its corners and from samples; a worse one "
+    "that is not near any of them may exist."
+)
 DELAY = "The delay is in the margins of the linear loop only; fold, scan and simulation are without it."
 
 
@@ -48,7 +54,13 @@ def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task,
     fold = check.nominal_fold or check.fold
     gain = gain or (BEFORE * fold.gain if fold is not None else tuning.gain / 2)
     span = SHORTER * check.span
-    return gain, tuple(regulator_tasks(tuning.before, tuning.model, gain, span, check.amplitude, "nominal"))
+    tasks = regulator_tasks(tuning.before, tuning.model, gain, span, check.amplitude, "nominal", decide=False)
+    return gain, tuple(tasks)
+
+
+def result_of(check: Verification) -> str:
+    """One of "verified", "not everything verified", "speaks against it"."""
+    return "speaks against it" if check.against else "not everything verified" if check.unverified else "verified"
 
 
 def _number(value: float) -> float | None:
@@ -126,6 +138,9 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
         "binding": list(tuning.binding),
         "verification": {
             "ok": check.ok,
+            "result": result_of(check),
+            "against": list(check.against),
+            "unverified": list(check.unverified),
             "fold_gain": fold.gain if fold is not None else None,
             "fold_error": fold.gain_error if fold is not None else None,
             "nominal_fold_gain": nominal.gain if nominal is not None else None,
@@ -135,6 +150,11 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
             "scan_clear": check.scan_clear,
             "loops": {name: _loop(loop) for name, loop in check.loops.items()},
             "loops_kept": check.loops_kept,
+            "loops_checked": check.loops_checked,
+            "loop_corners": check.loop_corners,
+            "set": None
+            if check.set_check is None
+            else {"folds": check.set_check.computed, "largest_fold_gain": check.set_check.largest},
             "tasks": [_task(task) for task in check.tasks],
         },
         "elasticities": slopes.elasticities if slopes is not None else {},
@@ -178,6 +198,7 @@ th { font-weight: 600; color: var(--dim); }
 .answer small { font-size: 1rem; font-weight: 400; color: var(--dim); }
 [data-key] { font-variant-numeric: tabular-nums; }
 .good { color: var(--good); font-weight: 600; } .bad { color: var(--bad); font-weight: 600; }
+.open { color: #8a5a00; font-weight: 600; }
 .dim { color: var(--dim); } figure { margin: 1rem 0; } img { max-width: 100%; height: auto; }
 figcaption { color: var(--dim); font-size: .9rem; }
 @media print { body { background: #fff; } main { padding: 0; } figure, table { break-inside: avoid; } }
@@ -248,11 +269,14 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     parts = [
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
         f"<p class=answer>{p.n('gain', '.6g')} <small>V/rad, the recommended gain</small></p>",
-        f"<p>{p.verdict('verification/ok', 'Verified', 'The verification speaks against it')}: "
+        f"<p>{_result(check)}: "
         + (f"the gain lies {p.n('verification/margin', '.4g', 100.0)} % above the largest gain at which "
            f"the servo can hunt, {p.n('verification/fold_gain', '.8g')} V/rad"
            f"{' at the worst friction of the set' if record['worst']['corner'] else ''}." if hunts
            else "the servo cannot hunt at any gain.") + "</p>",
+        *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
+        *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
+          for i in range(len(check["unverified"]))],
         "<h2>The answer</h2>",
         _table([], [
             ["gain K", p.n("gain", ".10g") + " V/rad"],
@@ -297,14 +321,14 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         parts.append(figures.get("sensitivities", ""))
     loops = [
         [
-            name,
+            _loop_name(p, name, check["loop_corners"]),
             p.n(f"verification/loops/{name}/phase_margin", ".5g") + " degrees",
             "without limit" if not loop["lowest_factor"] else p.n(f"verification/loops/{name}/lowest_factor", ".5g"),
             "without limit" if loop["highest_factor"] is None
             else p.n(f"verification/loops/{name}/highest_factor", ".5g"),
         ]
         for name, loop in check["loops"].items()
-        if name == "nominal" or record["worst"]["corner"]
+        if name == "nominal" or record["worst"]["corner"] or name in check["loop_corners"]
     ]  # fmt: skip
     parts += [
         "<h2>Verified apart from the optimisation</h2>",
@@ -313,7 +337,10 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
              f"fold gain {p.n('verification/fold_gain', '.10g')}, "
              f"relative error {p.n('verification/fold_error', '.1e')}"],
             ["event map", p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],
-            ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"), ""],
+            *([["folds of the set", p.n("verification/set/folds", "g") + " servos",
+                f"largest fold gain {p.n('verification/set/largest_fold_gain', '.10g')}"]] if check["set"] else []),
+            ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"),
+             f"{p.n('verification/loops_checked', 'g')} servos"],
         ]),
         _table(["linear loop", "phase margin", "gain may fall to", "gain may rise to"], loops),
         "<h2>Simulated regulator tasks</h2>",
@@ -336,6 +363,22 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         + "\n".join(part for part in parts if part)
         + "\n</main></body></html>\n"
     )
+
+
+def _result(check: Mapping[str, Any]) -> str:
+    colour, said = {
+        "verified": ("good", "Verified"),
+        "not everything verified": ("open", "Not everything is verified"),
+        "speaks against it": ("bad", "The verification speaks against it"),
+    }[check["result"]]
+    return f'<span class="{colour}">{said}</span>'
+
+
+def _loop_name(p: _Page, name: str, corners: Mapping[str, Any]) -> str:
+    if name not in corners:
+        return {"worst": "worst friction"}.get(name, name)
+    at = ", ".join(f"{_words(key)} {p.n(f'verification/loop_corners/{name}/{key}', '.6g')}" for key in corners[name])
+    return f"least {name}" + (f" of the set: {at}" if at else "")
 
 
 def _task_row(p: _Page, key: str, gain: str) -> list[str]:

@@ -511,6 +511,40 @@ def sample(
     return Samples(names, rows, np.array([gain for gain, _ in results]), failures)
 
 
+def fold_gains(
+    servo: Servo,
+    model: Model,
+    names: Sequence[str],
+    rows: Array,
+    *,
+    options: Options | None = None,
+    fold: Fold | None = None,
+) -> tuple[Array, dict[int, str]]:
+    """Fold gains at given parameter values.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    names, rows
+        k parameters and (n, k) values of them.
+    options
+        tolerance of every fold.
+    fold
+        a fold from which the others are predicted, of any servo nearby.
+
+    Returns
+    -------
+    (n,) gains; 0 where the search finds no cycle at any gain, nan where the fold was not computed, and the sentence by
+    index of the latter.
+    """
+    near = fold.orbit.servo if fold is not None else servo
+    names = tuple(names)
+    expected = _prediction(near, fold, names)(rows)
+    results = _work(_Task(servo, model, options or Options(), names, rows, expected))
+    return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
+
+
 # The worst corner
 
 
@@ -578,7 +612,8 @@ class _Search:
         try:
             fold = _fold_near(servo, self.model, float(self.predict(q[None, :])[0]), self.options)
         except NoOrbit as error:
-            self.failures.append(str(error))
+            corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, q, strict=True))
+            self.failures.append(f"at {corner}: {error}")
             return self._keep(_Place(q, -np.inf))
         if fold is None:
             return self._keep(_Place(q, 0.0))

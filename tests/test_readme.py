@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import re
 import shlex
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+from taylor import switch_cycle, switch_half_cycle
 
+from casahunt import Servo
 from casahunt.cli import main
 from casahunt.servo import KEYS
+from casahunt.uncertainty import load_uncertainty
+from problems import table1
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()
@@ -41,6 +48,49 @@ def test_servo_file_example():
 COMMANDS = [
     line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines() if line.startswith("casahunt ")
 ]
+
+
+STORY = next(line for line in TEXT.splitlines() if line.startswith("casahunt tune") and "--uncertainty" in line)
+ENDS_IN = float(re.search(r"K = ([0-9.]+)", STORY).group(1))  # type: ignore[union-attr]
+
+
+def test_the_story_ends_at_rest(tmp_path, monkeypatch, capsys):
+    """The gain that the story ends in, at the worst servo of its set; and the one that it warns of hunts there."""
+    after = [command for command in COMMANDS if command.startswith(f"casahunt simulate --gain {ENDS_IN} ")]
+    assert len(after) == 2
+    monkeypatch.chdir(tmp_path)
+    for command in after:
+        assert main([*shlex.split(command)[1:], "--json", "--quiet"]) == 0
+        assert json.loads(capsys.readouterr().out)["verdict"] == "at rest"
+    names = re.findall(r"--set (\S+)=(\S+)", after[1])
+    worst = Servo().replace(**{name: float(value) for name, value in names})
+    assert largest_swing(worst, ENDS_IN) < 1
+    warned = float(re.search(r"above the nominal fold, K = ([0-9.]+)", TEXT).group(1))
+    assert 1.1 * table1.REFERENCE["switch"]["fold"]["K"] == pytest.approx(warned, abs=1e-4)
+    amplitude, _ = switch_cycle(worst, warned, 0.0017)
+    assert amplitude == pytest.approx(0.0017, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_story_ends_at_rest_all_over_its_set():
+    """At every corner of the uncertainty and between them, by the Taylor engine."""
+    words, servo = shlex.split(STORY.partition("#")[0]), Servo()
+    uncertainty = load_uncertainty(ROOT / words[words.index("--uncertainty") + 1], servo)
+    low, high = uncertainty.box(servo)
+    corners = [np.array(q) for q in itertools.product(*zip(low, high, strict=True))]
+    between = low + (high - low) * np.random.default_rng(5).random((4, low.size))
+    for q in [*corners, *between]:
+        member = servo.replace(**dict(zip(uncertainty.parameters, map(float, q), strict=True)))
+        assert largest_swing(member, ENDS_IN) < 1
+
+
+def largest_swing(servo: Servo, gain: float) -> float:
+    """max over stick positions a of |P(a)|/a; above one there is a cycle."""
+    unit = servo.friction.static / servo.torque_gains(gain)[0]
+    return max(
+        abs(switch_half_cycle(servo, gain, float(a), thrown_out=10 * unit, most_slips=20)[0]) / a
+        for a in np.geomspace(0.01, 3, 10) * unit
+    )
 
 
 @pytest.mark.slow
