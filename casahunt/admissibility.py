@@ -76,7 +76,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             inside = w[t.phase_intervals(k)]
             values = mode.admissible(inside.reshape(-1, t.n).T, setting.p, mode.sign).reshape(inside.shape[:2])
             resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
-            unclear[t.phase_intervals(k)] = _not_clear(t.scheme, values, mode.slack)
+            unclear[t.phase_intervals(k)] |= _not_clear(t.scheme, values, mode.slack)
             values = values @ _dense(t.degree, t.kind)[0]
         else:
             start = t.phase_end[k] - 1
