@@ -19,8 +19,8 @@ a Newton step inside each interval leaves, psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
 
-for the price of some values of the field.  Where that is no small correction, the difference to the solution on a finer
-mesh is the estimate.
+for the price of some values of the field.  It is taken as if it arose where it hurts more, at the start or at the end of
+its half, and added without regard to signs: a bound in practice, and as a rule far smaller than the sum above.
 
 A second measure keeps the solution itself presentable between the nodes: the last Legendre coefficient
 of each interval in units of the state scale, bounded by `shape_limit`.
@@ -57,9 +57,6 @@ a true error of 4e-9."""
 
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""
-MATTERS = 0.3
-"""Part of the estimate from which on what a Newton step leaves is no small correction: then the equations are solved
-on a finer mesh, and the answers compared."""
 
 
 @dataclass(frozen=True)
@@ -234,13 +231,10 @@ def estimate(
     per_element = np.abs((weights * maps[:, :, 0]).sum(axis=2))
     errors = np.maximum(np.abs(total), CANCELLED * per_element.sum(axis=1))
     if errors.max() <= believed:
-        weights = weights[:, t.interval_elements]
-        terms = (weights * _left_by_a_step(fine, u_fine, lin, halves)).sum(axis=2)
-        per_element[:, t.interval_elements] += np.abs(terms)
-        if np.any(np.abs(terms).sum(axis=1) > MATTERS * errors):
-            known = errors
-            errors = np.maximum(_by_solving(t, u, setting, row, goals), CANCELLED * per_element.sum(axis=1))
-            per_element *= np.maximum(1.0, errors / known)[:, None]
+        left = weights[:, t.interval_elements, None, None] * _left_by_a_step(fine, u_fine, lin, halves)
+        overlooked = np.abs(left.sum(axis=4)).max(axis=3).sum(axis=2)
+        per_element[:, t.interval_elements] += overlooked
+        errors += overlooked.sum(axis=1)
     errors += ROUNDING * np.linalg.norm(psi[:, : E * n], axis=1)
     period, amplitude, parameter = (*map(float, errors), 0.0)[:3]
     blame = per_element.max(axis=0)[t.interval_elements]
@@ -259,13 +253,17 @@ def _fine_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
 
 
 def _left_by_a_step(fine: Transcription, u: Array, lin: Linearisation, setting: Setting) -> Array:
-    """r' (N, n) at the ends of the intervals, of which `fine` has the halves; their starts are held."""
+    """r' (N, 2, 2, n) of both halves of every interval, carried to its end; the start of the interval is held.
+
+    Once as it would be if it arose at the end of its half, once as if at its start.
+    """
     n, count, d = fine.n, fine.intervals // 2, fine.degree
     w = fine.intervals_of(u).reshape(count, 2, d + 1, n).copy()
     ends = fine.nodes_of(u)[fine.interval_elements + 1].reshape(count, 2, n)
     maps = lin.maps[fine.interval_elements].reshape(count, 2, n, n + 3)
     update = lin.eliminated.reshape(count, 2, d * n, n + 3)
-    middle, second = maps[:, 0, :, 0], maps[:, 1, :, 1 : n + 1]
+    middle, through = maps[:, 0, :, 0], maps[..., 1 : n + 1]
+    second = through[:, 1]
     w[:, :, 1:] -= update[..., 0].reshape(count, 2, d, n)
     w[:, 1, 1:] -= (update[:, 1, :, 1 : n + 1] @ middle[:, :, None]).reshape(count, d, n)
     w[:, 1, 0] += middle
@@ -281,31 +279,9 @@ def _left_by_a_step(fine: Transcription, u: Array, lin: Linearisation, setting: 
     step = setting.fractions * fine.durations_of(u)[fine.phase_of[fine.interval_elements]]
     integrals = (weights[:, None] @ f.reshape(count, 2, -1, n))[:, :, 0] * step.reshape(count, 2, 1)
     left = w[:, :, 0] + integrals - ends
-    return left[:, 1] + (second @ left[:, 0, :, None])[:, :, 0]
-
-
-def _by_solving(t: Transcription, u: Array, setting: Setting, row: Array, goals: Array) -> Array:
-    """(goals,) changes of the functionals by two Newton steps on a mesh that is finer towards the ends of intervals."""
-    cuts = np.array([0.0, GRADED / 2, 0.5, 1 - GRADED / 2])
-    breaks = [
-        np.append((b[:-1, None] + np.diff(b)[:, None] * cuts).ravel(), b[-1]) for b in phase_breaks(t, setting.fractions)
-    ]
-    finer, u, fractions = transfer(t, u, setting.fractions, breaks)
-    setting = replace(setting, fractions=fractions)
-    # The functionals are of phase-end nodes, durations and lambda, which both node systems have.
-    coarse, fine = _shared(t), _shared(finer)
-    change, lam = np.zeros(len(goals)), 0.0
-    for _ in range(2):
-        du, y, dlam = finer.linearise(u, setting.moved(lam)).step(row)
-        step = goals[:, coarse] @ y[fine]
-        u, lam, change = u + du, lam + dlam, change + step
-    return np.abs(change) + np.abs(step)
-
-
-def _shared(t: Transcription) -> Array:
-    """Places of the phase-end nodes, the durations and lambda in the node system."""
-    nodes = np.concatenate([[0], t.phase_end])[:, None] * t.n + np.arange(t.n)
-    return np.concatenate([nodes.ravel(), np.arange((t.elements + 1) * t.n, t.system.size)])
+    late_early = np.stack([left, (through @ left[..., None])[..., 0]], axis=2)
+    late_early[:, 0] = late_early[:, 0] @ second.transpose(0, 2, 1)
+    return late_early
 
 
 def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
