@@ -19,8 +19,8 @@ a Newton step inside each interval leaves, psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
 
-for the price of some values of the field.  It is taken as if it arose where it hurts more, at the start or at the end of
-its half, and added without regard to signs: a bound in practice, and as a rule far smaller than the sum above.
+for the price of some values of the field.  It is taken as if it arose where it hurts more, at the start or at the end
+of its half, and added without regard to signs: a bound in practice, and as a rule far smaller than the sum above.
 
 A second measure keeps the solution itself presentable between the nodes: the last Legendre coefficient
 of each interval in units of the state scale, bounded by `shape_limit`.
@@ -206,7 +206,7 @@ def estimate(
     border
         border row under which the solution was computed; default lambda fixed.
     believed
-        first-order estimates up to this are completed by what they overlook; larger ones only place the next mesh.
+        first-order estimates up to this get what they overlook added; larger ones only place the next mesh.
 
     Period and amplitude are those of the full cycle and max |x1|; relative errors do not care.
     """

@@ -70,10 +70,12 @@ RANGES: dict[str, tuple[float, float]] = {
 }
 WITHOUT_VISCOUS = 0.2
 """Part of the servos without viscous friction."""
-ROUGH_DIGITS = 24
+ROUGH_DIGITS = 18
 """For the search of cycles that the program denies."""
 SMALLEST, LARGEST = Decimal("1e-5"), Decimal("1e3")
 """Amplitudes up to which it looks, in units of the place of the largest P(a)/a."""
+NARROW = Decimal("1e-3")
+"""Relative width of a bracket from which Newton takes over."""
 WAY_DOWN = (0.9999, 0.9995, 0.999, 0.997, 0.995, 0.98, 0.95, 0.88, 0.75, 0.6, 0.5, 0.35, 0.24, 0.16, 0.11, 0.075, 0.05)
 """Shares of the fold gain at which the engine's own search halts on its way to lower gains."""
 
@@ -180,17 +182,16 @@ class SwitchTruth:
             inside, step = outside, min(step * 3, Decimal("0.4"))
         else:
             return None
-        for _ in range(60):
+        while abs(outside / inside - 1) > NARROW:
             middle = (inside * outside).sqrt()
-            try:
-                return digits.SwitchMap(self.servo, gain).cycle(middle, within=float(abs(outside / inside - 1)))
-            except (digits.Lost, ArithmeticError):
-                pass
             if self._ratio(gain, middle) < 1:
                 outside = middle
             else:
                 inside = middle
-        return None
+        try:
+            return digits.SwitchMap(self.servo, gain).cycle((inside * outside).sqrt(), within=float(NARROW))
+        except (digits.Lost, ArithmeticError):
+            return None
 
     def _largest(self, gain: float) -> Decimal | None:
         """The place of the largest P(a)/a at a gain, followed from the fold."""
@@ -326,8 +327,8 @@ def table(servos: list[dict[str, Any]]) -> str:
         for s, row in chosen:
             what = f"ratio {row['ratio']:.3g}, mu {row['mu']:.6g} ({row['true_mu']:.6g})" if "ratio" in row else ""
             seen = {True: " [it exists]", False: " [the engine finds none]", None: ""}[row.get("exists")]
-            lines.append(f"  #{s['number']} {row['branch']} at {row['share']:g}, tol {row['tol']:g}, "
-                         f"{row['seconds']:.1f} s{seen}: {what}{row['reason']}\n      {command(s['parameters'], row)}")  # fmt: skip
+            where = f"#{s['number']} {row['branch']} at {row['share']:g}, tol {row['tol']:g}, {row['seconds']:.1f} s"
+            lines += [f"  {where}{seen}: {what}{row['reason']}", f"      {command(s['parameters'], row)}"]
     worst = sorted((r for r in rows if "ratio" in r[1]), key=lambda r: -r[1]["ratio"])[:8]
     lines += ["", "largest true error in estimates:"]
     for s, row in worst:
