@@ -15,6 +15,10 @@ Truth.  Switch: the event map P(a) by Taylor series in decimal arithmetic (scrip
 point next to the answer, to some thirty digits.  Where the answer is a refusal the engine looks for the cycle itself:
 it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a, whose
 fixed points on either side are then computed.
+LuGre: half a cycle by Taylor series with events in extended precision (scripts/peers/lugre_digits.py, needs heyoka),
+closed by Newton next to the answer.  The fold's gain is the one at which a cycle passes the set point with the speed of
+the answer, its amplitude and period are taken there.  A refused cycle is sought by following its branch from the next
+gain at which the program found one; where there is none, a refusal proves nothing.
 
 Verdicts, error and estimate relative, of period and amplitude (folds: and gain), the larger of them:
 
@@ -50,6 +54,7 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E402
 from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
+from scripts.peers import lugre_digits  # noqa: E402
 from scripts.peers import switch_digits as digits  # noqa: E402
 from scripts.stress import TooSlow, within  # noqa: E402
 
@@ -236,7 +241,62 @@ class SwitchTruth:
             return a
 
 
-ENGINES = {"switch": SwitchTruth}
+# And for the LuGre servo.
+
+
+class LugreTruth:
+    """Folds and cycles of one LuGre servo by Taylor series in extended precision."""
+
+    def __init__(self, servo: Servo) -> None:
+        self.servo = servo
+        self.top: digits.Truth | None = None
+        self.seen: list[tuple[float, str, Any, float]] = []
+
+    def fold(self, found: Any) -> digits.Truth | None:
+        """The fold next to the program's."""
+        if found is not None:
+            orbit = found.orbit
+            try:
+                self.top = lugre_digits.fold(self.servo, found.gain, orbit.arcs[0].states[0, 0][1:], orbit.period / 2)
+            except (digits.Lost, np.linalg.LinAlgError):
+                self.top = None
+        return self.top
+
+    def hunts_somewhere(self) -> Any:
+        """What the Switch servo with the same curve does: LuGre's neighbour, no proof."""
+        return SwitchTruth(self.servo).hunts_somewhere()
+
+    def next_to(self, found: Any) -> digits.Truth | None:
+        """The cycle next to an orbit of the program."""
+        try:
+            truth, y = lugre_digits.cycle(self.servo, found.gain, found.arcs[0].states[0, 0][1:], found.period / 2)
+        except (digits.Lost, np.linalg.LinAlgError):
+            return None
+        self.seen.append((found.gain, "unstable" if truth.mu > 1 else "stable", y, found.period / 2))
+        return truth
+
+    def own(self, gain: float, branch: str) -> digits.Truth | None:
+        """The cycle followed by the engine itself from the next gain at which it knows one; None where it is lost."""
+        known = [s for s in self.seen if s[1] == branch]
+        if not known:
+            return None
+        at, _, y, half_period = min(known, key=lambda s: abs(math.log(s[0] / gain)))
+        factor, truth = 1.02, None
+        while at != gain:
+            target = min(gain, at * factor) if gain > at else max(gain, at / factor)
+            try:
+                truth, y = lugre_digits.cycle(self.servo, target, y, half_period)
+                at, half_period, factor = target, float(truth.period) / 2, 1 + 1.5 * (factor - 1)
+            except (digits.Lost, np.linalg.LinAlgError):
+                factor = 1 + 0.3 * (factor - 1)
+                if factor < 1 + 1e-6:
+                    return None
+        if truth is not None and (truth.mu > 1) == (branch == "unstable"):
+            return truth
+        return None
+
+
+ENGINES = {"switch": SwitchTruth, "lugre": LugreTruth}
 
 
 # Verdicts.
@@ -288,11 +348,13 @@ def examine(model: str, seed: int, number: int, tolerances: Sequence[float]) -> 
         top = top or (float(truth.gain) if truth is not None else found.gain if found is not None else None)
     for share in SHARES if top else ():
         for branch in BRANCHES:
-            gain, truth = share * top, None
-            for tol in tolerances:
-                found, reason, denies, seconds = answer(model, servo, gain, branch, tol)
-                if truth is None:
-                    truth = engine.next_to(found) if found is not None else engine.own(gain, branch)
+            gain = share * top
+            answers = [answer(model, servo, gain, branch, tol) for tol in tolerances]
+            truth = None
+            # From the most accurate answer: where mu is 1e12 no other is near enough.
+            for found, *_ in sorted(answers, key=lambda a: a[0].error_estimate if a[0] is not None else math.inf):
+                truth = truth or (engine.next_to(found) if found is not None else engine.own(gain, branch))
+            for tol, (found, reason, denies, seconds) in zip(tolerances, answers, strict=True):
                 row = {"model": model, "branch": branch, "share": share, "tol": tol, "seconds": seconds, "gain": gain}
                 rows.append(judge(row, found, truth, reason, denies))
     return {"model": model, "seed": seed, "number": number, "parameters": parameters, "rows": rows}

@@ -9,7 +9,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from casahunt import NoOrbit, Servo, Status, find_orbit
+from casahunt import NoOrbit, Options, Servo, Status, find_orbit
 from problems.table1 import REFERENCE
 from scripts import random_servos
 from scripts.peers import switch_digits
@@ -42,6 +42,21 @@ def test_the_fold():
     assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 2e-10
 
 
+@pytest.mark.parametrize(("branch", "place"), [("stable", 1), ("stable", 4), ("unstable", 0)])
+def test_the_lugre_engine_gives_the_reference_rows(branch, place):
+    pytest.importorskip("heyoka")
+    from scripts.peers import lugre_digits
+
+    row = REFERENCE["lugre"][branch][place]
+    orbit = find_orbit(Servo(), "lugre", row["K"], branch=branch, options=Options(tol=1e-8))
+    truth, _ = lugre_digits.cycle(Servo(), row["K"], orbit.arcs[0].states[0, 0][1:], orbit.period / 2)
+    assert abs(float(truth.amplitude) / row["amplitude"] - 1) < 5e-12
+    assert abs(float(truth.period) / row["period"] - 1) < 5e-12
+    assert abs(float(truth.mu) / row["mu"] - 1) < 1e-6  # differences over 1e-9
+    error = max(abs(orbit.amplitude / row["amplitude"] - 1), abs(orbit.period / row["period"] - 1))
+    assert error < 10 * orbit.error_estimate + 5e-12
+
+
 def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
     """One servo at half its fold; a second run computes nothing and prints the same."""
     monkeypatch.setattr(random_servos, "SHARES", (0.5,))
@@ -58,14 +73,13 @@ def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
 
 
 def test_a_false_denial_and_a_small_estimate_are_called_so():
-    servo, gain = Servo(), 0.4
+    servo, gain = Servo(), 0.61
     engine = random_servos.SwitchTruth(servo)
     engine.top = switch_digits.Truth(*(Decimal(str(x)) for x in (0.647339083653, 0.00155239272991, 0, 0, 1)))
-    for branch in ("stable", "unstable"):
-        truth = engine.own(gain, branch)
-        assert truth is not None
-        (row,) = (r for r in REFERENCE["switch"][branch] if r["K"] == gain)
-        assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 1e-9
+    truth = engine.own(gain, "unstable")
+    assert truth is not None
+    (row,) = (r for r in REFERENCE["switch"]["unstable"] if r["K"] == gain)
+    assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 1e-9
     asked = {"branch": "unstable", "tol": 1e-6}
     assert random_servos.judge(dict(asked), None, truth, "none", True)["verdict"] == "false denial"
     assert random_servos.judge(dict(asked), None, truth, "lost", False)["verdict"] == "refused"
