@@ -231,8 +231,9 @@ def estimate(
     per_element = np.abs((weights * maps[:, :, 0]).sum(axis=2))
     errors = np.maximum(np.abs(total), CANCELLED * per_element.sum(axis=1))
     if errors.max() <= believed:
-        left = weights[:, t.interval_elements, None, None] * _left_by_a_step(fine, u_fine, lin, halves)
-        overlooked = np.abs(left.sum(axis=4)).max(axis=3).sum(axis=2)
+        left = _left_by_a_step(fine, u_fine, lin, halves).reshape(-1, 4, n)
+        terms = np.abs(left @ weights[:, t.interval_elements].transpose(1, 2, 0))
+        overlooked = (np.maximum(terms[:, 0], terms[:, 1]) + np.maximum(terms[:, 2], terms[:, 3])).T
         per_element[:, t.interval_elements] += overlooked
         errors += overlooked.sum(axis=1)
     errors += ROUNDING * np.linalg.norm(psi[:, : E * n], axis=1)

@@ -168,7 +168,11 @@ class SwitchTruth:
     def next_to(self, found: Any) -> digits.Truth | None:
         """The fixed point next to an orbit of the program."""
         try:
-            return digits.SwitchMap(self.servo, found.gain).cycle(abs(float(found.arcs[-1].end[0])))
+            place = abs(float(found.arcs[-1].end[0]))
+            # A multiplier of 1e18 takes 18 digits of the place for the first one of P(a).
+            more = max(0, math.ceil(math.log10(max(abs(found.half_multiplier), 1.0))))
+            the_map = digits.SwitchMap(self.servo, found.gain, digits.DIGITS + more)
+            return the_map.cycle(place, error=max(found.error_estimate, 1e-15))
         except (digits.Lost, ArithmeticError):
             return None
 
@@ -194,7 +198,7 @@ class SwitchTruth:
             else:
                 inside = middle
         try:
-            return digits.SwitchMap(self.servo, gain).cycle((inside * outside).sqrt(), within=float(NARROW))
+            return digits.SwitchMap(self.servo, gain).cycle((inside * outside).sqrt(), error=float(NARROW) / 6)
         except (digits.Lost, ArithmeticError):
             return None
 

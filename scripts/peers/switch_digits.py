@@ -221,20 +221,20 @@ class SwitchMap:
             t = fresh
         return t
 
-    def cycle(self, guess: float | Decimal, *, within: float = 1e-2) -> Truth:
-        """The symmetric cycle next to a stick position, at most `within` away (relative).
+    def cycle(self, guess: float | Decimal, *, error: float = 1e-9, within: float = 1e-2) -> Truth:
+        """The symmetric cycle nearest to a stick position, at most `within` away (relative).
 
-        Newton on P(a) = a; where it does not get there (at mu = 1e12 the twelfth digit of the guess decides), a bracket
-        of growing width around the guess, and Newton inside it.
+        Newton on P(a) = a in a bracket that grows around the guess from its presumed `error`: where mu is 1e8, Newton
+        by itself jumps over the nearest fixed point to another one.
         """
         with decimal.localcontext(self.context):
             a, limit = Decimal(guess), Decimal(within)
-            found = self._newton(a, a * (1 - limit), a * (1 + limit), 8, keeps_bracket=False)
-            width = Decimal("1e-13")
-            while found is None and width < limit:
+            width, found = Decimal(3 * error), None
+            while found is None and width < 10 * limit:
+                width = min(width, limit)
                 low, high = a * (1 - width), a * (1 + width)
                 if (self._excess(low) > 0) != (self._excess(high) > 0):
-                    found = self._newton(a, low, high, 100, keeps_bracket=True)
+                    found = self._newton(a, low, high)
                 width *= 10
             if found is None:
                 raise Lost(f"no fixed point of the map within {within:g} of {float(a):.6g}")
@@ -243,21 +243,18 @@ class SwitchMap:
     def _excess(self, a: Decimal) -> Decimal:
         return self._half(a).position - a
 
-    def _newton(self, a: Decimal, low: Decimal, high: Decimal, most: int, *, keeps_bracket: bool) -> Truth | None:
-        """The fixed point between low and high, or None; a bracket is kept where P - a changes sign in it."""
-        rising = keeps_bracket and self._excess(high) > 0
-        for _ in range(most):
+    def _newton(self, a: Decimal, low: Decimal, high: Decimal) -> Truth | None:
+        """The fixed point between low and high, where P - a changes sign."""
+        rising = self._excess(high) > 0
+        for _ in range(120):
             half = self._half(a)
             step = (half.position - a) / (1 - half.slope)
             if max(abs(step), abs(half.position - a)) <= abs(a).scaleb(-self.digits // 2):
                 return Truth(self.gain, a, half.largest, 2 * half.duration, half.slope)
-            fresh = a + step
-            if keeps_bracket:
-                low, high = (low, a) if (half.position > a) == rising else (a, high)
-                fresh = fresh if low < fresh < high else (low + high) / 2
-            elif not low < fresh < high:
-                return None
-            a = fresh
+            low, high = (low, a) if (half.position > a) == rising else (a, high)
+            a += step
+            if not low < a < high:
+                a = (low + high) / 2
         return None
 
 
