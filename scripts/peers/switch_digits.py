@@ -34,7 +34,7 @@ DIGITS = 34
 FAR = 0.8
 """Velocities in units of vs sqrt(digits ln 10) at which exp(-(v/vs)^2) is zero to all digits are 1; a step from
 farther out may not come closer than this and a bit, for the exponential has no visible coefficients there."""
-MOST_STEPS, MOST_SLIPS = 20_000, 30
+MOST_STEPS, MOST_SLIPS = 1_500, 30
 LOOKS = 16
 """Places in a step at which the sign of the velocity is looked at."""
 THROWN_OUT = 30
