@@ -162,7 +162,7 @@ def solve_adaptively(
             accepted, changes = None, 0
             continue
         row = None if border is None else curve_border(t, solution.u, border)
-        e = estimate(t, solution.u, setting.moved(solution.parameter), border=row)
+        e = estimate(t, solution.u, setting.moved(solution.parameter), border=row, believed=options.tol)
         if not np.isfinite(e.error):
             return Solved(t, solution, setting, None, Status.NOT_FINITE, iterations)
         presentable = _presentable(e, options)
@@ -203,7 +203,7 @@ def remeshed(start: Start, options: Options) -> Start:
     closure to hold.
     """
     t, u, setting = start
-    e = estimate(t, u, setting)
+    e = estimate(t, u, setting, believed=0.0)
     if not np.isfinite(e.indicators).all() or float(e.indicators.sum()) <= options.tol and _presentable(e, options):
         return start
     t, u, fractions = transfer(t, u, setting.fractions, better_breaks(t, setting.fractions, e, MOTION * options.tol))

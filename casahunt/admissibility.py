@@ -9,7 +9,8 @@ a violation beyond that is a wrong root; a value that is not clear of zero by as
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.
 
 The same goes for an interval between whose points a feature of the field can hide, such as the Stribeck drop
-in a stop from a thousand vs: neither the equations nor the error estimate would ever see it (cycle.Mode).
+in a stop from a thousand vs: neither the equations nor the error estimate would ever see it (cycle.Mode).  The march
+uses the same look, more strictly.
 
 A phase begins and ends where its condition vanishes by definition.  There the condition is divided by the
 distance from that end, so that what must be clear of zero is its slope.
@@ -33,7 +34,10 @@ RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
 NOISE = 1e-10
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
-LARGEST_JUMP = 0.5  # of a mode's feature between neighbouring collocation points
+LARGEST_JUMP = 0.5
+"""Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
+NOTHING_LEFT = 0.9
+"""The same for a solution: the error estimate looks between the points (mesh.py), but must have something to see."""
 _BETWEEN = np.linspace(0, 1, 33)
 
 
@@ -76,7 +80,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             inside = w[t.phase_intervals(k)]
             values = mode.admissible(inside.reshape(-1, t.n).T, setting.p, mode.sign).reshape(inside.shape[:2])
             resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
-            unclear[t.phase_intervals(k)] = _not_clear(t.scheme, values, mode.slack)
+            unclear[t.phase_intervals(k)] |= _not_clear(t.scheme, values, mode.slack)
             values = values @ _dense(t.degree, t.kind)[0]
         else:
             start = t.phase_end[k] - 1
@@ -92,15 +96,15 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     return Verdict("", -1, unclear)
 
 
-def hides(feature: Feature, points: Array, p: Array) -> Array:
-    """(N,) True where `feature` jumps between successive points (N, m, n) of an interval."""
+def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST_JUMP) -> Array:
+    """(N,) True where `feature` jumps by more than `largest` between successive points (N, m, n) of an interval."""
     values = np.asarray(feature(points.reshape(-1, points.shape[-1]).T, p), float).reshape(points.shape[:2])
-    return np.max(np.abs(np.diff(values, axis=1)), axis=1) > LARGEST_JUMP
+    return np.max(np.abs(np.diff(values, axis=1)), axis=1) > largest
 
 
 def _hides_feature(feature: Feature, w: Array, nodes: Array, t: Transcription, k: int, setting: Setting) -> Array:
     ends = nodes[t.phase_end[k] - t.counts[k] + 1 : t.phase_end[k] + 1]
-    return hides(feature, np.concatenate([w, ends[:, None]], axis=1), setting.p)
+    return hides(feature, np.concatenate([w, ends[:, None]], axis=1), setting.p, largest=NOTHING_LEFT)
 
 
 @lru_cache(maxsize=256)

@@ -132,3 +132,38 @@ class IntervalMap:
 def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
     """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
     return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)
+
+
+POINTS_AT_ONCE = 128
+
+
+class PointMap:
+    """`point_function` over any number of points, through fixed buffers for `POINTS_AT_ONCE` of them."""
+
+    def __init__(self, function: ca.Function, n: int) -> None:
+        mapped = function.map("points", "serial", POINTS_AT_ONCE, [2, 3], [])
+        self._x, self._sign = np.zeros((POINTS_AT_ONCE, n)), np.zeros(POINTS_AT_ONCE)
+        self._p, self._scale = np.zeros(function.size1_in(2)), np.zeros(n)
+        self._out = np.zeros((POINTS_AT_ONCE, n))
+        self._buffer, self._trigger = mapped.buffer()
+        for i, array in enumerate((self._x, self._sign, self._p, self._scale)):
+            self._buffer.set_arg(i, array.data)
+        self._buffer.set_res(0, self._out.data)
+
+    def __call__(self, x: np.ndarray, sign: np.ndarray, p: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        """Scaled field (m, n) at the scaled states x (m, n) with the signs (m,)."""
+        self._p[:], self._scale[:] = p, scale
+        out = np.empty_like(x)
+        for first in range(0, len(x), POINTS_AT_ONCE):
+            chunk = slice(first, first + POINTS_AT_ONCE)
+            count = len(out[chunk])
+            self._x[:count], self._sign[:count] = x[chunk], sign[chunk]
+            self._trigger()
+            out[chunk] = self._out[:count]
+        return out
+
+
+@lru_cache(maxsize=16)
+def point_map(field: Field, n: int, parameters: int) -> PointMap:
+    """The compiled map, kept for reuse."""
+    return PointMap(point_function(field, n, parameters), n)

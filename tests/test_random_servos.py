@@ -1,0 +1,114 @@
+"""The random servos script: its engine against published digits, its verdicts where the answer is known to be wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+from casahunt import NoOrbit, Options, Servo, Status, find_orbit
+from problems.table1 import REFERENCE
+from scripts import random_servos
+from scripts.peers import switch_digits
+
+
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+def test_the_engine_gives_the_reference_rows(branch):
+    """Two programs that share nothing: Taylor series in extended precision, and these in decimal arithmetic."""
+    for row in REFERENCE["switch"][branch][:3:2]:
+        truth = switch_digits.SwitchMap(Servo(), row["K"], 24).cycle(row["amplitude"])
+        assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 1e-9
+        assert abs(truth.period / Decimal(row["period"]) - 1) < 1e-8
+        assert abs(truth.mu / Decimal(row["mu"]) - 1) < 1e-6
+
+
+def test_more_digits_and_differences_agree():
+    rough, fine = (switch_digits.SwitchMap(Servo(), 0.04, digits) for digits in (20, 34))
+    one, other = rough.half(0.05), fine.half(0.05)
+    assert abs(one.position / other.position - 1) < 1e-17
+    assert abs(one.slope / other.slope - 1) < 1e-15
+    step = Decimal("1e-9")
+    left, right = (fine.half(Decimal("0.05") + k * step).position for k in (-1, 1))
+    assert abs((right - left) / (2 * step) / fine.half(Decimal("0.05")).slope - 1) < 1e-12
+
+
+def test_the_fold():
+    row = REFERENCE["switch"]["fold"]
+    truth = switch_digits.fold(Servo(), row["K"] * (1 + 1e-6), row["amplitude"] * (1 - 1e-5), digits=24)
+    assert abs(truth.gain / Decimal(row["K"]) - 1) < 2e-12
+    assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 2e-10
+
+
+@pytest.mark.parametrize(("branch", "place"), [("stable", 1), ("stable", 4), ("unstable", 0)])
+def test_the_lugre_engine_gives_the_reference_rows(branch, place):
+    pytest.importorskip("heyoka")
+    from scripts.peers import lugre_digits
+
+    row = REFERENCE["lugre"][branch][place]
+    orbit = find_orbit(Servo(), "lugre", row["K"], branch=branch, options=Options(tol=1e-8))
+    truth, _ = lugre_digits.cycle(Servo(), row["K"], orbit.arcs[0].states[0, 0][1:], orbit.period / 2)
+    assert abs(float(truth.amplitude) / row["amplitude"] - 1) < 5e-12
+    assert abs(float(truth.period) / row["period"] - 1) < 5e-12
+    assert abs(float(truth.mu) / row["mu"] - 1) < 1e-6  # differences over 1e-9
+    error = max(abs(orbit.amplitude / row["amplitude"] - 1), abs(orbit.period / row["period"] - 1))
+    assert error < 10 * orbit.error_estimate + 5e-12
+
+
+def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
+    """One servo at half its fold; a second run computes nothing and prints the same."""
+    monkeypatch.setattr(random_servos, "SHARES", (0.5,))
+    arguments = ["--only", "1", "--tol", "1e-6", "--out", str(tmp_path / "servos.jsonl")]
+    assert random_servos.main(arguments) == 0
+    first = capsys.readouterr().out
+    (line,) = (tmp_path / "servos.jsonl").read_text().splitlines()
+    rows = json.loads(line)["rows"]
+    assert [row["branch"] for row in rows] == ["fold", "stable", "unstable"]
+    assert all(row["verdict"] == "solved" and row["ratio"] < 10 for row in rows)
+    monkeypatch.setattr(random_servos, "examine", None)
+    assert random_servos.main(arguments) == 0
+    assert capsys.readouterr().out == first
+
+
+def test_a_false_denial_and_a_small_estimate_are_called_so():
+    servo, gain = Servo(), 0.61
+    engine = random_servos.SwitchTruth(servo)
+    engine.top = switch_digits.Truth(*(Decimal(str(x)) for x in (0.647339083653, 0.00155239272991, 0, 0, 1)))
+    truth = engine.own(gain, "unstable")
+    assert truth is not None
+    (row,) = (r for r in REFERENCE["switch"]["unstable"] if r["K"] == gain)
+    assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 1e-9
+    asked = {"branch": "unstable", "tol": 1e-6}
+    assert random_servos.judge(dict(asked), None, truth, "none", True)["verdict"] == "false denial"
+    assert random_servos.judge(dict(asked), None, truth, "lost", False)["verdict"] == "refused"
+    assert random_servos.judge(dict(asked), None, None, "none", True)["verdict"] == "none"
+    stable = find_orbit(servo, "switch", gain)
+    truth = engine.next_to(stable)
+    right = {"branch": "stable", "tol": 1e-6}
+    assert random_servos.judge(dict(right), stable, truth, "", False)["verdict"] == "solved"
+    proud = replace(stable, period_error=1e-15, amplitude_error=1e-15, amplitude=stable.amplitude * (1 + 1e-9))
+    assert random_servos.judge(dict(right), proud, truth, "", False)["verdict"] == "wrong"
+    assert random_servos.judge(right | {"branch": "unstable"}, stable, truth, "", False)["verdict"] == "wrong"
+
+
+def test_what_denies(monkeypatch):
+    for status in (None, Status.NOT_CONVERGED):
+
+        def refuse(*_, status=status, **__):
+            raise NoOrbit("no such cycle", status)
+
+        monkeypatch.setattr(random_servos, "find_orbit", refuse)
+        assert random_servos.answer("switch", Servo(), 0.1, "stable", 1e-6)[2] is (status is None)
+
+
+def test_servos_are_drawn_from_the_ranges():
+    drawn = [random_servos.draw(3, number) for number in range(300)]
+    for key, (low, high) in random_servos.RANGES.items():
+        values = np.array([p["friction.static"] / p[key] if key == "friction.coulomb" else p[key] for p in drawn])
+        values = values[values > 0]
+        assert low * 0.999 <= values.min() and values.max() <= high * 1.001
+        assert abs(np.log(values).mean() - np.log(low * high) / 2) < 0.1 * np.log(high / low)
+    assert 30 < sum(p["friction.viscous"] == 0 for p in drawn) < 90
+    assert random_servos.draw(3, 7) == drawn[7]
