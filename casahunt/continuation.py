@@ -372,7 +372,9 @@ def step_along(
         ds *= (bound / here - 1) / lam
         u, lam = predict(point, ds)
         lam = bound / here - 1
-    solved = corrected(point, u, lam, last.model, options, ds=ds, border=None if reached else point.row)
+    # Where Newton does not land on the bound, a shorter step costs a tenth of what IPOPT would.
+    how = replace(options, solver="newton") if reached and options.solver == "auto" else options
+    solved = corrected(point, u, lam, last.model, how, ds=ds, border=None if reached else point.row)
     value = bound if reached else here * (1 + lam + solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
