@@ -20,6 +20,7 @@ finds one.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +48,8 @@ SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
 LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
+MOST_FAILED = 8
+"""Cycles that may turn out not to be computable before the search is given up."""
 CLIMB = (4.0, 2.0, 1.4)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
@@ -106,31 +109,40 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
         base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
     check_problem(servo, model, base)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
-    for gain in gains:
-        unit = servo.friction.static / servo.torque_gains(gain)[0]
-        rigid = near_stable("switch", servo, gain, TYPICAL * unit) or scan("switch", servo, gain).upper
-        if rigid is None:
+    failed: list[str] = []
+    promised = False
+    for gain, shown in _gains_to_try(servo, model, gains):
+        promised |= shown
+        try:
+            met = stable_at(servo, model, gain, options=options)
+        except NoOrbit as error:
+            failed.append(str(error))
+            if len(failed) == MOST_FAILED:
+                break
             continue
-        for higher in reversed(_climb(servo, gain, rigid.start)):
-            orbit = _met(servo, model, higher, options)
-            if orbit is not None:
-                return orbit
-    if model != "switch":
-        for gain in gains[:LUGRE_SEARCHES]:
-            orbit = _met(servo, model, gain, options)
-            if orbit is not None:
-                return orbit
+        if met.orbit is not None:
+            return met.orbit
+    if failed or promised:
+        raise NoOrbit(
+            f"no hunting limit cycle of the {model} servo was computed, though the event map of the Switch servo shows "
+            f"some: {len(failed)} of them were tried{': ' + failed[-1] if failed else ''}",
+            Status.NOT_CONVERGED if failed else Status.NOT_FOUND,
+        )
     raise NoOrbit(
         f"no hunting limit cycle of the {model} servo was found: {len(gains)} gains from {min(gains):.3g} to "
         f"{max(gains):.3g} were scanned"
     )
 
 
-def _met(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
-    try:
-        return stable_at(servo, model, gain, options=options).orbit
-    except NoOrbit:
-        return None
+def _gains_to_try(servo: Servo, model: Model, gains: list[float]) -> Iterator[tuple[float, bool]]:
+    """(gain, True) where the Switch servo hunts, the highest of each climb first; then, for LuGre, (gain, False)."""
+    for gain in gains:
+        unit = servo.friction.static / servo.torque_gains(gain)[0]
+        rigid = near_stable("switch", servo, gain, TYPICAL * unit) or scan("switch", servo, gain).upper
+        if rigid is not None:
+            yield from ((higher, True) for higher in reversed(_climb(servo, gain, rigid.start)))
+    if model != "switch":
+        yield from ((gain, False) for gain in gains[:LUGRE_SEARCHES])
 
 
 def _climb(servo: Servo, gain: float, a: float) -> list[float]:

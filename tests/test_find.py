@@ -142,3 +142,16 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
     assert cli.main(["basin", "--gain", "1.1773", *words]) == 1
     out = capsys.readouterr().out
     assert "stable cycle  " not in out.replace("unstable cycle", "") and "not stable (half multiplier -1.03" in out
+
+
+def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
+    """The map shows cycles and no solver arrives: that is no evidence that there is none."""
+    from casahunt import fold
+
+    def stuck(*arguments, **options):
+        raise NoOrbit("stuck", Status.NOT_CONVERGED)
+
+    monkeypatch.setattr(fold, "stable_at", stuck)
+    with pytest.raises(NoOrbit, match="was computed, though the event map") as refused:
+        find_fold(Servo(), "switch")
+    assert refused.value.status is Status.NOT_CONVERGED
