@@ -12,9 +12,10 @@ and asked, for every tolerance, for its fold and for the stable and the unstable
 0.999 of it.  The fold gain that places the questions is the engine's own where it finds one.
 
 Truth.  Switch: the event map P(a) by Taylor series in decimal arithmetic (scripts/peers/switch_digits.py): its fixed
-point next to the answer, to some thirty digits.  Where the answer is a refusal the engine looks for the cycle itself:
-it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a, whose
-fixed points on either side are then computed.
+point next to the answer, to some thirty digits; with heyoka (extra `bench`) and multipliers below 1e5 in extended
+precision (switch_long.py), a hundred times faster.  Where the answer is a refusal the engine looks for the cycle
+itself: it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a,
+whose fixed points on either side are then computed.
 LuGre: half a cycle by Taylor series with events in extended precision (scripts/peers/lugre_digits.py, needs heyoka),
 closed by Newton next to the answer.  The fold's gain is the one at which a cycle passes the set point with the speed of
 the answer, its amplitude and period are taken there.  A refused cycle is sought by following its branch from the next
@@ -36,6 +37,7 @@ all of them; exit code 1 if anything is wrong, falsely denied or unchecked.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import math
 import sys
@@ -56,8 +58,12 @@ from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E40
 from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
 from scripts.peers import lugre_digits  # noqa: E402
 from scripts.peers import switch_digits as digits  # noqa: E402
+from scripts.peers.switch_long import STEEPEST, LongMap  # noqa: E402
 from scripts.stress import TooSlow, within  # noqa: E402
 
+HEYOKA = importlib.util.find_spec("heyoka") is not None
+ROUGH: type[digits.SwitchMap] = LongMap if HEYOKA else digits.SwitchMap
+"""The Switch engine for searches, and for cycles with multipliers up to STEEPEST."""
 SHARES = (0.05, 0.5, 0.95, 0.995, 0.999)
 BRANCHES = ("stable", "unstable")
 HONEST = 10.0
@@ -161,7 +167,7 @@ class SwitchTruth:
     def _ratio(self, gain: float, a: Decimal) -> Decimal:
         """P(a)/a; 1 where the motion does not get to a stick, which says neither."""
         try:
-            return digits.SwitchMap(self.servo, gain, ROUGH_DIGITS).half(a).position / a
+            return ROUGH(self.servo, gain, ROUGH_DIGITS).half(a).position / a
         except (digits.Lost, ArithmeticError):
             return Decimal(1)
 
@@ -169,6 +175,8 @@ class SwitchTruth:
         """The fixed point next to an orbit of the program."""
         try:
             place = abs(float(found.arcs[-1].end[0]))
+            if HEYOKA and abs(found.half_multiplier) < STEEPEST:
+                return LongMap(self.servo, found.gain).cycle(place, error=max(found.error_estimate, 1e-13))
             # A multiplier of 1e18 takes 18 digits of the place for the first one of P(a).
             more = max(0, math.ceil(math.log10(max(abs(found.half_multiplier), 1.0))))
             the_map = digits.SwitchMap(self.servo, found.gain, digits.DIGITS + more)
@@ -218,7 +226,7 @@ class SwitchTruth:
 
     def _climb(self, gain: float, a: Decimal) -> Decimal:
         """The nearby maximum of P(a)/a, by the sign of its slope: a P' - P."""
-        the_map = digits.SwitchMap(self.servo, gain, ROUGH_DIGITS)
+        the_map = ROUGH(self.servo, gain, ROUGH_DIGITS)
 
         def rises(a: Decimal) -> bool:
             half = the_map.half(a)

@@ -26,6 +26,8 @@ from .switch_digits import Lost, Truth
 
 LONG = np.longdouble
 MOST_REVERSALS = 400
+FAST, SHARE = 2.0, 0.3
+"""Speed in vs above which steps are kept short, and the part of the speed that may be lost in one."""
 FARTHEST = 0.1
 """Largest relative distance of a solution from its guess."""
 STEP = LONG(1e-9)
@@ -53,7 +55,7 @@ def _integrator(events: bool) -> Any:
     system = [(x1, x2), (x2, (m - (s0 * z + s1 * rate + s2 * x2)) / J), (x3, x1), (z, rate)]
     return hy.taylor_adaptive(
         system, state=np.ones(4, dtype=LONG), pars=np.ones(11, dtype=LONG), fp_type=LONG,
-        t_events=[hy.t_event(x2, fp_type=LONG), hy.t_event(x1, fp_type=LONG)] if events else [],
+        t_events=[hy.t_event(e, fp_type=LONG) for e in (x2, x1, x2 * x2 - FAST**2 * vs * vs)] if events else [],
     )  # fmt: skip
 
 
@@ -78,18 +80,34 @@ def half(servo: Servo, gain: Any, y: Any, longest: float) -> Half:
     ta.reset_cooldowns()
     ta.time, ta.state[:], ta.pars[:] = first.time, first.state, p
     largest = LONG(0)
-    for _ in range(MOST_REVERSALS):
+    reversals = 0
+    while reversals < MOST_REVERSALS:
+        fast = abs(ta.state[1]) > FAST * p[6]
+        outcome = ta.step(_short(ta.state, ta.pars)) if fast else ta.propagate_until(LONG(longest))
         # A terminal event stops with -index - 1; heyoka's own outcomes lie far below.
-        index = -int(ta.propagate_until(LONG(longest))[0].value) - 1
+        index = -int(outcome[0].value) - 1
+        if index == 2 or (fast and index not in (0, 1) and ta.time < longest):
+            continue
         if index not in (0, 1):
             raise Lost(f"the motion did not reach the next x1 = 0 within {longest:g} s")
         if index == 1:
             return Half(ta.state[1:].copy(), ta.time, largest)
+        reversals += 1
         largest = max(largest, abs(ta.state[0]))
         ta.state[1] = 0
         torque = -(p[1] * ta.state[0] + p[3] * ta.state[2]) - p[8] * ta.state[3]
         ta.pars[10] = np.sign(torque)
     raise Lost(f"no x1 = 0 after {MOST_REVERSALS} reversals")
+
+
+def _short(x: Any, p: Any) -> Any:
+    """A step in which the speed cannot fall from far above vs into the drop of the friction curve unseen.
+
+    Up there the exponential has no visible Taylor coefficients, and the step that they allow knows nothing of the drop.
+    """
+    J, kp, kd, ki, Fs, _, vs, s2, s0, s1, _ = p
+    force = abs(kp * x[0] + kd * x[1] + ki * x[2]) + Fs + (s1 + s2) * abs(x[1])
+    return LONG(SHARE) * max(vs, abs(x[1]) - 8 * vs) * J / force
 
 
 def cycle(servo: Servo, gain: float, y: Any, half_period: float) -> tuple[Truth, Any]:
