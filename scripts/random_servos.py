@@ -12,7 +12,7 @@ and asked, for every tolerance, for its fold and for the stable and the unstable
 0.999 of it.  The fold gain that places the questions is the engine's own where it finds one.
 
 Truth.  Switch: the event map P(a) by Taylor series in decimal arithmetic (scripts/peers/switch_digits.py): its fixed
-point next to the answer, to some thirty digits; with heyoka (extra `bench`) and multipliers below 1e5 in extended
+point next to the answer, to some thirty digits; with heyoka (extra `bench`) and multipliers below 1e9 in extended
 precision (switch_long.py), a hundred times faster.  Where the answer is a refusal the engine looks for the cycle
 itself: it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a,
 whose fixed points on either side are then computed.
@@ -43,7 +43,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from decimal import Decimal
 from pathlib import Path
@@ -67,8 +67,8 @@ ROUGH: type[digits.SwitchMap] = LongMap if HEYOKA else digits.SwitchMap
 SHARES = (0.05, 0.5, 0.95, 0.995, 0.999)
 BRANCHES = ("stable", "unstable")
 HONEST = 10.0
-TIME_LIMIT = 60.0
-"""For one answer [s]; beyond, it counts as refused."""
+TIME_LIMIT, ENGINE_LIMIT = 60.0, 300.0
+"""For one answer [s], beyond which it counts as refused; for one answer of the engine, beyond which it has none."""
 RANGES: dict[str, tuple[float, float]] = {
     "friction.static": (0.1, 5.0),
     "friction.coulomb": (1.02, 2.5),  # static over coulomb
@@ -135,6 +135,9 @@ def answer(model: str, servo: Servo, gain: float | None, branch: str, tol: float
 class SwitchTruth:
     """Folds and cycles of one Switch servo by its event map in decimal arithmetic; each is computed once."""
 
+    patient = True
+    """Whether multipliers above STEEPEST, for which decimal arithmetic takes minutes, are checked with it."""
+
     def __init__(self, servo: Servo) -> None:
         self.servo = servo
         self.top: digits.Truth | None = None
@@ -177,6 +180,8 @@ class SwitchTruth:
             place = abs(float(found.arcs[-1].end[0]))
             if HEYOKA and abs(found.half_multiplier) < STEEPEST:
                 return LongMap(self.servo, found.gain).cycle(place, error=max(found.error_estimate, 1e-13))
+            if not self.patient:
+                return None
             # A multiplier of 1e18 takes 18 digits of the place for the first one of P(a).
             more = max(0, math.ceil(math.log10(max(abs(found.half_multiplier), 1.0))))
             the_map = digits.SwitchMap(self.servo, found.gain, digits.DIGITS + more)
@@ -206,7 +211,7 @@ class SwitchTruth:
             else:
                 inside = middle
         try:
-            return digits.SwitchMap(self.servo, gain).cycle((inside * outside).sqrt(), error=float(NARROW) / 6)
+            return ROUGH(self.servo, gain).cycle((inside * outside).sqrt(), error=float(NARROW) / 6)
         except (digits.Lost, ArithmeticError):
             return None
 
@@ -261,6 +266,7 @@ class LugreTruth:
 
     def __init__(self, servo: Servo) -> None:
         self.servo = servo
+        self.patient = True
         self.top: digits.Truth | None = None
         self.seen: list[tuple[float, str, Any, float]] = []
 
@@ -343,17 +349,27 @@ def judge(row: dict[str, Any], found: Any, truth: Any, reason: str, denies: bool
     return row | {"verdict": "solved" if fine else "wrong"}
 
 
-def examine(model: str, seed: int, number: int, tolerances: Sequence[float]) -> dict[str, Any]:
+def patiently(question: Callable[..., Any], *arguments: Any) -> Any:
+    """What the engine answers within its time limit; None beyond."""
+    try:
+        with within(ENGINE_LIMIT):
+            return question(*arguments)
+    except TooSlow:
+        return None
+
+
+def examine(model: str, seed: int, number: int, tolerances: Sequence[float], fast: bool = False) -> dict[str, Any]:
     """All questions about one servo."""
     parameters = draw(seed, number)
     servo = Servo().replace(**parameters)
     engine = ENGINES[model](servo)
+    engine.patient = not fast
     rows: list[dict[str, Any]] = []
     top = None
     for tol in tolerances:
         found, reason, denies, seconds = answer(model, servo, None, "fold", tol)
-        truth = engine.fold(found) if found is not None or engine.top is None else engine.top
-        exists = truth if found is not None or truth is not None else engine.hunts_somewhere()
+        truth = patiently(engine.fold, found) if found is not None or engine.top is None else engine.top
+        exists = truth if found is not None or truth is not None else patiently(engine.hunts_somewhere)
         row = {"model": model, "branch": "fold", "share": 1.0, "tol": tol, "seconds": seconds,
                "gain": found.gain if found is not None else None}  # fmt: skip
         rows.append(judge(row, found, exists, reason, denies))
@@ -365,7 +381,9 @@ def examine(model: str, seed: int, number: int, tolerances: Sequence[float]) -> 
             truth = None
             # From the most accurate answer: where mu is 1e12 no other is near enough.
             for found, *_ in sorted(answers, key=lambda a: a[0].error_estimate if a[0] is not None else math.inf):
-                truth = truth or (engine.next_to(found) if found is not None else engine.own(gain, branch))
+                truth = truth or (
+                    patiently(engine.next_to, found) if found is not None else patiently(engine.own, gain, branch)
+                )
             for tol, (found, reason, denies, seconds) in zip(tolerances, answers, strict=True):
                 row = {"model": model, "branch": branch, "share": share, "tol": tol, "seconds": seconds, "gain": gain}
                 rows.append(judge(row, found, truth, reason, denies))
@@ -421,6 +439,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tol", type=float, nargs="+", default=[1e-6, 1e-8])
     parser.add_argument("--out", type=Path, help="file to continue; default: nothing is kept")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--fast", action="store_true", help="no decimal arithmetic for multipliers above 1e9")
     parser.add_argument("--quick", action="store_true")
     args = parser.parse_args(argv)
     count = args.servos or (5 if args.quick else {"switch": 200, "lugre": 60}[args.model])
@@ -431,7 +450,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             s = json.loads(text)
             if s["model"] == args.model and s["seed"] == args.seed:
                 known[s["number"]] = s
-    jobs = [(args.model, args.seed, n, args.tol) for n in numbers if n not in known]
+    jobs = [(args.model, args.seed, n, args.tol, args.fast) for n in numbers if n not in known]
     with ProcessPoolExecutor(args.jobs) as pool:
         for s in pool.map(examine, *zip(*jobs, strict=True)) if jobs else ():
             known[s["number"]] = s

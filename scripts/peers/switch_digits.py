@@ -243,18 +243,14 @@ class SwitchMap:
     def _excess(self, a: Decimal) -> Decimal:
         return self._half(a).position - a
 
-    def _arrived(self, a: Decimal, step: Decimal, missed: Decimal) -> bool:
-        return max(abs(step), abs(missed)) <= abs(a).scaleb(-self.digits // 2)
-
     def _newton(self, a: Decimal, low: Decimal, high: Decimal) -> Truth | None:
         """The fixed point between low and high, where P - a changes sign."""
         rising = self._excess(high) > 0
         for _ in range(120):
             half = self._half(a)
             step = (half.position - a) / (1 - half.slope)
-            if self._arrived(a, step, half.position - a):
-                amplitude = half.largest if half.largest > max(a, half.position) else a
-                return Truth(self.gain, a, amplitude, 2 * half.duration, half.slope)
+            if max(abs(step), abs(half.position - a)) <= abs(a).scaleb(-self.digits // 2):
+                return Truth(self.gain, a, half.largest, 2 * half.duration, half.slope)
             low, high = (low, a) if (half.position > a) == rising else (a, high)
             a += step
             if not low < a < high:
@@ -270,8 +266,7 @@ def _value(c: Sequence[Decimal], h: Decimal) -> Decimal:
 
 
 def fold(
-    servo: Servo, gain: float, a: float, *, digits: int = DIGITS, within: float = 1e-3,
-    engine: type[SwitchMap] = SwitchMap,
+    servo: Servo, gain: float, a: float, *, digits: int = DIGITS, within: float = 1e-3
 ) -> Truth:
     """The fold next to a guess: P(a) = a and P'(a) = 1, by Newton with differences."""
     with decimal.localcontext(decimal.Context(prec=digits, Emin=-(10**6), Emax=10**6)):
@@ -280,7 +275,7 @@ def fold(
         small = Decimal(10) ** (-digits // 2)
 
         def conditions(K: Decimal, a: Decimal) -> tuple[Decimal, Decimal, Half]:
-            half = engine(servo, K, digits).half(a)
+            half = SwitchMap(servo, K, digits).half(a)
             return half.position / a - 1, half.slope - 1, half
 
         slopes, last = None, Decimal(1)

@@ -21,15 +21,15 @@ import numpy as np
 
 from casahunt import Servo
 
-from .switch_digits import MOST_SLIPS, THROWN_OUT, Half, Lost, SwitchMap
+from .switch_digits import MOST_SLIPS, THROWN_OUT, Half, Lost, SwitchMap, Truth
 
 LONG = np.longdouble
 DIGITS = 18
 MOST_STEPS = 20000
 FAR = 7.0
 """Speed in vs beyond which exp(-(v/vs)^2) is below the last digit."""
-STEEPEST = 1e5
-"""Largest |P'| at which P is known to 1e-12 in spite of rounding."""
+STEEPEST, CLOSE = 1e9, 17
+"""Largest |P'| at which the period is known to 1e-9 and better in spite of rounding; digits of a fixed point."""
 SHARE = 0.3
 """Part of the allowed change of the speed that a step may make by acceleration and by jerk."""
 
@@ -67,9 +67,34 @@ class LongMap(SwitchMap):
             f.stribeck_velocity, f.viscous, 1.0,
         ], dtype=LONG)  # fmt: skip
 
-    def _arrived(self, a: Decimal, step: Decimal, missed: Decimal) -> bool:
-        """P is known to its slope times the rounding of a: the step tells, the miss cannot be as small."""
-        return abs(step) <= abs(a).scaleb(-14) and abs(missed) <= abs(a).scaleb(-7)
+    def _newton(self, a: Decimal, low: Decimal, high: Decimal) -> Truth | None:
+        """The fixed point between low and high by the sign of P - a alone, which rounding spoils least."""
+        ends = [(x, self._half(x)) for x in (low, high)]
+        (low, below), (high, above) = ends
+        f_low, f_high = below.position - low, above.position - high
+        for k in range(200):
+            if high - low <= abs(high).scaleb(-CLOSE):
+                break
+            middle = low - f_low * (high - low) / (f_high - f_low)
+            if k % 3 == 2 or not low < middle < high:
+                middle = (low + high) / 2
+            half = self._half(middle)
+            f = half.position - middle
+            if f == 0 or abs(f / (1 - half.slope)) <= abs(middle).scaleb(-CLOSE):
+                low = high = middle
+                break
+            if (f > 0) == (f_low > 0):
+                low, f_low = middle, f
+            else:
+                high, f_high = middle, f
+        a = (low + high) / 2
+        half = self._half(a)
+        if abs(half.position / a - 1) > Decimal("1e-3"):
+            return None  # a jump
+        amplitude = half.largest if half.largest > max(a, half.position) else a
+        # The stick lasts (m + Fs)/(ki x1), with a for x1: P(a) is known |P'| times worse than a.
+        period = 2 * (self.slipping + (half.duration - self.slipping) * half.position / a)
+        return Truth(self.gain, a, amplitude, period, half.slope)
 
     def _half(self, a: Decimal) -> Half:
         _, kp, kd, ki, Fs = self.pars[:5]
@@ -81,6 +106,7 @@ class LongMap(SwitchMap):
             time, largest = time + duration, max(largest, abs(x[0]))
             m = -(kp * x[0] + ki * x[2])
             if abs(m) <= Fs:
+                self.slipping = _decimal(time)
                 stick = (m + np.copysign(Fs, x[0])) / (ki * x[0])
                 return Half(_decimal(x[0]), _decimal(x[3]), _decimal(time + stick), _decimal(largest), slips)
             if largest > THROWN_OUT * start:
