@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 
 import pytest
+
+# Tests run in as many processes as there are cores; threads of the linear algebra would only be in each other's way.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from casahunt import Options, Orbit, find_orbit
 from problems import table1

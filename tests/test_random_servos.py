@@ -57,6 +57,20 @@ def test_the_lugre_engine_gives_the_reference_rows(branch, place):
     assert error < 10 * orbit.error_estimate + 5e-12
 
 
+@pytest.mark.parametrize(("gain", "a"), [(0.1, 0.02), (0.4, 0.000963095232), (0.6, 0.05), (0.005, 0.8)])
+def test_extended_precision_gives_the_map_of_the_decimals(gain, a):
+    """Two integrators of one map, in a motion that reverses without sticking, and at a multiplier of 1e5."""
+    pytest.importorskip("heyoka")
+    from scripts.peers.switch_long import LongMap
+
+    fast, exact = LongMap(Servo(), gain).half(a), switch_digits.SwitchMap(Servo(), gain, 24).half(a)
+    steep = max(1.0, abs(float(exact.slope)))
+    assert fast.slips == exact.slips
+    assert abs(fast.position / exact.position - 1) < 1e-15 * steep
+    assert abs(fast.slope / exact.slope - 1) < 1e-14 * steep
+    assert abs(fast.duration / exact.duration - 1) < 1e-15 * steep
+
+
 def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
     """One servo at half its fold; a second run computes nothing and prints the same."""
     monkeypatch.setattr(random_servos, "SHARES", (0.5,))
