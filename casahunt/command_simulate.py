@@ -91,7 +91,9 @@ def run(options: argparse.Namespace) -> int:
             swings = ", ".join(f"{a:.6g}" for a in verdict.judged)
             print(f"  judged from      {swings} rad since {verdict.since:.6g} s; floor {verdict.floor:.1e} rad")
         if math.isfinite(verdict.amplitude):
-            print(f"  amplitude        {verdict.amplitude:.10g} rad (mean of the last {verdict.swings} periods)")
+            of = f"mean of the last {verdict.swings} periods" if verdict.swings else "the cycle's: no period agrees yet"
+            print(f"  amplitude        {verdict.amplitude:.10g} rad ({of})")
+        if math.isfinite(verdict.period):
             print(f"  period           {verdict.period:.10g} s")
         print(f"  at the end       position {found.set_point + x[0]:.10g} rad, velocity {x[1]:.10g} rad/s")
         print(f"  events           {_counts(found)}")

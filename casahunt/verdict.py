@@ -65,8 +65,8 @@ class Verdict:
     ----------
     kind : "hunting", "decaying", "growing", "at rest" or "undecided".
     sentence : what supports it, or what is missing.
-    amplitude : mean of half the peak-to-peak position over the last periods that agree with each other [rad]; nan
-        without any.
+    amplitude : mean of half the peak-to-peak position over the last periods that agree with each other [rad]; of a
+        hunting motion none of whose periods agrees with the cycle yet, the swing of the cycle; nan without either.
     period : mean of these periods [s]; nan without any.
     swings : number of these (overlapping) periods.
     judged : the swings that it was judged from [rad], the last ones of the motion.
@@ -220,6 +220,9 @@ def _at_cycle(motion: Motion, seen: Verdict, cycle: Cycle, sticks: Array) -> Ver
     distance = abs(a - cycle.amplitude) / cycle.amplitude
     known = replace(seen, limit=cycle.amplitude, multiplier=cycle.multiplier)
     if count >= SWINGS and distance <= SETTLED:
+        if cycle.swings == 1 and not abs(seen.amplitude / cycle.amplitude - 1) <= SETTLED:
+            # The last stick is there, the periods before it are not: the cycle's own swing says where it hunts.
+            known = replace(known, amplitude=cycle.amplitude, period=math.nan, swings=0)
         return replace(
             known, kind="hunting",
             sentence=f"the last stick position is {distance:.1e} from that of a {what} of {cycle.amplitude:.8g} rad, "

@@ -12,7 +12,7 @@ and asked, for every tolerance, for its fold and for the stable and the unstable
 0.999 of it.  The fold gain that places the questions is the engine's own where it finds one.
 
 Truth.  Switch: the event map P(a) by Taylor series in decimal arithmetic (scripts/peers/switch_digits.py): its fixed
-point next to the answer, to some thirty digits; with heyoka (extra `bench`) and multipliers below 1e9 in extended
+point next to the answer, to some thirty digits; with heyoka (extra `bench`) and multipliers below 1e7 in extended
 precision (switch_long.py), a hundred times faster.  Where the answer is a refusal the engine looks for the cycle
 itself: it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a,
 whose fixed points on either side are then computed.
@@ -439,7 +439,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tol", type=float, nargs="+", default=[1e-6, 1e-8])
     parser.add_argument("--out", type=Path, help="file to continue; default: nothing is kept")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--fast", action="store_true", help="no decimal arithmetic for multipliers above 1e9")
+    parser.add_argument("--fast", action="store_true", help="no decimal arithmetic for multipliers above 1e7")
     parser.add_argument("--quick", action="store_true")
     args = parser.parse_args(argv)
     count = args.servos or (5 if args.quick else {"switch": 200, "lugre": 60}[args.model])

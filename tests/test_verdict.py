@@ -263,3 +263,18 @@ def test_the_script_counts_what_is_contradicted(monkeypatch, capsys, tmp_path):
 @pytest.mark.parametrize("k", [3, 6])
 def test_no_verdict_is_contradicted_by_a_longer_motion(k):
     assert not [o.against for o in compared(k, 6, "switch") if o.against]
+
+
+def test_the_amplitude_of_a_motion_that_has_just_arrived():
+    """Its last stick is at the cycle, its periods are not yet: the amplitude is the cycle's, by the Taylor engine."""
+    changes = {
+        "servo.inertia": 0.0032677, "servo.motor_gain": 7.00823, "controller.lead_time": 0.16415,
+        "controller.integral_time": 0.0872366, "friction.static": 1.82555, "friction.coulomb": 1.61659,
+        "friction.stribeck_velocity": 0.0216367, "friction.viscous": 0.0014652,
+    }  # fmt: skip
+    servo = Servo().replace(**changes)
+    start = {"position": -0.0665170752831, "velocity": -1.45416126849}
+    found = simulate(servo, "switch", 1.88063506567, time=20.8529, set_point=0.0, **start)
+    assert found.verdict.kind == "hunting" and found.verdict.swings == 0
+    amplitude, _ = taylor.switch_cycle(servo, 1.88063506567, found.verdict.amplitude)
+    assert found.verdict.amplitude == pytest.approx(amplitude, rel=1e-6)

@@ -293,6 +293,8 @@ def fold(
             K, a_ = K * (1 + dk), a_ * (1 + da)
             moved = max(abs(da), abs(dk))
             if moved < small:
+                if abs(half.slope - 1) > Decimal("1e-6"):
+                    raise Lost(f"the fold is narrower than {digits} digits: P' = {float(half.slope):.6g} there")
                 return Truth(K, a_, half.largest, 2 * half.duration, half.slope)
             if moved > last / 1000:
                 slopes = None  # of a place too far away to be of use again

@@ -28,7 +28,7 @@ DIGITS = 18
 MOST_STEPS = 20000
 FAR = 7.0
 """Speed in vs beyond which exp(-(v/vs)^2) is below the last digit."""
-STEEPEST, CLOSE = 1e9, 17
+STEEPEST, CLOSE = 1e7, 17
 """Largest |P'| at which the period is known to 1e-9 and better in spite of rounding; digits of a fixed point."""
 SHARE = 0.3
 """Part of the allowed change of the speed that a step may make by acceleration and by jerk."""
