@@ -124,11 +124,15 @@ def _point(
     if lin is None:
         setting = replace(setting, dp=direction_of(vary) * here)
         lin = t.linearise(u, setting)
-    trial = np.append(np.zeros(t.n + 1), 1.0) if like is None else like
-    du, y = lin.tangent(curve_border(t, u, trial))
-    if not np.isfinite(y).all():  # exactly at a fold the trial row lambda = 1 is singular
-        trial = np.append(np.ones(t.n), [0.0, 0.0])
+    # Exactly at a fold the trial row lambda = 1 is singular; at a sharp one the first node moves as little.
+    for trial in (
+        np.append(np.zeros(t.n + 1), 1.0) if like is None else like,
+        np.append(np.ones(t.n), [0.0, 0.0]),
+        np.append(np.zeros(t.n), [1.0, 0.0]),
+    ):
         du, y = lin.tangent(curve_border(t, u, trial))
+        if np.isfinite(y).all():
+            break
     # From the units of the corrector to those of the point: states by their size, lambda relative to the parameter.
     factor = _size_of_states(t, u)
     row = np.concatenate(

@@ -155,3 +155,27 @@ def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
     with pytest.raises(NoOrbit, match="was computed, though the event map") as refused:
         find_fold(Servo(), "switch")
     assert refused.value.status is Status.NOT_CONVERGED
+
+
+@pytest.mark.slow
+def test_both_sides_of_a_fold_that_no_double_can_resolve():
+    """Multipliers beyond 1e80 on either side: at the fold neither the gain nor the first node moves, the slip's time does.
+
+    Two searches of the same cycle must agree: down from the fold, and with another collocation scheme.
+    """
+    changes = {
+        "friction.static": 1.072462225211622, "friction.coulomb": 0.46424170103874596,
+        "friction.stribeck_velocity": 0.0023117302470143874, "friction.viscous": 0.15222331252618806,
+        "servo.inertia": 0.07265576304858756, "servo.motor_gain": 1.6807302961590147,
+        "controller.integral_time": 0.2193324775293366, "controller.lead_time": 0.8021964829567066,
+    }  # fmt: skip
+    servo = Servo().replace(**changes)
+    gain = 0.999 * find_fold(servo, "switch", options=Options(tol=1e-8)).gain
+    for branch, sign in (("stable", -1), ("unstable", 1)):
+        found, other = (
+            find_orbit(servo, "switch", gain, branch=branch, options=Options(tol=1e-8, degree=degree))
+            for degree in (8, 6)
+        )
+        assert sign * found.half_multiplier > 1e80
+        assert found.amplitude == pytest.approx(other.amplitude, rel=2e-8)
+        assert found.period == pytest.approx(other.period, rel=2e-8)
