@@ -159,7 +159,7 @@ def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
 
 @pytest.mark.slow
 def test_both_sides_of_a_fold_that_no_double_can_resolve():
-    """Multipliers beyond 1e80 on either side: at the fold neither the gain nor the first node moves, the slip's time does.
+    """Multipliers beyond 1e80 on either side: at the fold neither gain nor first node moves, the slip's time does.
 
     Two searches of the same cycle must agree: down from the fold, and with another collocation scheme.
     """
