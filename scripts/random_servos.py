@@ -83,6 +83,8 @@ WITHOUT_VISCOUS = 0.2
 """Part of the servos without viscous friction."""
 ROUGH_DIGITS = 18
 """For the search of cycles that the program denies."""
+NARROW_FOLD = 1e3
+"""Half multiplier at a located fold, where it should be 1, that tells of a fold too narrow for a quick engine."""
 SMALLEST, LARGEST = Decimal("1e-5"), Decimal("1e3")
 """Amplitudes up to which it looks, in units of the place of the largest P(a)/a."""
 NARROW = Decimal("1e-3")
@@ -145,6 +147,8 @@ class SwitchTruth:
 
     def fold(self, found: Any) -> digits.Truth | None:
         """The fold next to the program's; where that has none, one of the engine's own search."""
+        if found is not None and not self.patient and abs(found.orbit.half_multiplier) > NARROW_FOLD:
+            return None
         if found is not None:
             try:
                 self.top = digits.fold(self.servo, found.gain, abs(float(found.orbit.arcs[-1].end[0])))
@@ -439,7 +443,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tol", type=float, nargs="+", default=[1e-6, 1e-8])
     parser.add_argument("--out", type=Path, help="file to continue; default: nothing is kept")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--fast", action="store_true", help="no decimal arithmetic for multipliers above 1e7")
+    parser.add_argument("--fast", action="store_true", help="no decimal arithmetic for multipliers above 1e7 and folds narrower than doubles resolve")
     parser.add_argument("--quick", action="store_true")
     args = parser.parse_args(argv)
     count = args.servos or (5 if args.quick else {"switch": 200, "lugre": 60}[args.model])
