@@ -443,7 +443,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tol", type=float, nargs="+", default=[1e-6, 1e-8])
     parser.add_argument("--out", type=Path, help="file to continue; default: nothing is kept")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--fast", action="store_true", help="no decimal arithmetic for multipliers above 1e7 and folds narrower than doubles resolve")
+    parser.add_argument(
+        "--fast", action="store_true",
+        help="no decimal arithmetic: multipliers above 1e7 and folds narrower than doubles resolve stay unchecked",
+    )  # fmt: skip
     parser.add_argument("--quick", action="store_true")
     args = parser.parse_args(argv)
     count = args.servos or (5 if args.quick else {"switch": 200, "lugre": 60}[args.model])
