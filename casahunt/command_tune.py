@@ -29,6 +29,7 @@ from .checks import known
 from .console import add_common, complain, finite, folder, positive, servo_of
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
+from .files import whole_text
 from .hunting import MODELS
 from .tune import Tuning, tune
 from .tune_demands import COSTS, FREE, Demands
@@ -92,8 +93,10 @@ def run(options: argparse.Namespace) -> int:
             from . import pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
-            (out / FILES[1]).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-            (out / FILES[0]).write_text(page(record, images), encoding="utf-8")
+            # Both are on the disk before the first takes its place: they belong to the same tuning.
+            with whole_text(out / FILES[0]) as html, whole_text(out / FILES[1]) as data:
+                html.write(page(record, images))
+                data.write(json.dumps(record, indent=1) + "\n")
     if options.json:
         print(json.dumps(record))
     else:
