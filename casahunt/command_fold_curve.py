@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from .adapt import Options
 from .checks import known
 from .console import add_common, complain, finite, progress, say, servo_of, writable
 from .errors import InputError, NoOrbit
+from .files import whole_text
 from .fold_curve import POINTS, FoldCurve, FoldPoint, check_range, fold_curve
 from .hunting import MODELS
 from .tables import table as csv_table
@@ -63,14 +65,27 @@ def run(options: argparse.Namespace) -> int:
     stream = progress(options.quiet)
     curves: list[FoldCurve] = []
     failures: list[str] = []
+    there: list[FoldPoint] = []
+
+    def arrived(point: FoldPoint) -> None:
+        there.append(point)
+        if table:  # whole after every point, as it would be if this one were the last
+            ordered = there if there[0].value == start else there[::-1]
+            _write([*(point for curve in curves for point in curve.points), *ordered], options.vary, table)
+        say(stream, _line(options.vary, point))
+
     for model in models:
+        there.clear()
         try:
             curve = fold_curve(
-                servo, model, vary=options.vary, start=start, end=end, points=points, options=how,  # type: ignore[arg-type]
-                report=lambda point: say(stream, _line(options.vary, point)),
+                servo, model, vary=options.vary, start=start, end=end, points=points, options=how, report=arrived,  # type: ignore[arg-type]
             )  # fmt: skip
         except NoOrbit as error:
             failures.append(str(error))
+        except KeyboardInterrupt:
+            if table and (curves or there):
+                raise KeyboardInterrupt(f"interrupted; the points computed so far are in {table}") from None
+            raise
         else:
             curves.append(curve)
             if not curve.status.ok:
@@ -79,8 +94,6 @@ def run(options: argparse.Namespace) -> int:
         raise NoOrbit("; ".join(failures))
     for failure in failures:
         complain("casahunt fold-curve", failure)
-    if table:
-        _write(curves, table)
     if plot:
         from . import pictures_fold_curve, plotting
 
@@ -141,14 +154,13 @@ def _record(curve: FoldCurve) -> dict[str, Any]:
     }
 
 
-def _write(curves: list[FoldCurve], path: Path) -> None:
-    with path.open("w", newline="") as file:
-        write = csv_table(file, CSV_COLUMNS)
+def _write(points: Sequence[FoldPoint], vary: str, path: Path) -> None:
+    with whole_text(path) as stream:
+        write = csv_table(stream, CSV_COLUMNS)
         write(
             [
-                curve.model, curve.vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
-                p.error_estimate, p.status.name.lower(), "cusp" if p in curve.cusps else "",
+                p.orbit.model, vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
+                p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "",
             ]
-            for curve in curves
-            for p in curve.points
+            for p in points
         )  # fmt: skip

@@ -38,8 +38,8 @@ class DiagramPoint:
 
     @property
     def is_special(self) -> bool:
-        """Whether the orbit is one of the special points; by its numbers, for it may have been read from a file."""
-        return any((s.orbit.gain, s.orbit.period) == (self.orbit.gain, self.orbit.period) for s in self.special)
+        """Whether the orbit is one of the special points."""
+        return any(special.orbit is self.orbit for special in self.special)
 
 
 def diagram(

@@ -109,7 +109,13 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
     special: dict[int, list[SpecialPoint]] = {}
     for point, i in zip(branch.special, before, strict=True):
         special.setdefault(i, []).append(point)
-    return [DiagramPoint(orbit, tuple(special.get(i, ()))) for i, orbit in enumerate(branch.orbits)], branch.ended
+    return [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)], branch.ended
+
+
+def _point(orbit: Orbit, special: list[SpecialPoint]) -> DiagramPoint:
+    """As it was before it was written: an orbit that is a special point is the same object."""
+    same = [found.orbit for found in special if (found.orbit.gain, found.orbit.period) == (orbit.gain, orbit.period)]
+    return DiagramPoint(same[0] if same else orbit, tuple(special))
 
 
 def csv_row(orbit: Orbit, special: str) -> list[Any]:

@@ -107,6 +107,7 @@ class FoldPoint:
     curvature : phi_s, the second derivative of lambda along the branch: < 0 where the gain is the largest, > 0 where
         it is the smallest, 0 at a cusp.
     status : as everywhere.
+    turns : whether the curve turns back in q here: a cusp.
     """
 
     value: float
@@ -116,6 +117,7 @@ class FoldPoint:
     error_estimate: float
     curvature: float
     status: Status
+    turns: bool = False
 
     @property
     def elasticity(self) -> float:
@@ -347,7 +349,7 @@ def fold_curve(
     options
         `tol` bounds the relative errors of gain, amplitude and period at every point.
     report
-        called with every point as it is found.
+        called with every point as it is found; the first is one of the two ends.
 
     Returns
     -------
@@ -368,8 +370,7 @@ def fold_curve(
     chart = _first_chart(problem)
     c = chart.position
     found: list[FoldPoint] = []
-    cusps: list[FoldPoint] = []
-    reason, gone = "", False
+    reason, gone, turned = "", False, False
     goal = servo.replace(**{vary: axis.value(1 - c)})
     sense, restarts = 1.0 if c == 0 else -1.0, 0
     places = follow(chart, sense=sense)
@@ -378,18 +379,17 @@ def fold_curve(
             place = next(places)
         except StopIteration as stop:
             reason = stop.value
-            again = _restarted(problem, chart, sense) if reason and not cusps and restarts < MOST_RESTARTS else None
+            again = _restarted(problem, chart, sense) if reason and not turned and restarts < MOST_RESTARTS else None
             if again is None:
                 break
             chart, restarts = again, restarts + 1
             places = follow(chart, sense=sense)
             continue
         chart = place.chart
-        found.append(place.chart.fold)
+        found.append(replace(place.chart.fold, turns=place.turns))
+        turned = turned or place.turns
         if report is not None:
             report(found[-1])
-        if place.turns:
-            cusps.append(place.chart.fold)
         share = found[-1].gain / max(point.gain for point in found)
         if share < VANISHING and unfed(goal) and abs(place.chart.steepness) > STEEP:
             gone = True
@@ -397,15 +397,12 @@ def fold_curve(
         if share < GONE:
             reason = f"its gain has fallen to {share:.2g} of the largest one"
             break
+    last = found[-1]
     if c == 1:
-        found, cusps = found[::-1], cusps[::-1]
-        last = found[0]
-    else:
-        last = found[-1]
-    sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason, gone)
-    return FoldCurve(
-        model, servo, vary, tuple(found), tuple(cusps), sentence, status, time.perf_counter() - began, gone
-    )
+        found = found[::-1]
+    cusps = tuple(point for point in found if point.turns)
+    sentence, status = _ending(problem, last, axis.value(1 - c), turned, reason, gone)
+    return FoldCurve(model, servo, vary, tuple(found), cusps, sentence, status, time.perf_counter() - began, gone)
 
 
 def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
