@@ -1,7 +1,8 @@
 """Files appear whole or not at all, and one run at a time writes into a folder.
 
-A file is written beside its place, under a name that nobody reads, brought to the disk, and renamed: who opens the
-file finds the old one or the new one, whatever ends the program and however full the disk is.
+A file is written beside its place, without a name where the system knows such files, else under one that nobody reads;
+it is brought to the disk, and takes its name at the end: who opens the file finds the old one or the new one, whatever
+ends the program and however full the disk is.
 
 A folder is locked by the operating system (flock on the folder itself), which lets go when the process ends, however
 it ends; only where there is no such lock (Windows, some network drives) a file stands for it.
@@ -13,6 +14,7 @@ import errno
 import io
 import os
 import secrets
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -25,6 +27,7 @@ _NO_PLACE = (
 )  # fmt: skip
 """Errors of a path that was wrong from the start; all others came on the way, as a full disk does."""
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+_HANDLES = "/proc/self/fd"
 LOCK = ".casahunt-lock"
 """The file that locks a folder where the system has no lock for it."""
 
@@ -50,10 +53,12 @@ def whole(path: str | Path) -> Iterator[IO[bytes]]:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         beside = target.with_name(f".casahunt-{os.getpid()}-{secrets.token_hex(4)}.partial")
         try:
-            with beside.open("xb") as stream:
+            with _nameless(target.parent) or beside.open("xb") as stream:
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
+                if not beside.exists():
+                    _name(stream, beside)
             if target.exists():
                 beside.chmod(target.stat().st_mode)
             os.replace(beside, target)
@@ -63,6 +68,29 @@ def whole(path: str | Path) -> Iterator[IO[bytes]]:
             raise
     except OSError as error:
         raise _said(path, error) from None
+
+
+def _nameless(folder: Path) -> IO[bytes] | None:
+    """A file in `folder` without a name, of which a killed process leaves nothing; None where there is no such."""
+    if not hasattr(os, "O_TMPFILE") or not os.path.isdir(_HANDLES):
+        return None
+    try:
+        return open(os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666), "w+b")
+    except OSError:  # a file system that does not know them; or a wrong path, which the other way will say
+        return None
+
+
+def _name(stream: IO[bytes], path: Path) -> None:
+    """Give a name to a nameless file; a copy gets it where the file system does not allow that."""
+    try:
+        # The system follows the link to the handle only where it is told a folder, which it does not need here.
+        os.link(f"{_HANDLES}/{stream.fileno()}", path, src_dir_fd=stream.fileno())
+    except OSError:
+        stream.seek(0)
+        with path.open("xb") as copy:
+            shutil.copyfileobj(stream, copy)
+            copy.flush()
+            os.fsync(copy.fileno())
 
 
 @contextmanager
