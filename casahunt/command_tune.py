@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -82,6 +83,7 @@ def run(options: argparse.Namespace) -> int:
             servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost, options=how  # type: ignore[arg-type]
         )
 
+    trouble: OSError | None = None
     if options.out is None:
         tuning = tuned()
         record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
@@ -94,22 +96,27 @@ def run(options: argparse.Namespace) -> int:
 
             images = pictures_tune.evidence_images(tuning, before)
             # Both are on the disk before the first takes its place: they belong to the same tuning.
-            with whole_text(out / FILES[0]) as html, whole_text(out / FILES[1]) as data:
-                html.write(page(record, images))
-                data.write(json.dumps(record, indent=1) + "\n")
+            try:
+                with whole_text(out / FILES[0]) as html, whole_text(out / FILES[1]) as data:
+                    html.write(page(record, images))
+                    data.write(json.dumps(record, indent=1) + "\n")
+            except OSError as error:  # a full disk: the tuning is still said
+                trouble = error
     if options.json:
         print(json.dumps(record))
     else:
         _print(record)
-        if options.out is not None:
+        if options.out is not None and trouble is None:
             print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
         reasons = "; ".join(tuning.verification.against)
         complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
-        return 1
-    return 0
+    if trouble is not None:
+        sys.stdout.flush()
+        raise trouble
+    return 1 if tuning.verification.against else 0
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
