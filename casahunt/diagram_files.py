@@ -99,8 +99,8 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
         another.append("another servo")
     if branch.model != model:
         another.append("another model")
-    if not branch.orbits or not isinstance(before, list) or len(before) != len(branch.special):
-        another = ["its points are not those of a diagram"]
+    if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
+        another = ["it does not say how it was computed"]
     if another:
         raise InputError(
             f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "

@@ -18,7 +18,17 @@ import pytest
 from matplotlib.figure import Figure
 
 import casahunt
-from casahunt import cli, command_diagram, command_fold_curve, command_tune, files, load_branch, pictures_tune, plotting
+from casahunt import (
+    cli,
+    command_diagram,
+    command_fold_curve,
+    command_tune,
+    files,
+    load_branch,
+    pictures_tune,
+    plotting,
+    save_branch,
+)
 from casahunt.console import folder
 from casahunt.diagram import diagram
 from casahunt.errors import InputError
@@ -361,6 +371,10 @@ def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeypatc
     done = table.read_bytes()
     assert run(capsys, *command, "--resume")[0] == 0
     assert table.read_bytes() == done and set(contents(tmp_path)) == {"switch.csv", "switch.npz"}
+
+    save_branch(load_branch(tmp_path / "switch.npz"), tmp_path / "switch.npz")  # as Python users write one
+    code, _, err = run(capsys, *command, "--resume")
+    assert code == 2 and "it does not say how it was computed" in err
 
 
 def test_a_fold_curve_keeps_its_points(capsys, tmp_path, monkeypatch):
