@@ -19,7 +19,7 @@ no extremum to be found; the slope is taken from the gain of the orbits beside t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -87,6 +87,14 @@ class Axis:
         if self.wide:
             return float(self.start * (self.end / self.start) ** c)
         return self.start + c * (self.end - self.start)
+
+    def place(self, q: float) -> float:
+        """c at q; the ends exactly."""
+        if q in (self.start, self.end):
+            return float(q == self.end)
+        if self.wide:
+            return float(np.log(q / self.start) / np.log(self.end / self.start))
+        return (q - self.start) / (self.end - self.start)
 
     def rate(self, c: float) -> float:
         """dq/dc."""
@@ -333,6 +341,7 @@ def fold_curve(
     points: int = POINTS,
     options: Options | None = None,
     report: Callable[[FoldPoint], None] | None = None,
+    begun: Sequence[FoldPoint] = (),
 ) -> FoldCurve:
     """The fold gain of a servo while one of its parameters runs over a range.
 
@@ -350,6 +359,8 @@ def fold_curve(
         `tol` bounds the relative errors of gain, amplitude and period at every point.
     report
         called with every point as it is found; the first is one of the two ends.
+    begun
+        the points of the same curve that are there already, from `start` to `end`: it goes on behind them.
 
     Returns
     -------
@@ -367,18 +378,20 @@ def fold_curve(
     require("points", points, at_least=2)
     axis = Axis(vary, float(start), float(end))
     problem = _Problem(model, servo, axis, options, 1 / (points - 1))
-    chart = _first_chart(problem)
-    c = chart.position
-    found: list[FoldPoint] = []
-    reason, gone, turned = "", False, False
+    chart, c, sense, found = _begin(problem, begun)
+    reason, gone, turned = "", False, any(point.turns for point in found)
     goal = servo.replace(**{vary: axis.value(1 - c)})
-    sense, restarts = 1.0 if c == 0 else -1.0, 0
+    restarts = 0
     places = follow(chart, sense=sense)
+    if found:
+        next(places)  # the last point itself
+        if chart.position in (0.0, 1.0) and len(found) > 1:
+            places.close()  # it is the end
     while True:
         try:
             place = next(places)
         except StopIteration as stop:
-            reason = stop.value
+            reason = stop.value or ""
             again = _restarted(problem, chart, sense) if reason and not turned and restarts < MOST_RESTARTS else None
             if again is None:
                 break
@@ -438,6 +451,34 @@ def _first_chart(problem: _Problem) -> _Chart:
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints))
 
 
+def _begin(problem: _Problem, begun: Sequence[FoldPoint]) -> tuple[_Chart, float, float, list[FoldPoint]]:
+    """(chart to start from, c of the first point, direction of c, the points up to that chart as they were found)."""
+    axis = problem.axis
+    if not begun:
+        chart = _first_chart(problem)
+        return chart, chart.position, 1.0 if chart.position == 0 else -1.0, []
+    c = 0.0 if begun[0].value == axis.start else 1.0
+    found = as_found(begun, axis.start)
+    position = axis.place(found[-1].value)
+    again = _chart(problem, found[-1].orbit, position, like=None)
+    if isinstance(again, str):
+        raise NoOrbit(f"the curve cannot be taken up at {axis.vary} = {shown(found[-1].value)}: {again}")
+    sense = position - axis.place(found[-2].value) if len(found) > 1 else 0.5 - c
+    return again, c, float(np.sign(sense)), found
+
+
+def as_found(points: Sequence[FoldPoint], start: float) -> list[FoldPoint]:
+    """The points of a part of a curve in the order in which they were found, up to the last that is no cusp.
+
+    `start` is where the range begins; a curve may have been followed from its other end.  At a cusp the second
+    parameter has no direction to go on in.
+    """
+    found = list(points if points and points[0].value == start else points[::-1])
+    while len(found) > 1 and found[-1].turns:
+        found.pop()
+    return found
+
+
 def _restarted(problem: _Problem, last: _Chart, sense: float) -> _Chart | None:
     """A fold computed from nothing a step further on, where the curve was lost; None where it is not the same one."""
     c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
@@ -482,4 +523,4 @@ def unfed(servo: Servo) -> bool:
     return bool(least >= servo.inertia / (c.integral_time + c.lead_time)) or f.static == f.coulomb
 
 
-__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "check_range", "fold_curve", "hermite", "unfed"]
+__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "as_found", "check_range", "fold_curve", "hermite", "unfed"]
