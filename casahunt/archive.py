@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import zipfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +22,7 @@ from .branch import Branch, SpecialPoint
 from .checks import require
 from .collocation import scheme
 from .errors import InputError, Status
+from .files import whole
 from .hunting import SYSTEMS
 from .orbit import Arc, Orbit
 from .servo import flatten, unflatten
@@ -87,13 +86,26 @@ def _orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
 
 
 def save_orbit(orbit: Orbit, path: str | Path) -> None:
-    """Write an orbit to `path` (npz).  Raises InputError where that is not possible."""
+    """Write an orbit to `path` (npz).  Raises InputError where that is not possible, OSError where the disk is full."""
     writer = _Writer()
     _write(path, "orbit", {"orbit": _orbit_record(orbit, writer)}, writer)
 
 
-def save_branch(branch: Branch, path: str | Path) -> None:
-    """Write a branch to `path` (npz).  Raises InputError where that is not possible."""
+def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None) -> None:
+    """Write a branch to `path` (npz).
+
+    Parameters
+    ----------
+    branch, path
+        what, and where to.
+    run
+        how it was computed, as JSON can say it: `load_run` gives it back.
+
+    Raises
+    ------
+    InputError : there can be no file at `path`, or the branch holds NaN or infinity.
+    OSError : the disk is full.
+    """
     writer = _Writer()
     content = {
         "model": branch.model,
@@ -103,6 +115,7 @@ def save_branch(branch: Branch, path: str | Path) -> None:
         "special": [
             {"kind": s.kind, "meaning": s.meaning, "orbit": _orbit_record(s.orbit, writer)} for s in branch.special
         ],
+        "run": dict(run or {}),
     }
     _write(path, "branch", content, writer)
 
@@ -126,17 +139,8 @@ def _write(path: str | Path, kind: str, content: dict[str, Any], writer: _Writer
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
-    # Written beside and moved into place: an interrupt never leaves half a file under the final name.
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("wb") as stream:
-            np.savez(stream, metadata=text, numbers=numbers)
-        os.replace(partial, path)
-    except OSError as error:
-        raise InputError(f"cannot write {str(path)!r}: {error.strerror or error}") from None
-    finally:
-        with suppress(OSError):  # gone, unless something went wrong
-            partial.unlink()
+    with whole(path) as stream:
+        np.savez(stream, metadata=text, numbers=numbers)
 
 
 def load_orbit(path: str | Path) -> Orbit:
@@ -149,6 +153,12 @@ def load_branch(path: str | Path) -> Branch:
     """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong."""
     metadata, numbers = _read(path, "branch")
     return _checked(path, lambda: _branch(metadata, numbers))
+
+
+def load_run(path: str | Path) -> dict[str, Any]:
+    """What `save_branch` was told about the run; empty where nothing was.  Raises InputError as `load_branch`."""
+    run = _read(path, "branch")[0].get("run", {})
+    return run if isinstance(run, dict) else {}
 
 
 def _checked(path: str | Path, build: Callable[[], T]) -> T:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
 from .adapt import Options
-from .archive import save_branch
-from .branch import Branch, SpecialPoint
+from .branch import Branch
 from .checks import known
 from .console import (
     add_common,
@@ -27,29 +26,13 @@ from .console import (
     solver_of,
 )
 from .diagram import DEFAULT_START, DiagramPoint, diagram
+from .diagram_files import INTERRUPTED, Task, begun, keep
 from .errors import InputError, NoOrbit
+from .files import drop_replaced, set_aside
 from .hunting import MODELS
-from .monitor import FOLD
-from .orbit import Orbit
-from .servo import Servo
-from .tables import table
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
-CSV_COLUMNS = (
-    "gain",
-    "amplitude_rad",
-    "period_s",
-    "half_multiplier",
-    "log10_abs_half_multiplier",
-    "stable",
-    "trivial_multiplier_error",
-    "error_estimate",
-    "status",
-    "unknowns",
-    "iterations",
-    "special",
-)
 
 
 def add(commands: Any) -> None:
@@ -68,6 +51,9 @@ def add(commands: Any) -> None:
         help="natural continuation in the gain instead of pseudo-arclength: it ends at the fold",
     )  # fmt: skip
     picture.add_argument("--out", default="casahunt-diagram", metavar="DIR", help="folder to write into")
+    picture.add_argument(
+        "--resume", action="store_true", help="go on behind the points that an interrupted run has left in the folder"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -77,16 +63,26 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
     start = positive("from", options.start)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
-    servo = servo_of(options)
+    task = Task(servo_of(options), start, how, options.natural)
     stream = progress(options.quiet)
     branches: list[Branch] = []
     failures: list[str] = []
     began = time.perf_counter()
-    with folder(options.out, [*PICTURES, *(f"{model}{end}" for model in models for end in (".csv", ".npz"))]) as out:
+    files = {model: [f"{model}.csv", f"{model}.npz"] for model in models}
+    with folder(options.out, [*PICTURES, *sum(files.values(), [])]) as out:
+        there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}  # type: ignore[arg-type]
+        # What an earlier run has left makes room when this one has its first point, and not before.
+        stale = [out / name for name in (*PICTURES, *sum((files[m] for m in models if not there[m][0]), []))]
+        moved: dict[Path, Path] = {}
+
+        def make_room() -> None:
+            moved.update(set_aside(stale))
+            stale.clear()
+
         try:
             for model in models:
                 try:
-                    branches.append(_one_branch(servo, model, start, how, options.natural, out, stream))
+                    branches.append(_one_branch(task, model, there[model], make_room, out, stream))
                     failure = _shortfall(branches[-1], start, options.natural)
                 except NoOrbit as error:
                     failure = str(error)
@@ -95,8 +91,10 @@ def run(options: argparse.Namespace) -> int:
                     complain("casahunt diagram", failure)
             if branches:
                 _pictures(branches, out)
+                for aside in drop_replaced(moved):
+                    complain("casahunt diagram", f"{aside} is of an earlier run, which this one has not replaced")
         except KeyboardInterrupt:
-            computed = any(out.iterdir())
+            computed = not stale or any(points for points, _ in there.values())
             where = f"the points computed so far are in {out}" if computed else "no point was computed"
             raise KeyboardInterrupt(f"interrupted; {where}") from None
     if options.json:
@@ -119,37 +117,37 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _one_branch(
-    servo: Servo, model: Any, start: float, how: Options, natural: bool, out: Path, stream: IO[str] | None
+    task: Task,
+    model: Any,
+    there: tuple[list[DiagramPoint], str],
+    make_room: Callable[[], None],
+    out: Path,
+    stream: IO[str] | None,
 ) -> Branch:
-    """Compute a branch; every point is on disk before the next one is begun."""
-    orbits: list[Orbit] = []
-    special: list[SpecialPoint] = []
-    ended = "interrupted"
-    points = diagram(servo, model, start=start, options=how, natural=natural)
-    point: DiagramPoint | None = next(points)  # nothing is written for a servo that does not hunt
-    try:
-        with _opened(out / f"{model}.csv") as file:
-            write = table(file, CSV_COLUMNS)
-            while point is not None:
-                rows = [csv_row(found.orbit, found.kind) for found in point.special]
-                itself = any(found.orbit is point.orbit for found in point.special)
-                write(rows if itself else [*rows, csv_row(point.orbit, "")])
-                file.flush()
-                orbits.append(point.orbit)
-                special += point.special
-                for found in point.special:
-                    say(stream, f"{model:7s} {found.meaning}")
-                say(stream, progress_line(point.orbit))
-                try:
-                    point = next(points)
-                except StopIteration as end:
-                    point, ended = None, str(end.value)
-                except NoOrbit as error:
-                    point, ended = None, str(error)
-    finally:
-        if orbits:
-            save_branch(Branch(model, servo, tuple(orbits), ended, tuple(special)), out / f"{model}.npz")
-    return Branch(model, servo, tuple(orbits), ended, tuple(special))
+    """Compute a branch, from the points that are there on; every point is on disk before the next one is begun."""
+    found, ended = list(there[0]), there[1]
+    if found:
+        say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
+    if found and ended != INTERRUPTED:
+        return keep(task, model, found, ended, out)
+    points = diagram(
+        task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
+    )
+    while True:
+        try:
+            point = next(points)
+        except StopIteration as end:
+            return keep(task, model, found, str(end.value), out)
+        except NoOrbit as error:
+            if not found:  # nothing is written for a servo that does not hunt
+                raise
+            return keep(task, model, found, str(error), out)
+        make_room()
+        found.append(point)
+        keep(task, model, found, INTERRUPTED, out)
+        for special in point.special:
+            say(stream, f"{model:7s} {special.meaning}")
+        say(stream, progress_line(point.orbit))
 
 
 def _shortfall(branch: Branch, start: float, natural: bool) -> str:
@@ -171,33 +169,6 @@ def _shortfall(branch: Branch, start: float, natural: bool) -> str:
         f"{branch.orbits[-1].gain:.6g}, but not back to where it began: {branch.ended}; "
         "another --tol or --from may lead further"
     )
-
-
-def _opened(path: Path) -> IO[str]:
-    try:
-        return path.open("w", newline="")
-    except OSError as error:
-        raise InputError(f"cannot write {str(path)!r}: {error.strerror}") from None
-
-
-def csv_row(orbit: Orbit, special: str) -> list[Any]:
-    """One row of the CSV file, in the order of `CSV_COLUMNS`."""
-    multipliers = orbit.multipliers
-    trusted = multipliers.trusted
-    return [
-        orbit.gain,
-        orbit.amplitude,
-        orbit.period,
-        orbit.half_multiplier if trusted else math.nan,
-        multipliers.log10_leading if trusted else math.nan,
-        orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
-        multipliers.trivial_error,
-        orbit.error_estimate,
-        orbit.status.name.lower(),
-        orbit.unknowns,
-        orbit.iterations,
-        special,
-    ]
 
 
 def _branch_record(branch: Branch) -> dict[str, Any]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from .adapt import Options
 from .checks import known
 from .console import add_common, complain, finite, progress, say, servo_of, writable
-from .errors import InputError, NoOrbit
-from .fold_curve import POINTS, FoldCurve, FoldPoint, check_range, fold_curve
+from .errors import InputError, NoOrbit, Status
+from .files import whole_text
+from .fold_curve import POINTS, FoldCurve, FoldPoint, as_found, check_range, fold_curve
+from .fold_curve_files import INTERRUPTED, begun, save_curve
 from .hunting import MODELS
 from .tables import table as csv_table
 
@@ -44,6 +47,8 @@ def add(commands: Any) -> None:
     command.add_argument("--to", required=True, metavar="B", help="where its range ends")
     command.add_argument("--points", default=POINTS, metavar="N", help=f"about how many points (default {POINTS})")
     command.add_argument("--csv", metavar="F.csv", help="write the points")
+    command.add_argument("--save", metavar="F.npz", help="keep the points of one model for --resume")
+    command.add_argument("--resume", action="store_true", help="go on behind the points that are in the file of --save")
     command.add_argument("--plot", metavar="F.png", help="write a picture of the gains with and without hunting")
 
 
@@ -58,29 +63,56 @@ def run(options: argparse.Namespace) -> int:
     check_range(servo, options.vary, start, end)
     points = _count(options.points)
     table = writable("csv", options.csv, (".csv",))
+    save = writable("save", options.save, (".npz",))
+    if save and len(models) != 1:
+        raise InputError(f"save = {options.save!r}: holds the points of one model; give one --model")
+    if options.resume and not save:
+        raise InputError("resume: must be given together with --save, the file to go on from")
+    settings = {"vary": options.vary, "from": start, "to": end, "points": points, "tol": how.tol}
+    before = begun(save, servo, models[0], settings) if save and options.resume else None  # type: ignore[arg-type]
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     began = time.perf_counter()
     stream = progress(options.quiet)
     curves: list[FoldCurve] = []
     failures: list[str] = []
+    there: list[FoldPoint] = as_found(before.points, start) if before else []
+
+    def keep(curve: FoldCurve) -> None:
+        if save:
+            save_curve(curve, save, settings)
+        if table:
+            _write([point for part in (*curves, curve) for point in part.points], options.vary, table)
+
+    def arrived(point: FoldPoint) -> None:
+        """The files are whole after every point, as they would be if it were the last."""
+        there.append(point)
+        ordered = tuple(there if there[0].value == start else there[::-1])
+        model, status = point.orbit.model, Status.NOT_CONVERGED
+        keep(FoldCurve(model, servo, options.vary, ordered, (), INTERRUPTED, status, time.perf_counter() - began))
+        say(stream, _line(options.vary, point))
+
     for model in models:
         try:
-            curve = fold_curve(
-                servo, model, vary=options.vary, start=start, end=end, points=points, options=how,  # type: ignore[arg-type]
-                report=lambda point: say(stream, _line(options.vary, point)),
+            curve = before if before and before.ended != INTERRUPTED else fold_curve(
+                servo, model, vary=options.vary, start=start, end=end, points=points, options=how, report=arrived,  # type: ignore[arg-type]
+                begun=before.points if before else (),
             )  # fmt: skip
+            keep(curve)
         except NoOrbit as error:
             failures.append(str(error))
+        except KeyboardInterrupt:
+            if (table or save) and (curves or there):
+                raise KeyboardInterrupt(f"interrupted; the points computed so far are in {table or save}") from None
+            raise
         else:
             curves.append(curve)
+            there.clear()
             if not curve.status.ok:
                 failures.append(f"the curve of the {model} servo is not complete: {curve.ended}")
     if not curves:
         raise NoOrbit("; ".join(failures))
     for failure in failures:
         complain("casahunt fold-curve", failure)
-    if table:
-        _write(curves, table)
     if plot:
         from . import pictures_fold_curve, plotting
 
@@ -141,14 +173,13 @@ def _record(curve: FoldCurve) -> dict[str, Any]:
     }
 
 
-def _write(curves: list[FoldCurve], path: Path) -> None:
-    with path.open("w", newline="") as file:
-        write = csv_table(file, CSV_COLUMNS)
+def _write(points: Sequence[FoldPoint], vary: str, path: Path) -> None:
+    with whole_text(path) as stream:
+        write = csv_table(stream, CSV_COLUMNS)
         write(
             [
-                curve.model, curve.vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
-                p.error_estimate, p.status.name.lower(), "cusp" if p in curve.cusps else "",
+                p.orbit.model, vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
+                p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "",
             ]
-            for curve in curves
-            for p in curve.points
+            for p in points
         )  # fmt: skip

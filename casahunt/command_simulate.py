@@ -24,6 +24,7 @@ import numpy as np
 from .checks import known
 from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError
+from .files import whole_text
 from .hunting import MODELS
 from .simulate import simulate
 from .tables import table as csv_table
@@ -176,6 +177,6 @@ def _write(found: Trajectory, path: Path, step: float | None) -> None:
         x = found.sample(t)
     columns = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
     numbers = np.vstack([t, found.set_point + x[0], x[1:], found.torque(x)]).T
-    with path.open("w", newline="", encoding="ascii") as stream:
+    with whole_text(path) as stream:
         write = csv_table(stream, columns)
         write([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))

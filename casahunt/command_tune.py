@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,6 +30,7 @@ from .checks import known
 from .console import add_common, complain, finite, folder, positive, servo_of
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
+from .files import whole_text
 from .hunting import MODELS
 from .tune import Tuning, tune
 from .tune_demands import COSTS, FREE, Demands
@@ -81,6 +83,7 @@ def run(options: argparse.Namespace) -> int:
             servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost, options=how  # type: ignore[arg-type]
         )
 
+    trouble: OSError | None = None
     if options.out is None:
         tuning = tuned()
         record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
@@ -92,21 +95,28 @@ def run(options: argparse.Namespace) -> int:
             from . import pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
-            (out / FILES[1]).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-            (out / FILES[0]).write_text(page(record, images), encoding="utf-8")
+            # Both are on the disk before the first takes its place: they belong to the same tuning.
+            try:
+                with whole_text(out / FILES[0]) as html, whole_text(out / FILES[1]) as data:
+                    html.write(page(record, images))
+                    data.write(json.dumps(record, indent=1) + "\n")
+            except OSError as error:  # a full disk: the tuning is still said
+                trouble = error
     if options.json:
         print(json.dumps(record))
     else:
         _print(record)
-        if options.out is not None:
+        if options.out is not None and trouble is None:
             print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
         reasons = "; ".join(tuning.verification.against)
         complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
-        return 1
-    return 0
+    if trouble is not None:
+        sys.stdout.flush()
+        raise trouble
+    return 1 if tuning.verification.against else 0
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:

@@ -9,14 +9,15 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from .adapt import SOLVERS, TOLERANCE_RANGE
 from .checks import known, require
 from .errors import InputError
+from .files import alone_in, unmake
 from .orbit import Orbit
 from .servo import Servo, load, with_overrides
 
@@ -101,7 +102,9 @@ def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | No
             raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
     except OSError as error:
         raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
-    if not os.access(target if target.exists() else target.parent, os.W_OK):
+    present = target.exists()
+    renamed = target.is_file() or not present  # a device or a pipe is written straight
+    if not all(os.access(p, os.W_OK) for p in (*([target] if present else []), *([target.parent] if renamed else []))):
         raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
     return target
 
@@ -130,10 +133,10 @@ def complain(command: str, what: object) -> None:
 
 
 @contextmanager
-def folder(path: str, files: list[str]) -> Iterator[Path]:
-    """The output folder, made where it does not exist and unmade where nothing is written into it.
+def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
+    """The output folder for one run alone, made where it does not exist and unmade where nothing is written into it.
 
-    `files` of an earlier run are removed, so that all of them belong to one servo.
+    What is in it already stays until something new of the same name (`files`) takes its place.
     """
     complaint = f"out = {path!r}: the folder cannot be "
     if not path:
@@ -153,13 +156,11 @@ def folder(path: str, files: list[str]) -> Iterator[Path]:
         for name in files:
             if (out / name).is_dir():
                 raise InputError(f"{complaint}written into ({name} is a folder)")
-        for name in files:
-            (out / name).unlink(missing_ok=True)
+    except BaseException:
+        unmake(made)
+        raise
+    with alone_in(out, made):
         yield out
-    finally:
-        for folder in made:
-            with suppress(OSError):  # it holds something, or was not made
-                folder.rmdir()
 
 
 def progress_line(orbit: Orbit, mu: str = "") -> str:

@@ -7,8 +7,9 @@ A generator, so that every point can be written down as soon as it is known; `co
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from .adapt import Options
 from .branch import Branch, SpecialPoint
@@ -35,6 +36,11 @@ class DiagramPoint:
     orbit: Orbit
     special: tuple[SpecialPoint, ...]
 
+    @property
+    def is_special(self) -> bool:
+        """Whether the orbit is one of the special points."""
+        return any(special.orbit is self.orbit for special in self.special)
+
 
 def diagram(
     servo: Servo,
@@ -45,6 +51,7 @@ def diagram(
     monitors: tuple[Monitor, ...] = STANDARD,
     largest_step: float = DRAWING_STEP,
     natural: bool = False,
+    begun: Sequence[DiagramPoint] = (),
 ) -> Generator[DiagramPoint, None, str]:
     """The points of the diagram, in order along the branch.
 
@@ -60,6 +67,8 @@ def diagram(
         special points to be located.
     natural
         natural continuation in the gain: the stable branch, up to the fold.
+    begun
+        the points of the same diagram that are there already, in order: it goes on behind them.
 
     Returns
     -------
@@ -70,12 +79,20 @@ def diagram(
     InputError, NoOrbit : as `find_orbit` at the gain `start`.
     """
     options = options or Options()
-    first = find_orbit(servo, model, start, options=options)
-    yield DiagramPoint(first, ())
-    before = first
-    steps = (walk_naturally if natural else walk)(
-        first, low=start, high=start * HIGHEST, options=options, largest_step=largest_step
-    )
+    if begun:
+        before = begun[-1].orbit
+    else:
+        before = find_orbit(servo, model, start, options=options)
+        yield DiagramPoint(before, ())
+    bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
+    if natural:
+        if len(begun) > 1 and begun[-1].is_special:
+            return _natural_end(begun[-1].special[-1], begun[-2].orbit)
+        steps = walk_naturally(before, **bounds)
+    else:
+        if len(begun) > 1 and before.gain == start:
+            return f"gain reached {start:.6g}, the end of the range"
+        steps = walk(before, previous=begun[-2].orbit if len(begun) > 1 else None, **bounds)
     while True:
         try:
             after = next(steps)
@@ -92,6 +109,10 @@ def diagram(
     except NoOrbit as error:
         return f"{ended}; that this is a fold is not shown: {error}"
     yield DiagramPoint(fold.orbit, (fold,))
+    return _natural_end(fold, before)
+
+
+def _natural_end(fold: SpecialPoint, before: Orbit) -> str:
     return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
 
 

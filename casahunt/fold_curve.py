@@ -19,7 +19,7 @@ no extremum to be found; the slope is taken from the gain of the orbits beside t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -88,6 +88,14 @@ class Axis:
             return float(self.start * (self.end / self.start) ** c)
         return self.start + c * (self.end - self.start)
 
+    def place(self, q: float) -> float:
+        """c at q; the ends exactly."""
+        if q in (self.start, self.end):
+            return float(q == self.end)
+        if self.wide:
+            return float(np.log(q / self.start) / np.log(self.end / self.start))
+        return (q - self.start) / (self.end - self.start)
+
     def rate(self, c: float) -> float:
         """dq/dc."""
         return self.value(c) * float(np.log(self.end / self.start)) if self.wide else self.end - self.start
@@ -107,6 +115,7 @@ class FoldPoint:
     curvature : phi_s, the second derivative of lambda along the branch: < 0 where the gain is the largest, > 0 where
         it is the smallest, 0 at a cusp.
     status : as everywhere.
+    turns : whether the curve turns back in q here: a cusp.
     """
 
     value: float
@@ -116,6 +125,7 @@ class FoldPoint:
     error_estimate: float
     curvature: float
     status: Status
+    turns: bool = False
 
     @property
     def elasticity(self) -> float:
@@ -331,6 +341,7 @@ def fold_curve(
     points: int = POINTS,
     options: Options | None = None,
     report: Callable[[FoldPoint], None] | None = None,
+    begun: Sequence[FoldPoint] = (),
 ) -> FoldCurve:
     """The fold gain of a servo while one of its parameters runs over a range.
 
@@ -347,7 +358,9 @@ def fold_curve(
     options
         `tol` bounds the relative errors of gain, amplitude and period at every point.
     report
-        called with every point as it is found.
+        called with every point as it is found; the first is one of the two ends.
+    begun
+        the points of the same curve that are there already, from `start` to `end`: it goes on behind them.
 
     Returns
     -------
@@ -365,31 +378,31 @@ def fold_curve(
     require("points", points, at_least=2)
     axis = Axis(vary, float(start), float(end))
     problem = _Problem(model, servo, axis, options, 1 / (points - 1))
-    chart = _first_chart(problem)
-    c = chart.position
-    found: list[FoldPoint] = []
-    cusps: list[FoldPoint] = []
-    reason, gone = "", False
+    chart, c, sense, found = _begin(problem, begun)
+    reason, gone, turned = "", False, any(point.turns for point in found)
     goal = servo.replace(**{vary: axis.value(1 - c)})
-    sense, restarts = 1.0 if c == 0 else -1.0, 0
+    restarts = 0
     places = follow(chart, sense=sense)
+    if found:
+        next(places)  # the last point itself
+        if chart.position in (0.0, 1.0) and len(found) > 1:
+            places.close()  # it is the end
     while True:
         try:
             place = next(places)
         except StopIteration as stop:
-            reason = stop.value
-            again = _restarted(problem, chart, sense) if reason and not cusps and restarts < MOST_RESTARTS else None
+            reason = stop.value or ""
+            again = _restarted(problem, chart, sense) if reason and not turned and restarts < MOST_RESTARTS else None
             if again is None:
                 break
             chart, restarts = again, restarts + 1
             places = follow(chart, sense=sense)
             continue
         chart = place.chart
-        found.append(place.chart.fold)
+        found.append(replace(place.chart.fold, turns=place.turns))
+        turned = turned or place.turns
         if report is not None:
             report(found[-1])
-        if place.turns:
-            cusps.append(place.chart.fold)
         share = found[-1].gain / max(point.gain for point in found)
         if share < VANISHING and unfed(goal) and abs(place.chart.steepness) > STEEP:
             gone = True
@@ -397,15 +410,12 @@ def fold_curve(
         if share < GONE:
             reason = f"its gain has fallen to {share:.2g} of the largest one"
             break
+    last = found[-1]
     if c == 1:
-        found, cusps = found[::-1], cusps[::-1]
-        last = found[0]
-    else:
-        last = found[-1]
-    sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason, gone)
-    return FoldCurve(
-        model, servo, vary, tuple(found), tuple(cusps), sentence, status, time.perf_counter() - began, gone
-    )
+        found = found[::-1]
+    cusps = tuple(point for point in found if point.turns)
+    sentence, status = _ending(problem, last, axis.value(1 - c), turned, reason, gone)
+    return FoldCurve(model, servo, vary, tuple(found), cusps, sentence, status, time.perf_counter() - began, gone)
 
 
 def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
@@ -439,6 +449,34 @@ def _first_chart(problem: _Problem) -> _Chart:
             return chart
         complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {chart}")
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints))
+
+
+def _begin(problem: _Problem, begun: Sequence[FoldPoint]) -> tuple[_Chart, float, float, list[FoldPoint]]:
+    """(chart to start from, c of the first point, direction of c, the points up to that chart as they were found)."""
+    axis = problem.axis
+    if not begun:
+        chart = _first_chart(problem)
+        return chart, chart.position, 1.0 if chart.position == 0 else -1.0, []
+    c = 0.0 if begun[0].value == axis.start else 1.0
+    found = as_found(begun, axis.start)
+    position = axis.place(found[-1].value)
+    again = _chart(problem, found[-1].orbit, position, like=None)
+    if isinstance(again, str):
+        raise NoOrbit(f"the curve cannot be taken up at {axis.vary} = {shown(found[-1].value)}: {again}")
+    sense = position - axis.place(found[-2].value) if len(found) > 1 else 0.5 - c
+    return again, c, float(np.sign(sense)), found
+
+
+def as_found(points: Sequence[FoldPoint], start: float) -> list[FoldPoint]:
+    """The points of a part of a curve in the order in which they were found, up to the last that is no cusp.
+
+    `start` is where the range begins; a curve may have been followed from its other end.  At a cusp the second
+    parameter has no direction to go on in.
+    """
+    found = list(points if points and points[0].value == start else points[::-1])
+    while len(found) > 1 and found[-1].turns:
+        found.pop()
+    return found
 
 
 def _restarted(problem: _Problem, last: _Chart, sense: float) -> _Chart | None:
@@ -485,4 +523,4 @@ def unfed(servo: Servo) -> bool:
     return bool(least >= servo.inertia / (c.integral_time + c.lead_time)) or f.static == f.coulomb
 
 
-__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "check_range", "fold_curve", "hermite", "unfed"]
+__all__ = ["POINTS", "Axis", "FoldCurve", "FoldPoint", "as_found", "check_range", "fold_curve", "hermite", "unfed"]

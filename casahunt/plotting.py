@@ -11,6 +11,7 @@ Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s]
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Sequence
 from itertools import groupby
@@ -25,6 +26,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 
 from .branch import Branch
 from .errors import InputError
+from .files import whole
 from .orbit import Orbit
 
 Array = np.ndarray
@@ -256,6 +258,7 @@ def save(figure: Figure, path: str | Path) -> None:
     Raises
     ------
     InputError : the folder is missing or cannot be written to, or the suffix is unknown.
+    OSError : the disk is full.
     """
     path = Path(path)
     suffixes = sorted(figure.canvas.get_supported_filetypes())
@@ -264,10 +267,10 @@ def save(figure: Figure, path: str | Path) -> None:
         raise InputError(f"figure {str(path)!r}: the suffix must be one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
-    try:
-        figure.savefig(path, dpi=DPI, format=suffix)
-    except OSError as error:
-        raise InputError(f"figure {str(path)!r}: cannot be written: {error.strerror or error}") from None
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=DPI, format=suffix)
+    with whole(path) as stream:
+        stream.write(drawn.getvalue())
 
 
 # Curves against the gain

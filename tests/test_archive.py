@@ -429,7 +429,7 @@ def test_trouble_while_writing_leaves_the_old_file(tmp_path, monkeypatch, troubl
         raise trouble
 
     monkeypatch.setattr(np, "savez", savez)
-    with pytest.raises(InputError if isinstance(trouble, OSError) else KeyboardInterrupt):
+    with pytest.raises(type(trouble)):
         save_orbit(computed("lugre"), path)
     assert [p.name for p in tmp_path.iterdir()] == ["orbit.npz"]
     assert_same(load_orbit(path), computed("switch"))

@@ -31,6 +31,7 @@ from casahunt import (
 )
 from casahunt.archive import load_branch, load_orbit
 from casahunt.diagram import DiagramPoint
+from casahunt.diagram_files import CSV_COLUMNS, csv_row
 from casahunt.servo import dump
 from problems import table1
 
@@ -77,7 +78,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
     text = path.read_bytes().decode("ascii")
     assert text.endswith("\n")
     header, *rows = csv.reader(text.splitlines())
-    assert tuple(header) == command_diagram.CSV_COLUMNS
+    assert tuple(header) == CSV_COLUMNS
     assert all(len(row) == len(header) for row in rows)
     return [dict(zip(header, row, strict=True)) for row in rows]
 
@@ -198,7 +199,7 @@ def test_untrusted_multipliers_are_not_shown(capsys, monkeypatch):
     _, out, err = run(capsys, "orbit", "--gain", 0.3)
     assert "unknown stability" in out and "not to be trusted" in out and "mu = not trusted" in err
     assert "-0.58" not in out + err
-    row = dict(zip(command_diagram.CSV_COLUMNS, map(str, command_diagram.csv_row(orbit, "")), strict=True))
+    row = dict(zip(CSV_COLUMNS, map(str, csv_row(orbit, "")), strict=True))
     assert (row["half_multiplier"], row["log10_abs_half_multiplier"], row["stable"]) == ("nan", "nan", "")
 
 
@@ -323,18 +324,25 @@ def test_diagram_as_it_is_asked_for(tmp_path):
 
 
 def test_earlier_results_are_replaced(capsys, tmp_path):
-    """What belongs to the models asked for, or shows them, goes; what is somebody else's stays."""
+    """By new ones of the same name, and not before those are there: without a cycle nothing is touched."""
     for name in (*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "notes.txt"):
         (tmp_path / name).write_text("old")
+    before = contents(tmp_path)
     code, out, err = run(capsys, "diagram", "--model", "switch", "--from", 0.8, "--out", tmp_path)
     assert (code, out) == (1, "")
-    assert contents(tmp_path) == {"lugre.csv": b"old", "notes.txt": b"old"}
+    assert contents(tmp_path) == before
+    # Between the two folds only the Switch servo hunts: the LuGre table of another servo is no longer called so.
+    code, out, err = run(capsys, "diagram", "--from", 0.63, "--out", tmp_path, "--quiet")
+    assert code == 1 and "lugre.csv.old is of an earlier run" in err
+    after = contents(tmp_path)
+    assert set(after) == {*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv.old", "notes.txt"}
+    assert {name for name, content in after.items() if content == b"old"} == {"lugre.csv.old", "notes.txt"}
 
 
 def walk_that_ends(with_what):
     """A stand-in for the diagram: two points, then `with_what`."""
 
-    def diagram(servo, model, *, start, options, natural):
+    def diagram(servo, model, *, start, options, natural, begun):
         yield DiagramPoint(find_orbit(servo, model, start), ())
         yield DiagramPoint(find_orbit(servo, model, start * 1.1), ())
         if isinstance(with_what, BaseException):
@@ -672,4 +680,5 @@ def test_crash(tmp_path):
         running.wait(timeout=60)
     rows = rows_of(out / "lugre.csv")
     assert len(rows) >= 3 and all(row["status"] == "converged" for row in rows)
-    assert set(contents(out)) == {"lugre.csv"}
+    assert abs(len(load_branch(out / "lugre.npz").orbits) - len(rows)) <= 1
+    assert {name for name in contents(out) if not name.endswith(".partial")} == {"lugre.csv", "lugre.npz"}

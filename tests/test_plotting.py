@@ -152,7 +152,7 @@ def test_nothing_to_draw_is_refused() -> None:
     [
         ("missing/picture.png", "no folder"),
         ("file/picture.png", "no folder"),
-        ("folder.png", "cannot be written"),
+        ("folder.png", "cannot write"),
         ("picture.xyz", "suffix must be one of"),
         ("picture", "suffix must be one of"),
     ],

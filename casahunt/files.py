@@ -1,0 +1,200 @@
+"""Files appear whole or not at all, and one run at a time writes into a folder.
+
+A file is written beside its place, without a name where the system knows such files, else under one that nobody reads;
+it is brought to the disk, and takes its name at the end: who opens the file finds the old one or the new one, whatever
+ends the program and however full the disk is.
+
+A folder is locked by the operating system (flock on the folder itself), which lets go when the process ends, however
+it ends; only where there is no such lock (Windows, some network drives) a file stands for it.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import secrets
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from .errors import InputError
+
+_NO_PLACE = (
+    errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP,
+)  # fmt: skip
+"""Errors of a path that was wrong from the start; all others came on the way, as a full disk does."""
+_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+_HANDLES = "/proc/self/fd"
+LOCK = ".casahunt-lock"
+"""The file that locks a folder where the system has no lock for it."""
+
+
+@contextmanager
+def whole(path: str | Path) -> Iterator[IO[bytes]]:
+    """A stream whose content stands at `path` when the block ends without an exception, and nowhere otherwise.
+
+    What stood there before is replaced, with its permissions kept; where `path` is a link, what it points to.
+
+    Raises
+    ------
+    InputError : there can be no file at `path`: no folder, no permission, a folder of that name.
+    OSError : the file could not be written, the disk being full for example; the message names the file.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        if target.exists() and not target.is_file():  # a device or a pipe (a folder refuses): nothing to be renamed
+            with target.open("wb") as stream:
+                yield stream
+            return
+        if target.exists() and not os.access(target, os.W_OK):  # renaming would not ask
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        beside = target.with_name(f".casahunt-{os.getpid()}-{secrets.token_hex(4)}.partial")
+        try:
+            with _nameless(target.parent) or beside.open("xb") as stream:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+                if not beside.exists():
+                    _name(stream, beside)
+            if target.exists():
+                beside.chmod(target.stat().st_mode)
+            os.replace(beside, target)
+        except BaseException:
+            with suppress(OSError):
+                beside.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise _said(path, error) from None
+
+
+def _nameless(folder: Path) -> IO[bytes] | None:
+    """A file in `folder` without a name, of which a killed process leaves nothing; None where there is no such."""
+    if not hasattr(os, "O_TMPFILE") or not os.path.isdir(_HANDLES):
+        return None
+    try:
+        return open(os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666), "w+b")
+    except OSError:  # a file system that does not know them; or a wrong path, which the other way will say
+        return None
+
+
+def _name(stream: IO[bytes], path: Path) -> None:
+    """Give a name to a nameless file; a copy gets it where the file system does not allow that."""
+    try:
+        # The system follows the link to the handle only where it is told a folder, which it does not need here.
+        os.link(f"{_HANDLES}/{stream.fileno()}", path, src_dir_fd=stream.fileno())
+    except OSError:
+        stream.seek(0)
+        with path.open("xb") as copy:
+            shutil.copyfileobj(stream, copy)
+            copy.flush()
+            os.fsync(copy.fileno())
+
+
+@contextmanager
+def whole_text(path: str | Path) -> Iterator[IO[str]]:
+    """`whole` for text: UTF-8, line ends as they are written."""
+    with whole(path) as stream:
+        text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
+        try:
+            yield text
+        finally:
+            text.detach()  # the stream is closed by `whole`
+
+
+def _said(path: str | Path, error: OSError) -> Exception:
+    if error.errno in _NO_PLACE:
+        return InputError(f"cannot write {str(path)!r}: {error.strerror}")
+    what = "the disk is full" if error.errno in _FULL else error.strerror or str(error)
+    return OSError(error.errno or errno.EIO, f"{str(path)!r}: {what}")
+
+
+def set_aside(paths: Iterable[Path]) -> dict[Path, Path]:
+    """Rename the files that exist to NAME.old (.old2, ... where that is taken); returns where each has gone."""
+    moved: dict[Path, Path] = {}
+    for path in paths:
+        if path.is_file():
+            number = 1
+            while os.path.lexists(aside := path.with_name(f"{path.name}.old{number if number > 1 else ''}")):
+                number += 1
+            os.replace(path, aside)
+            moved[path] = aside
+    return moved
+
+
+def drop_replaced(moved: dict[Path, Path]) -> list[Path]:
+    """Remove what `set_aside` moved and what has been written anew since; returns what stays aside."""
+    for path, aside in moved.items():
+        if path.exists():
+            aside.unlink(missing_ok=True)
+    return [aside for aside in moved.values() if aside.exists()]
+
+
+@contextmanager
+def alone_in(folder: Path, made: Sequence[Path] = ()) -> Iterator[None]:
+    """Keep every other run out of an existing folder until the block ends.
+
+    Parameters
+    ----------
+    folder
+        where the run writes.
+    made
+        folders that this run has made for it, innermost first: removed at the end where they are still empty.
+
+    Raises
+    ------
+    InputError : another run is writing into it.
+    """
+    with ExitStack() as held:
+        if not _flock(folder, made, held):
+            _lock_file(folder, made, held)
+        yield
+
+
+def unmake(made: Iterable[Path]) -> None:
+    """Remove the folders, innermost first, that hold nothing."""
+    for folder in made:
+        with suppress(OSError):  # it holds something, or was not made
+            folder.rmdir()
+
+
+def _flock(folder: Path, made: Sequence[Path], held: ExitStack) -> bool:
+    """Lock the folder itself; False where the system cannot."""
+    try:
+        import fcntl
+    except ImportError:
+        return False
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        held.callback(os.close, handle)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # A run that wrote nothing may have removed its folder between the two lines above.
+            if not os.path.samestat(os.fstat(handle), os.stat(folder)):
+                raise BlockingIOError
+        except (BlockingIOError, FileNotFoundError):
+            raise InputError(_taken(folder)) from None
+        held.callback(fcntl.flock, handle, fcntl.LOCK_UN)  # a child that has inherited the handle keeps no lock
+        held.callback(unmake, made)  # still locked: nobody else loses the folder
+        return True
+    return False
+
+
+def _lock_file(folder: Path, made: Sequence[Path], held: ExitStack) -> None:
+    path = folder / LOCK
+    try:
+        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    except FileExistsError:
+        raise InputError(f"{_taken(folder)}; if there is none, remove {str(path)!r}") from None
+    except OSError as error:
+        raise _said(path, error) from None
+    held.callback(unmake, made)  # called last, when the file is gone
+    held.callback(path.unlink, missing_ok=True)
+    with os.fdopen(handle, "w") as stream:
+        stream.write(f"{os.getpid()}\n")
+
+
+def _taken(folder: Path) -> str:
+    return f"out = {str(folder)!r}: another run is writing into this folder; wait for it, or give another folder"
