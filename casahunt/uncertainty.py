@@ -42,7 +42,6 @@ from .event_map import scan
 from .find import WALK_TOLERANCE, find_orbit
 from .fold import Fold, find_fold
 from .hunting import MODELS, Model
-from .orbit import Orbit
 from .sensitivity import NAMES, fold_sensitivities
 from .servo import Servo, flatten, read_toml
 
