@@ -11,9 +11,9 @@ Results do not depend on the threads: nothing that one writes is read by another
 
 from __future__ import annotations
 
-import sys
 import threading
 import traceback
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache, update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -27,6 +27,8 @@ R = TypeVar("R")
 
 CASADI = threading.RLock()
 """Held by whoever is inside CasADi, but for the evaluation of a compiled function on buffers."""
+_DROPPED: deque[dict[str, Any]] = deque()
+"""What was given up while another thread was inside CasADi; dropped by whoever enters next."""
 
 
 def alone(function: Callable[P, R]) -> Callable[P, R]:
@@ -38,6 +40,7 @@ def alone(function: Callable[P, R]) -> Callable[P, R]:
 
     def locked(*args: P.args, **kwargs: P.kwargs) -> R:
         with CASADI:
+            _DROPPED.clear()
             try:
                 return function(*args, **kwargs)
             except BaseException as error:
@@ -69,12 +72,19 @@ def kept(maxsize: int) -> Callable[[Callable[P, R]], Kept[P, R]]:
 
 
 class _Owner:
-    """Holds CasADi objects and gives them up under the lock."""
+    """Holds CasADi objects that only who holds the lock may drop.
 
-    def __del__(self, lock: Any = CASADI, finalizing: Callable[[], bool] = sys.is_finalizing) -> None:
-        if not finalizing():  # at the end of the process a frozen thread may hold the lock for ever
-            with lock:
+    The garbage collector may call `__del__` anywhere, inside other locks too: it must not wait.
+    """
+
+    def __del__(self, lock: Any = CASADI, dropped: deque[dict[str, Any]] = _DROPPED) -> None:
+        if lock.acquire(blocking=False):
+            try:
                 self.__dict__.clear()
+            finally:
+                lock.release()
+        else:
+            dropped.append(self.__dict__)
 
 
 class Buffers(_Owner):

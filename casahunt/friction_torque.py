@@ -60,6 +60,7 @@ def _rates(mode: Mode, x: Array, p: Array) -> Array:
     return np.array(field(x, np.full((1, m), mode.sign), np.tile(p[:, None], m), np.ones((n, m))))
 
 
+@alone
 def sliding_torque(friction: Friction, v: Array) -> Array:
     """Friction torque (m,) [N m] of steady sliding, g(v) sgn(v) + sigma2 v: the same for both models.
 
