@@ -40,7 +40,7 @@ from .checks import require
 from .errors import InputError, NoOrbit, Status
 from .event_map import SCAN_HIGH, SCAN_LOW, patience, scan, state_scale
 from .hunting import SCHEMES, SWITCH, slips_back
-from .interval import interval_map, point_function
+from .interval import field_at, interval_map
 from .linear_loop import routh_hurwitz_gain
 from .march import MarchFailure, Segment, march
 from .servo import PARAMETERS, Servo
@@ -312,9 +312,7 @@ def _sensitivities(
             forcing[:, 1] += block[rows + 2]
             stages = np.linalg.solve(block[n + 1 : rows + 1, :d_rows].T, forcing[:d_rows])
             column = block[n + 1 : rows + 1, d_rows:].T @ stages - forcing[d_rows:]
-        f = np.array(
-            point_function(mode.field, n, p.size)(segment.end / scale, mode.sign, p, scale)
-        ).ravel()  # scaled field at the stop
+        f = field_at(mode.field, segment.end / scale, mode.sign, p, scale)  # at the stop
         if f[1] == 0:  # the stop grazes: P has no derivative there
             nan = float("nan")
             return (nan, nan), nan, nan

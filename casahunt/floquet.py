@@ -27,13 +27,13 @@ Symbols: n states, E elements, P phases.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from .compiled import alone
 from .cycle import Mode
 from .errors import NoOrbit, Status
 from .interval import point_function
@@ -139,14 +139,10 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
         if phase.mode.flow is not None:
             pieces.append(([maps[0]], flows))
             continue
-        sensitivity = _integrated(phase.mode, setting, tol)
         lengths = setting.fractions[t.phase_intervals(k)]
         at = np.concatenate([[0.0], np.cumsum(lengths)]) / np.sum(lengths) * durations[k]
         try:
-            factors = [
-                np.array(sensitivity(nodes[starts[k] + i], np.append(setting.p, at[j] - at[i])))
-                for i, j in itertools.pairwise(cuts)
-            ]
+            factors = _sensitivities(phase.mode, setting, tol, nodes[starts[k] + cuts[:-1]], np.diff(at[cuts]))
         except RuntimeError as error:
             raise NoOrbit(
                 f"the multipliers by the integrators were not computed: CasADi's {_integrator_of(t.n)} failed in the "
@@ -172,8 +168,9 @@ def _integrator_of(n: int) -> str:
     return "rosenbrock" if n > 3 else "erk"
 
 
-def _integrated(mode: Mode, setting: Setting, tol: float) -> ca.Function:
-    """(start (n,), p with the duration T) -> (n, n) sensitivity of the end to the start, states scaled."""
+@alone
+def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, durations: Array) -> list[Array]:
+    """(n, n) sensitivity of the end to the start of each way (m, n), (m,), states scaled."""
     n = setting.scale.size
     x, p, T = ca.SX.sym("x", n), ca.SX.sym("p", setting.p.size), ca.SX.sym("T")
     scale = ca.DM(setting.scale)
@@ -184,7 +181,9 @@ def _integrated(mode: Mode, setting: Setting, tol: float) -> ca.Function:
     )  # fmt: skip
     x0, parameters = ca.MX.sym("x0", n), ca.MX.sym("p", setting.p.size + 1)
     end = flow(x0=x0, p=parameters)["xf"]
-    return ca.Function("sensitivity", [x0, parameters], [ca.jacobian(end, x0)])
+    sensitivity = ca.Function("sensitivity", [x0, parameters], [ca.jacobian(end, x0)])
+    ways = zip(starts, durations, strict=True)
+    return [np.array(sensitivity(start, np.append(setting.p, duration))) for start, duration in ways]
 
 
 def _closed(pieces: list[tuple[list[Array], Array]], h_x: Array, closure: Array) -> MapChain:
@@ -206,6 +205,7 @@ def _closed(pieces: list[tuple[list[Array], Array]], h_x: Array, closure: Array)
     return MapChain(factors, flows)
 
 
+@alone
 def _field(t: Transcription, k: int, x: Array, setting: Setting) -> Array:
     """Scaled field (m, n) of phase k at the states x (m, n)."""
     mode = t.cycle.phases[k].mode

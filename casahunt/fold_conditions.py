@@ -22,11 +22,10 @@ differentiated at the level of the whole mesh.  Symbols as in nlp.py.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
+from .compiled import kept
 from .nlp import graphs, lagrangian_hessian
 from .servo import PARAMETERS
 from .transcription import Setting, Transcription
@@ -35,7 +34,7 @@ TIMES = ("controller.lead_time", "controller.integral_time")
 """The parameters that q stands for, in order."""
 
 
-@lru_cache(maxsize=8)
+@kept(maxsize=8)
 def fold_conditions(t: Transcription) -> tuple[ca.Function, ca.Function]:
     """Functions of (q (2), z = (u, lambda), n, data, S): the equations, and their sparse Jacobian in (q, z, n).
 

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .compiled import alone
+from .cycle import Mode
 from .friction import Friction, stribeck
 from .hunting import SYSTEMS
 from .interval import point_function
@@ -46,13 +48,19 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     acceleration = np.zeros(t.size)
     for name in dict.fromkeys(modes.tolist()):
         mode, here = system.modes[name], np.flatnonzero(modes == name)
-        field = point_function(mode.field, len(x), p.size).map(here.size)
-        scale = np.ones((len(x), here.size))
-        given = np.tile(p[:, None], here.size)
-        acceleration[here] = np.array(field(x[:, here], np.full((1, here.size), mode.sign), given, scale))[1]
+        acceleration[here] = _rates(mode, x[:, here], p)[1]
     return trajectory.torque(x) - servo.inertia * acceleration
 
 
+@alone
+def _rates(mode: Mode, x: Array, p: Array) -> Array:
+    """(n, m) x' at the states x (n, m)."""
+    n, m = x.shape
+    field = point_function(mode.field, n, p.size).map(m)
+    return np.array(field(x, np.full((1, m), mode.sign), np.tile(p[:, None], m), np.ones((n, m))))
+
+
+@alone
 def sliding_torque(friction: Friction, v: Array) -> Array:
     """Friction torque (m,) [N m] of steady sliding, g(v) sgn(v) + sigma2 v: the same for both models.
 

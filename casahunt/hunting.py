@@ -24,13 +24,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from .collocation import Kind
+from .compiled import kept
 from .cycle import Cycle, Event, Mode, Phase
 from .friction import bristle_rate, stribeck
 from .servo import PARAMETERS
@@ -285,7 +285,7 @@ def softened(signature: Signature, k: int) -> Signature | None:
     return (*signature[:k], ("slide", event), *signature[k + 1 :])
 
 
-@lru_cache(maxsize=256)
+@kept(maxsize=256)
 def hunting_cycle(model: Model, signature: Signature, *, half: bool = True) -> Cycle:
     """The hunting cycle with a given phase sequence.
 

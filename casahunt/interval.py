@@ -16,19 +16,20 @@ Symbols: n states, d stages, R = n (d + 1), N intervals, p parameters.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
 from .collocation import Kind, scheme
+from .compiled import alone, caller, kept
 from .cycle import Field
+
+Array = np.ndarray
 
 INPUTS = ("w", "x_next", "duration", "fraction", "sign", "p", "dp", "scale")
 _SHARED = (5, 6, 7)  # inputs that are the same on every interval
 
 
-@lru_cache(maxsize=64)
+@kept(maxsize=64)
 def interval_function(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> ca.Function:
     """The function of the module docstring, for one interval.
 
@@ -61,7 +62,7 @@ def interval_function(field: Field, n: int, parameters: int, degree: int, kind: 
     )
 
 
-@lru_cache(maxsize=64)
+@kept(maxsize=64)
 def point_function(field: Field, n: int, parameters: int) -> ca.Function:
     """The vector field itself, scaled: (x, sign, p, scale) -> f(D x; p)/D."""
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
@@ -69,66 +70,52 @@ def point_function(field: Field, n: int, parameters: int) -> ca.Function:
     return ca.Function("field", [x, sign, p, scale], [ca.densify(field(scale * x, p, sign) / scale)])
 
 
-class IntervalMap:
-    """`interval_function` over N intervals, called through fixed buffers.
+@alone
+def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Array:
+    """Scaled field (n,) at one scaled state (n,)."""
+    return np.array(point_function(field, x.size, p.size)(x, sign, p, scale)).ravel()
 
-    The buffers save the conversion between numpy and CasADi matrices, which costs eight times as much as
-    the evaluation itself.  The returned block is a view into the buffer: the next call overwrites it.
+
+class IntervalMap:
+    """`interval_function` over N intervals, called through fixed buffers (compiled.py).
+
+    The returned block is a view into the buffer of the calling thread: its next call overwrites it.
     """
 
     def __init__(self, function: ca.Function, n: int, intervals: int) -> None:
         mapped = function.map("intervals", "serial", intervals, list(_SHARED), [])
-        rows = function.size1_out(0)
-        columns = function.size2_out(0)
-        self._w = np.zeros((intervals, rows))
-        self._x_next = np.zeros((intervals, n))
-        self._duration = np.zeros(intervals)
-        self._fraction = np.zeros(intervals)
-        self._sign = np.zeros(intervals)
-        self._p = np.zeros(function.size1_in(5))
-        self._dp = np.zeros(function.size1_in(6))
-        self._scale = np.zeros(n)
-        self._block = np.zeros((intervals, columns, rows))
-        self._buffer, self._trigger = mapped.buffer()
-        inputs = (
-            self._w,
-            self._x_next,
-            self._duration,
-            self._fraction,
-            self._sign,
-            self._p,
-            self._dp,
-            self._scale,
-        )
-        for i, array in enumerate(inputs):
-            self._buffer.set_arg(i, array.data)
-        self._buffer.set_res(0, self._block.data)
+        rows, columns = function.size1_out(0), function.size2_out(0)
+        parameters = function.size1_in(5)
+        inputs = [(intervals, rows), (intervals, n), intervals, intervals, intervals, parameters, parameters, n]
+        self._caller = caller(mapped, inputs, [(intervals, columns, rows)])
 
     def __call__(
         self,
-        w: np.ndarray,
-        x_next: np.ndarray,
-        duration: np.ndarray | float,
-        fraction: np.ndarray | float,
-        sign: np.ndarray | float,
-        p: np.ndarray,
-        dp: np.ndarray,
-        scale: np.ndarray,
-    ) -> np.ndarray:
+        w: Array,
+        x_next: Array,
+        duration: Array | float,
+        fraction: Array | float,
+        sign: Array | float,
+        p: Array,
+        dp: Array,
+        scale: Array,
+    ) -> Array:
         """Blocks (N, R + 3, R): for each interval the columns of the block of the module docstring."""
-        self._w[:] = w
-        self._x_next[:] = x_next
-        self._duration[:] = duration
-        self._fraction[:] = fraction
-        self._sign[:] = sign
-        self._p[:] = p
-        self._dp[:] = dp
-        self._scale[:] = scale
-        self._trigger()
-        return self._block
+        buffers = self._caller.buffers
+        w_, x_next_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
+        w_[:] = w
+        x_next_[:] = x_next
+        duration_[:] = duration
+        fraction_[:] = fraction
+        sign_[:] = sign
+        p_[:] = p
+        dp_[:] = dp
+        scale_[:] = scale
+        buffers.trigger()
+        return buffers.outputs[0]
 
 
-@lru_cache(maxsize=32)
+@kept(maxsize=32)
 def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
     """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
     return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)
@@ -142,28 +129,25 @@ class PointMap:
 
     def __init__(self, function: ca.Function, n: int) -> None:
         mapped = function.map("points", "serial", POINTS_AT_ONCE, [2, 3], [])
-        self._x, self._sign = np.zeros((POINTS_AT_ONCE, n)), np.zeros(POINTS_AT_ONCE)
-        self._p, self._scale = np.zeros(function.size1_in(2)), np.zeros(n)
-        self._out = np.zeros((POINTS_AT_ONCE, n))
-        self._buffer, self._trigger = mapped.buffer()
-        for i, array in enumerate((self._x, self._sign, self._p, self._scale)):
-            self._buffer.set_arg(i, array.data)
-        self._buffer.set_res(0, self._out.data)
+        inputs = [(POINTS_AT_ONCE, n), POINTS_AT_ONCE, function.size1_in(2), n]
+        self._caller = caller(mapped, inputs, [(POINTS_AT_ONCE, n)])
 
-    def __call__(self, x: np.ndarray, sign: np.ndarray, p: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    def __call__(self, x: Array, sign: Array, p: Array, scale: Array) -> Array:
         """Scaled field (m, n) at the scaled states x (m, n) with the signs (m,)."""
-        self._p[:], self._scale[:] = p, scale
+        buffers = self._caller.buffers
+        states, signs, parameters, scales = buffers.inputs
+        parameters[:], scales[:] = p, scale
         out = np.empty_like(x)
         for first in range(0, len(x), POINTS_AT_ONCE):
             chunk = slice(first, first + POINTS_AT_ONCE)
             count = len(out[chunk])
-            self._x[:count], self._sign[:count] = x[chunk], sign[chunk]
-            self._trigger()
-            out[chunk] = self._out[:count]
+            states[:count], signs[:count] = x[chunk], sign[chunk]
+            buffers.trigger()
+            out[chunk] = buffers.outputs[0][:count]
         return out
 
 
-@lru_cache(maxsize=16)
+@kept(maxsize=16)
 def point_map(field: Field, n: int, parameters: int) -> PointMap:
     """The compiled map, kept for reuse."""
     return PointMap(point_function(field, n, parameters), n)

@@ -22,6 +22,7 @@ import numpy as np
 
 from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
+from .compiled import caller, kept
 from .cycle import Feature, Field, Mode
 from .hunting import Exit, System
 from .interval import interval_map
@@ -188,23 +189,19 @@ class _FlowMap:
         end = mode.flow(x, T, p)
         events = ca.vertcat(*[way_out.event.function(end, T, p) for way_out in exits])
         function = ca.Function("flow", [x, T, p], [ca.densify(end), ca.densify(events)])
-        self._in = (np.zeros(n), np.zeros(1), np.zeros(parameters))
-        self._out = (np.zeros(n), np.zeros(len(exits)))
-        self._buffer, self._trigger = function.buffer()
-        for i, array in enumerate(self._in):
-            self._buffer.set_arg(i, array.data)
-        for i, array in enumerate(self._out):
-            self._buffer.set_res(i, array.data)
+        self._caller = caller(function, [n, 1, parameters], [n, len(exits)])
 
     def __call__(self, x: Array, T: float, p: Array) -> tuple[Array, Array]:
         """(state after T, value of each exit's event there)."""
-        state, time, parameters = self._in
+        buffers = self._caller.buffers
+        state, time, parameters = buffers.inputs
         state[:], time[0], parameters[:] = x, T, p
-        self._trigger()
-        return self._out
+        buffers.trigger()
+        end, events = buffers.outputs
+        return end, events
 
 
-@lru_cache(maxsize=16)
+@kept(maxsize=16)
 def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _FlowMap:
     """Kept for reuse."""
     return _FlowMap(mode, exits, n, parameters)

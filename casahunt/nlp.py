@@ -14,12 +14,12 @@ Symbols as in transcription.py.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from .collocation import Kind
+from .compiled import alone, kept
 from .cycle import Field
 from .interval import interval_function
 from .transcription import Transcription, joint_function
@@ -91,7 +91,7 @@ class _Sparse:
         return ca.MX(sparsity, ca.densify(gather @ values))
 
 
-@lru_cache(maxsize=8)
+@kept(maxsize=8)
 def graphs(t: Transcription) -> Graphs:
     """Residual and Jacobian of a transcription as CasADi graphs."""
     n, N, R, P, m = t.n, t.intervals, t.rows, t.phases, len(t.cycle.parameters)
@@ -141,6 +141,7 @@ def graphs(t: Transcription) -> Graphs:
     return Graphs(z, data, nu, ca.densify(residual.matrix()), jacobian.matrix())
 
 
+@alone
 def lagrangian_hessian(t: Transcription, g: Graphs | None = None) -> ca.MX:
     """Upper triangle of the Hessian of nu . residual in z = (u, lambda), on the symbols of `g` (`graphs(t)`).
 
@@ -207,7 +208,7 @@ def _joint_unknowns(t: Transcription, u: ca.MX) -> tuple[ca.MX, ca.MX]:
     return v, ca.reshape(_at(u, t.node_index[t.phase_end]), t.n, t.phases)
 
 
-@lru_cache(maxsize=32)
+@kept(maxsize=32)
 def _interval_hessian(field: Field, n: int, m: int, degree: int, kind: Kind) -> ca.Function:
     """Dense Hessian (R + 2, R + 2) of nu . residual of one interval in (w, T, lambda)."""
     R = n * (degree + 1)

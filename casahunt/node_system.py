@@ -8,10 +8,10 @@ Symbols: n states, E elements, P phases, y = (E + 1) n + P + 1 unknowns.
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
-
 import casadi as ca
 import numpy as np
+
+from .compiled import alone, caller, kept
 
 Array = np.ndarray
 
@@ -63,19 +63,18 @@ class NodeSystem:
         if sparsity.nnz() != row.size:
             raise AssertionError("node system: two entries share a place")
         self._sparsity = sparsity
+        self._factorisation: ca.Linsol | None = None
+        self._solvers: dict[int, _LinearSolve] = {}
         self._rows, self._cols = row[self._order], column[self._order]
 
-    @cached_property
-    def _factorisation(self) -> ca.Linsol:
-        return ca.Linsol("node_system", "qr", self._sparsity)
-
-    @cached_property
-    def _solve(self) -> _LinearSolve:
-        return _LinearSolve(self._factorisation, self._sparsity)
-
-    @cached_property
-    def _solve_transposed(self) -> _LinearSolve:
-        return _LinearSolve(self._factorisation, self._sparsity, adjoints=ADJOINTS)
+    @alone
+    def _solver(self, adjoints: int) -> _LinearSolve:
+        """The plain (0) or the transposed solver, built by the first thread that asks."""
+        if adjoints not in self._solvers:
+            if self._factorisation is None:
+                self._factorisation = ca.Linsol("node_system", "qr", self._sparsity)
+            self._solvers[adjoints] = _LinearSolve(self._factorisation, self._sparsity, adjoints=adjoints)
+        return self._solvers[adjoints]
 
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
         """A border row: weights of the phase-end nodes (P + 1, n), the durations (P,) and lambda."""
@@ -105,7 +104,7 @@ class NodeSystem:
 
     def solve(self, nonzeros: Array, rhs: Array) -> Array:
         """Solution (y,) for one right-hand side."""
-        return self._solve(nonzeros, rhs)
+        return (self._solvers.get(0) or self._solver(0))(nonzeros, rhs)
 
     def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
         """Solutions (k, y) of the transposed system for k <= ADJOINTS right-hand sides (k, y).
@@ -114,7 +113,7 @@ class NodeSystem:
         """
         goals = np.zeros((ADJOINTS, self.size))
         goals[: len(rhs)] = rhs
-        return self._solve_transposed(nonzeros, goals)[: len(rhs)]
+        return (self._solvers.get(ADJOINTS) or self._solver(ADJOINTS))(nonzeros, goals)[: len(rhs)]
 
     def dense(self, nonzeros: Array) -> Array:
         """The matrix as a dense array (y, y), for tests and condition numbers."""
@@ -131,21 +130,20 @@ class _LinearSolve:
         A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size, max(adjoints, 1))
         function = ca.Function("solve", [A, b], [factorisation.solve(A, b, bool(adjoints))])
         shape = (adjoints, size) if adjoints else (size,)
-        self._nonzeros, self._rhs, self._out = np.zeros(sparsity.nnz()), np.zeros(shape), np.zeros(shape)
-        self._buffer, self._trigger = function.buffer()
-        self._buffer.set_arg(0, self._nonzeros.data)
-        self._buffer.set_arg(1, self._rhs.data)
-        self._buffer.set_res(0, self._out.data)
+        self._caller = caller(function, [sparsity.nnz(), shape], [shape])
 
     def __call__(self, nonzeros: Array, rhs: Array) -> Array:
-        self._nonzeros[:] = nonzeros
-        self._rhs[:] = rhs
-        self._out.fill(np.nan)  # a singular matrix leaves the output as it is: it must not be an earlier answer
-        self._trigger()
-        return self._out.copy()
+        buffers = self._caller.buffers
+        matrix, right = buffers.inputs
+        (out,) = buffers.outputs
+        matrix[:] = nonzeros
+        right[:] = rhs
+        out.fill(np.nan)  # a singular matrix leaves the output as it is: it must not be an earlier answer
+        buffers.trigger()
+        return out.copy()
 
 
-@lru_cache(maxsize=48)
+@kept(maxsize=48)
 def node_system(
     elements: int, n: int, phase_of: tuple[int, ...], phase_end: tuple[int, ...], closure: bytes
 ) -> NodeSystem:

@@ -20,11 +20,13 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from .compiled import alone
 from .fold import Fold
+from .fold_conditions import data_of
 from .nlp import graphs
 from .orbit import direction_of, unknowns_of
 from .servo import PARAMETERS
-from .transcription import Transcription
+from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
@@ -66,21 +68,20 @@ def fold_sensitivities(fold: Fold) -> Sensitivities:
     """
     t, u, setting = unknowns_of(fold.orbit)
     p = setting.p
-    column = _parameter_column(t)
+    sizes = {name: p[PARAMETERS.index(name)] or 1.0 for name in NAMES}
+    settings = [replace(setting, dp=direction_of(name) * sizes[name]) for name in NAMES]
     derivatives: dict[str, float] = {}
     elasticities: dict[str, float] = {}
-    for name in NAMES:
-        q = p[PARAMETERS.index(name)]
-        size = q if q else 1.0
-        along = replace(setting, dp=direction_of(name) * size)
-        data = np.concatenate([along.fractions, along.p, along.dp, along.scale])
-        relative = 0.0 - float(fold.multipliers @ np.array(column(np.append(u, 0.0), data)).ravel())
-        derivatives[name] = fold.gain * relative / size
-        elasticities[name] = relative if q else 0.0
+    for name, column in zip(NAMES, _parameter_columns(t, u, settings), strict=True):
+        relative = 0.0 - float(fold.multipliers @ column)
+        derivatives[name] = fold.gain * relative / sizes[name]
+        elasticities[name] = relative if p[PARAMETERS.index(name)] else 0.0
     return Sensitivities(fold.gain, derivatives, elasticities)
 
 
-def _parameter_column(t: Transcription) -> ca.Function:
-    """(z, data) -> dG/d lambda along dp."""
-    g = graphs(t)
-    return ca.Function("parameter_column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
+@alone
+def _parameter_columns(t: Transcription, u: Array, settings: list[Setting]) -> list[Array]:
+    """dG/d lambda at u along the dp of each setting."""
+    g, z = graphs(t), np.append(u, 0.0)
+    column = ca.Function("parameter_column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
+    return [np.array(column(z, data_of(setting))).ravel() for setting in settings]

@@ -30,6 +30,7 @@ from . import regularised as band
 from .adapt import TOLERANCE_RANGE
 from .checks import known, number, require
 from .collocation import scheme
+from .compiled import alone
 from .errors import InputError, NoOrbit, Status
 from .event_map import state_scale
 from .hunting import MODELS, SCHEMES, SYSTEMS, Model, System
@@ -247,6 +248,7 @@ class _Run:
         end = self.flow(segment, np.array([duration]))[0]
         return Segment(segment.mode, "", duration, segment.breaks, segment.w, end)
 
+    @alone
     def flow(self, segment: Segment, times: Array) -> Array:
         """(m, n) states of a closed-form segment at times (m,) after its start."""
         flow = self.system.modes[segment.mode].flow

@@ -15,12 +15,12 @@ Steps and residuals are measured in units of the state scale; durations relative
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 
+from .compiled import alone, kept
 from .errors import Status
 from .nlp import graphs, lagrangian_hessian
 from .transcription import Linearisation, Setting, Transcription
@@ -189,7 +189,7 @@ def _verdict(t: Transcription, start: Array, u: Array, residual: float, small: b
     return Status.CONVERGED
 
 
-@lru_cache(maxsize=8)
+@kept(maxsize=8)
 def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Function:
     """IPOPT on z = (u, lambda): the root under a border row, or the largest lambda.
 
@@ -223,6 +223,7 @@ def _border_places(t: Transcription) -> Array:
     return np.concatenate([nodes, np.arange(t.size - t.phases, t.size + 1)])
 
 
+@alone
 def _run_ipopt(
     t: Transcription, goal: Literal["root", "fold"], z: Array, setting: Setting, row: Array, freedom: float
 ) -> tuple[Array, Array, bool, int]:
@@ -352,6 +353,7 @@ class Minimum:
     message: str
 
 
+@alone
 def minimise(
     x: ca.MX, objective: ca.MX, rows: ca.MX, jacobian: ca.MX, start: Array, bounds: Array, row_bounds: Array
 ) -> Minimum:

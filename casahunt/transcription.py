@@ -36,12 +36,12 @@ P phases, y = (E + 1) n + P + 1 unknowns of the node system.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
 from .collocation import Kind, scheme
+from .compiled import caller, kept
 from .cycle import Cycle, Field
 from .interval import IntervalMap, interval_map
 from .node_system import ADJOINTS, NodeSystem, node_system
@@ -99,6 +99,7 @@ class Transcription:
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
         self._joints = _joint_map(cycle)
+        self._system: NodeSystem | None = None
 
     def _key(self) -> tuple[Cycle, tuple[int, ...], int, str]:
         return self.cycle, self.counts, self.degree, self.kind
@@ -110,11 +111,13 @@ class Transcription:
         """Equal ones are interchangeable: an IPOPT solver built for one serves the other."""
         return isinstance(other, Transcription) and self._key() == other._key()
 
-    @cached_property
+    @property
     def system(self) -> NodeSystem:
         """What is left when the stages are eliminated; made when first solved."""
-        closure = self.cycle.closure.tobytes()
-        return node_system(self.elements, self.n, tuple(self.phase_of), tuple(self.phase_end), closure)
+        if self._system is None:  # no cached_property, which locks in Python 3.11: see compiled.alone
+            closure = self.cycle.closure.tobytes()
+            self._system = node_system(self.elements, self.n, tuple(self.phase_of), tuple(self.phase_end), closure)
+        return self._system
 
     def _index_chain(self) -> None:
         n, start, phase_of, is_interval, phase_end, signs = self.n, [], [], [], [], []
@@ -233,7 +236,7 @@ class Transcription:
         return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
 
 
-@lru_cache(maxsize=48)
+@kept(maxsize=48)
 def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
     """The transcription of a cycle for these numbers of intervals: built once, kept for reuse."""
     return Transcription(cycle, counts, degree, kind)
@@ -250,7 +253,7 @@ class Joints:
     events: Array
 
 
-@lru_cache(maxsize=64)
+@kept(maxsize=64)
 def joint_function(cycle: Cycle) -> ca.Function:
     """Closed-form flows and events with their derivatives, from scaled states.
 
@@ -290,24 +293,19 @@ class _JointMap:
         function = joint_function(cycle)
         closed = function.size2_in(0)
         np_ = len(cycle.parameters)
-        self._in = [np.zeros((closed, n)), np.zeros((P, n)), np.zeros(P), np.zeros(np_), np.zeros(np_), np.zeros(n)]
-        self._flow, self._events = np.zeros((closed, n + 3, n)), np.zeros((n + 3, P))
-        self._buffer, self._trigger = function.buffer()
-        for i, array in enumerate(self._in):
-            if array.size:
-                self._buffer.set_arg(i, array.data)
-        if closed:
-            self._buffer.set_res(0, self._flow.data)
-        self._buffer.set_res(1, self._events.data)
+        inputs = [(closed, n), (P, n), P, np_, np_, n]
+        self._caller = caller(function, inputs, [(closed, n + 3, n), (n + 3, P)])
 
     def __call__(self, v: Array, ends: Array, T: Array, p: Array, dp: Array, scale: Array) -> Joints:
-        for store, value in zip(self._in, (v, ends, T, p, dp, scale), strict=True):
+        buffers = self._caller.buffers
+        for store, value in zip(buffers.inputs, (v, ends, T, p, dp, scale), strict=True):
             store[...] = value
-        self._trigger()
-        return Joints(self._flow.copy(), self._events.copy())
+        buffers.trigger()
+        flow, events = buffers.outputs
+        return Joints(flow.copy(), events.copy())
 
 
-@lru_cache(maxsize=64)
+@kept(maxsize=64)
 def _joint_map(cycle: Cycle) -> _JointMap:
     """The compiled map, kept for reuse: it does not depend on the mesh."""
     return _JointMap(cycle)

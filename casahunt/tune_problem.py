@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from .compiled import alone
 from .delayed_loop import crossover, log_magnitude, phase
 from .fold import Fold
 from .fold_conditions import data_of, fold_conditions
@@ -104,6 +105,7 @@ class Round:
     lag: float
 
 
+@alone
 def solve_round(r: Round) -> Point:
     """Solve one problem, from its start."""
     k, times, slack = ca.MX.sym("k"), ca.MX.sym("q", 2), ca.MX.sym("slack", len(SLACKS))

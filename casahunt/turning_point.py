@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from .adapt import curve_border
+from .compiled import alone
 from .errors import Status
 from .fold_conditions import data_of
 from .nlp import graphs
@@ -93,6 +94,7 @@ def _tangent(t: Transcription, u: Array, lin: Linearisation, row: Array) -> tupl
     return du, float(y[-1])
 
 
+@alone
 def _adjoint(t: Transcription, solution: Solution, setting: Setting, row: Array) -> Array:
     """nu (size,) of the module docstring."""
     g = graphs(t)

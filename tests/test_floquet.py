@@ -89,7 +89,7 @@ def test_an_integrator_that_fails_says_so(orbit, monkeypatch):
     def failing(*_arguments):
         raise RuntimeError("rosenbrock: max_num_steps reached")
 
-    monkeypatch.setattr(floquet, "_integrated", lambda *_: failing)
+    monkeypatch.setattr(floquet, "_sensitivities", failing)
     with pytest.raises(NoOrbit, match="erk failed in the phase 'slip\\+'"):
         _ = orbit("switch", 0.3).integrator_multipliers
 

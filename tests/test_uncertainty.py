@@ -137,12 +137,19 @@ def test_local_processes(servo, fold, eleven):
     assert np.array_equal(again.gains, eleven.gains)
 
 
+def test_threads(servo, fold, eleven):
+    with ThreadPoolExecutor(4) as pool:
+        again = sample(servo, "switch", FRICTION, 11, executor=pool, options=QUICK, fold=fold)
+    assert np.array_equal(again.gains, eleven.gains)
+
+
 # Dask leaves sockets and loops to the garbage collector when its cluster closes.
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_dask(servo, fold, eleven):
+@pytest.mark.parametrize("threads", [1, pytest.param(4, marks=pytest.mark.slow)])
+def test_dask(servo, fold, eleven, threads):
     distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=threads, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
         again = sample(servo, "switch", FRICTION, 11, executor=client.get_executor(), options=QUICK, fold=fold)
@@ -172,29 +179,6 @@ def test_failures_are_kept(servo, fold, monkeypatch):
     off = Uncertainty({"friction.static": (0.54, 0.56)})
     with pytest.raises(NoOrbit, match="no convergence here"):
         worst_corner(servo, "switch", off, options=QUICK, fold=fold)
-
-
-def test_a_walk_in_doubt(servo, fold, monkeypatch):
-    """A fold found after a warning counts only where a walk from elsewhere finds the same."""
-    import warnings
-    from dataclasses import replace
-
-    from casahunt import uncertainty
-
-    def doubtful(error):
-        def find(*_, start=None, **__):
-            if start is not None:
-                warnings.warn("a special point (fold) could not be located", stacklevel=2)
-            return fold if start is None else replace(fold, gain=fold.gain * (1 + error))
-
-        return find
-
-    own = Uncertainty({"friction.static": (0.53, 0.53)})
-    monkeypatch.setattr(uncertainty, "find_fold", doubtful(0.01))
-    samples = sample(servo, "switch", own, 1, options=QUICK, fold=fold)
-    assert np.isnan(samples.gains).all() and "could not be located" in samples.failures[0][1]
-    monkeypatch.setattr(uncertainty, "find_fold", doubtful(0.0))
-    assert sample(servo, "switch", own, 1, options=QUICK, fold=fold).gains.tolist() == [fold.gain]
 
 
 # The worst corner
@@ -361,11 +345,6 @@ def test_bad_words(capsys, words):
     assert cli.main(["uncertainty", *words]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("casahunt uncertainty: ") and err.count("\n") == 1
-
-
-def test_threads_are_refused(servo, fold):
-    with ThreadPoolExecutor(1) as pool, pytest.raises(InputError, match="not threads"):
-        sample(servo, "switch", FRICTION, 1, executor=pool, fold=fold)
 
 
 # The command

@@ -1,0 +1,126 @@
+"""CasADi from several threads at once.
+
+CasADi's Python module lets other threads run inside every call, and its scalar graphs count their references without
+a lock, those to shared constants too; MUMPS under IPOPT keeps global state.  Hence two rules:
+
+    1. Graphs and functions are built, called, looked up and dropped by one thread at a time: `alone`, `kept`.
+    2. A compiled function is called without that lock through a `Caller`, whose buffers every thread has for itself.
+
+Results do not depend on the threads: nothing that one writes is read by another.
+"""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import lru_cache, update_wrapper
+from typing import Any, Generic, ParamSpec, TypeVar
+
+import casadi as ca
+import numpy as np
+
+Array = np.ndarray
+P = ParamSpec("P")
+R = TypeVar("R")
+
+CASADI = threading.RLock()
+"""Held by whoever is inside CasADi, but for the evaluation of a compiled function on buffers."""
+_DROPPED: deque[dict[str, Any]] = deque()
+"""What was given up while another thread was inside CasADi; dropped by whoever enters next."""
+
+
+def alone(function: Callable[P, R]) -> Callable[P, R]:
+    """`function`, run by one thread at a time; what it built and does not return is dropped before the next enters.
+
+    Not for what takes a lock of its own inside: a `functools.cached_property` holds one while it computes (Python
+    3.11), and two locks taken in either order wait for each other.
+    """
+
+    def locked(*args: P.args, **kwargs: P.kwargs) -> R:
+        with CASADI:
+            _DROPPED.clear()
+            try:
+                return function(*args, **kwargs)
+            except BaseException as error:
+                traceback.clear_frames(error.__traceback__)  # which would keep graphs alive beyond the lock
+                raise
+
+    return update_wrapper(locked, function)
+
+
+class Kept(Generic[P, R]):
+    """A function with a cache of its `maxsize` latest results; built, looked up and dropped by one thread at a time.
+
+    Threads that ask at once get the same object, which `functools.lru_cache` does not promise.
+    """
+
+    def __init__(self, function: Callable[P, R], maxsize: int) -> None:
+        self._cached: Any = lru_cache(maxsize)(alone(function))
+        self.cache_info, self.cache_clear = self._cached.cache_info, alone(self._cached.cache_clear)
+        update_wrapper(self, function)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        with CASADI:
+            return self._cached(*args, **kwargs)
+
+
+def kept(maxsize: int) -> Callable[[Callable[P, R]], Kept[P, R]]:
+    """Decorator: see `Kept`."""
+    return lambda function: Kept(function, maxsize)
+
+
+class _Owner:
+    """Holds CasADi objects that only who holds the lock may drop.
+
+    The garbage collector may call `__del__` anywhere, inside other locks too: it must not wait.
+    """
+
+    def __del__(self, lock: Any = CASADI, dropped: deque[dict[str, Any]] = _DROPPED) -> None:
+        if lock.acquire(blocking=False):
+            try:
+                self.__dict__.clear()
+            finally:
+                lock.release()
+        else:
+            dropped.append(self.__dict__)
+
+
+class Buffers(_Owner):
+    """Arrays of one thread: fill `inputs`, call `trigger()`, read `outputs`, which the next call overwrites."""
+
+    def __init__(self, function: _Function) -> None:
+        with CASADI:
+            self._buffer, self.trigger = function.casadi.buffer()
+            self.inputs = tuple(np.zeros(shape) for shape in function.inputs)
+            self.outputs = tuple(np.zeros(shape) for shape in function.outputs)
+            for i, array in enumerate(self.inputs):
+                if array.size:
+                    self._buffer.set_arg(i, array.data)
+            for i, array in enumerate(self.outputs):
+                if array.size:
+                    self._buffer.set_res(i, array.data)
+
+
+class _Function(_Owner):
+    """A CasADi function and the shapes of its arrays."""
+
+    def __init__(self, function: ca.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+        self.casadi, self.inputs, self.outputs = function, tuple(inputs), tuple(outputs)
+
+
+class Caller(threading.local):
+    """A CasADi function that every thread calls through buffers of its own, made at the thread's first call.
+
+    The buffers save the conversion between numpy and CasADi matrices, which costs eight times as much as an
+    interval's evaluation itself.
+    """
+
+    def __init__(self, function: _Function) -> None:
+        self.buffers = Buffers(function)
+
+
+def caller(function: ca.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> Caller:
+    """A `Caller` of a function with arrays of these shapes; numpy's order of axes is the reverse of CasADi's."""
+    return Caller(_Function(function, inputs, outputs))
