@@ -1,4 +1,10 @@
-"""Checks at the user's border: one sentence with the key, the value and the allowed range."""
+"""Checks at the user's border: one sentence with the key, the value and the allowed range.
+
+    0 < SMALLEST <= servo number, gain, time <= LARGEST
+
+Wide enough for every servo in SI units; narrow enough that no product of the few numbers that a formula multiplies
+leaves double arithmetic, 2e-308 to 2e308, from where on infinities and zeros would stand for numbers.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +15,20 @@ from typing import Any
 
 from .errors import InputError
 
+SMALLEST, LARGEST = 1e-12, 1e12
+"""The range of every number of a servo and its controller, of gains and times, in SI units."""
+_QUOTED = 60
+"""Characters of a wrong value that a message repeats."""
+
 
 def number(key: str, value: Any) -> float:
     """`value` as a finite float, or InputError.  Booleans and strings are not numbers."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
-        raise InputError(f"{key} = {value!r}: must be a finite number")
+        raise InputError(f"{key} = {quoted(value)}: must be a finite number")
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{key} = {value!r}: must be a finite number") from None
+        raise InputError(f"{key} = {quoted(value)}: must be a finite number") from None
     if not math.isfinite(result):
         raise InputError(f"{key} = {value!r}: must be a finite number, not NaN or infinity")
     return result
@@ -42,6 +53,41 @@ def require(
     if at_most is not None and not x <= at_most:
         raise InputError(f"{key} = {shown(x)}: must be at most {shown(at_most)}{named}")
     return x
+
+
+def sensible(key: str, value: Any, *, zero: bool = False, unit: str = "") -> float:
+    """`value` as a float from SMALLEST to LARGEST, or 0 where `zero` is allowed; InputError otherwise."""
+    x = require(key, value, at_least=0, unit=unit) if zero else require(key, value, above=0, unit=unit)
+    if not SMALLEST <= x <= LARGEST and not (zero and x == 0):
+        raise _beyond(key, x, f"{'0 or ' if zero else ''}between {SMALLEST:g} and {LARGEST:g}")
+    return x
+
+
+def moderate(key: str, value: Any) -> float:
+    """`value`, of any sign, as a float of a size up to LARGEST; InputError otherwise."""
+    x = number(key, value)
+    if not abs(x) <= LARGEST:
+        raise _beyond(key, x, f"between {-LARGEST:g} and {LARGEST:g}")
+    return x
+
+
+def _beyond(key: str, x: float, allowed: str) -> InputError:
+    why = "beyond that, products of such numbers leave the range of double arithmetic"
+    return InputError(f"{key} = {shown(x)}: must be {allowed} in SI units ({why})")
+
+
+def quoted(value: Any) -> str:
+    """A wrong value for a message, as Python writes it, but short."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, or what is nested as deeply
+        return "a value too long to be shown"
+    return shortened(text)
+
+
+def shortened(text: str) -> str:
+    """A text for a message, the middle left out where it is long."""
+    return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 25]}...{text[-20:]}"
 
 
 def shown(x: float) -> str:

@@ -21,7 +21,7 @@ import time
 from typing import Any
 
 from .adapt import Options
-from .checks import known
+from .checks import known, moderate
 from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError, NoOrbit
 from .find import find_orbit
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     """Measure, compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
     gain = None if options.gain is None else positive("gain", options.gain)
-    set_point = None if options.set_point is None else finite("set-point", options.set_point)
+    set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
     start = None if options.start is None else finite("from", options.start)
     how = Options(tol=finite("tol", options.tol))
     servo = servo_of(options)

@@ -6,24 +6,59 @@ Everything is checked before anything is computed, and refused in one sentence (
 from __future__ import annotations
 
 import argparse
+import errno
 import math
 import os
 import sys
-from collections.abc import Iterator
+import time
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from .adapt import SOLVERS, TOLERANCE_RANGE
-from .checks import known, require
+from .checks import known, quoted, sensible, shortened
 from .errors import InputError
 from .orbit import Orbit
 from .servo import Servo, load, with_overrides
 
+TELL_EVERY = 2.0
+"""Seconds between two lines of progress."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
 }
+
+
+def own_process() -> None:
+    """Set up the process that the command line has for itself.
+
+    Numbers that overflow on the way are dealt with where they do: numpy's warnings are not for the user.  Pictures are
+    drawn into files, whatever backend is set for windows.  Any name of a file can be printed.
+
+    Raises
+    ------
+    OSError : standard output is closed.
+    """
+    if not sys.warnoptions:
+        sys.warnoptions.append("ignore::RuntimeWarning")  # processes that are started from here take it over
+        warnings.simplefilter("ignore", RuntimeWarning)
+    os.environ.pop("MPLBACKEND", None)
+    for number in range(3):  # a file that is opened later must not take the place of a closed stream
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    closed = sys.stdout is None
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        else:
+            stream.reconfigure(errors="backslashreplace")
+    if closed:
+        raise OSError(errno.EBADF, "standard output is closed")
 
 
 class Parser(argparse.ArgumentParser):
@@ -76,15 +111,15 @@ def finite(key: str, text: Any) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{key} = {text!r}: must be a finite number") from None
+        raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
     if not math.isfinite(value):
-        raise InputError(f"{key} = {text}: must be a finite number, not NaN or infinity")
+        raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
     return value
 
 
 def positive(key: str, text: Any) -> float:
-    """A finite number > 0, or InputError."""
-    return require(key, finite(key, text), above=0)
+    """A gain, a time or a position in the range of `checks`, or InputError."""
+    return sensible(key, finite(key, text))
 
 
 def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
@@ -115,6 +150,19 @@ def say(stream: IO[str] | None, text: str) -> None:
     """A line of progress."""
     if stream is not None:
         print(text, file=stream, flush=True)
+
+
+def teller(stream: IO[str] | None) -> Callable[[str], None]:
+    """Lines of progress of a computation that reports far too often: one every `TELL_EVERY` seconds is said."""
+    last = time.monotonic()
+
+    def tell(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= TELL_EVERY:
+            last = time.monotonic()
+            say(stream, text)
+
+    return tell
 
 
 def complex_text(value: complex) -> str:

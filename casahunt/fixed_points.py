@@ -36,7 +36,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .checks import require
+from .checks import require, sensible
 from .errors import InputError, NoOrbit, Status
 from .event_map import SCAN_HIGH, SCAN_LOW, patience, scan, state_scale
 from .hunting import SCHEMES, SWITCH, slips_back
@@ -415,10 +415,10 @@ def fixed_points(
     ------
     InputError : a value out of range, or high not above low.
     """
-    require("gain", gain, above=0)
+    sensible("gain", gain)
     default = default_range(servo, gain)
-    low = default[0] if low is None else require("from", low, above=0)
-    high = default[1] if high is None else require("to", high, above=0)
+    low = default[0] if low is None else sensible("from", low)
+    high = default[1] if high is None else sensible("to", high)
     if not high > low:
         raise InputError(f"to = {high:g}: must be greater than from = {low:g}")
     if points < 2:
