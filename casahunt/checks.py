@@ -96,11 +96,11 @@ def shown(x: float) -> str:
     return short if float(short) == x else repr(float(x))
 
 
-def to_error(x: float, relative_error: float) -> str:
-    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to 12)."""
+def to_error(x: float, relative_error: float, most: int = 12) -> str:
+    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to `most`)."""
     if not relative_error > 0:
-        return f"{x:.12g}"
-    return f"{x:.{min(max(math.floor(-math.log10(relative_error)), 3), 12)}g}"
+        return f"{x:.{most}g}"
+    return f"{x:.{min(max(math.floor(-math.log10(relative_error)), 3), most)}g}"
 
 
 def known(what: str, name: str, allowed: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("map", allow_abbrev=False, help="the event map of the Switch servo: all its cycles")
     add_common(command, tol=False)
-    command.add_argument("--gain", help="controller gain K, to be given")
+    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--from", dest="start", metavar="A", help="smallest stick position [rad] (1e-4 Fs/kp)")
     command.add_argument("--to", metavar="B", help="largest stick position [rad] (20 Fs/kp)")
     command.add_argument("--points", default=POINTS, help=f"motions of the first grid (default {POINTS})")

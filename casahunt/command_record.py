@@ -104,7 +104,7 @@ def _show(file: str, record: Record, m: Measurement, orbit: Orbit | None, set_po
     offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
     print(f"  mean position {m.mean_level:.6g} rad{offset}, drift {m.drift:.2g} rad/s")
     if m.periods.size:
-        print(f"  noise {m.noise:.2g} rad; above its level {m.above:.1%} of the time")
+        print(f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)")
         for sentence in _remarks(m):
             print(f"  {sentence}")
     if orbit:

@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("simulate", allow_abbrev=False, help="the motion from an initial state")
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--gain", help="controller gain K, to be given")
+    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
     command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
     command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")

@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
     )
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, to be given")
+    command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, required")
     command.add_argument("--samples", default=SAMPLES, metavar="N", help=f"servos to solve (default {SAMPLES})")
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from .adapt import SOLVERS, TOLERANCE_RANGE
-from .checks import known, quoted, sensible, shortened
+from .checks import known, quoted, sensible, shortened, to_error
 from .errors import InputError
 from .orbit import Orbit
 from .servo import Servo, load, with_overrides
@@ -214,7 +214,10 @@ def progress_line(orbit: Orbit, mu: str = "") -> str:
     """Gain, amplitude, period, multiplier (mu, or lambda of a full cycle) and iterations of a point."""
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
+    gain = to_error(orbit.gain, max(orbit.parameter_error, 1e-8))
+    amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
+    period = to_error(orbit.period, orbit.period_error, most=6)
     return (
-        f"{orbit.model:7s} K = {orbit.gain:.8g}  amplitude = {orbit.amplitude:.6g} rad  period = {orbit.period:.6g} s  "
+        f"{orbit.model:7s} K = {gain}  amplitude = {amplitude} rad  period = {period} s  "
         f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
     )

@@ -203,7 +203,7 @@ class FixedPoints:
         if count == 0 and known:
             best = max(known, key=lambda p: p.excess)
             text += f", the largest P(a)/a is {1 + best.excess:.8g} at a = {best.start:.8g} rad"
-        text += ", halved until a cubic through neighbours and their slopes foretold the motion between them"
+        text += ", computed more closely until interpolation between neighbours agreed with the motion half-way"
         crossing = sum(jump.crosses for jump in self.jumps)
         if self.jumps:
             text += f"; {len(self.jumps)} jumps of P (or pieces too steep to resolve), {crossing} of them across P = a"
