@@ -3,7 +3,8 @@
     0 < SMALLEST <= servo number, gain, time <= LARGEST
 
 Wide enough for every servo in SI units; narrow enough that no product of the few numbers that a formula multiplies
-leaves double arithmetic, 2e-308 to 2e308, from where on infinities and zeros would stand for numbers.
+leaves double arithmetic, 2e-308 to 2e308, from where on infinities and zeros would stand for numbers.  Gains, times and
+positions that a computation comes upon, such as the gain J/(cm tau^2), may lie in the fourth power of that range.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from typing import Any
 from .errors import InputError
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""The range of every number of a servo and its controller, of gains and times, in SI units."""
+"""The range of all numbers of a servo, and of gains, times and positions of the command line, in SI units."""
+COMPUTED = 4
+"""Power of that range in which gains, times and positions may lie that a computation comes upon."""
 _QUOTED = 60
 """Characters of a wrong value that a message repeats."""
 
@@ -55,19 +58,23 @@ def require(
     return x
 
 
-def sensible(key: str, value: Any, *, zero: bool = False, unit: str = "") -> float:
-    """`value` as a float from SMALLEST to LARGEST, or 0 where `zero` is allowed; InputError otherwise."""
+def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: str = "") -> float:
+    """`value` as a float from SMALLEST to LARGEST, or 0 where `zero` is allowed; InputError otherwise.
+
+    `power` widens the range to that power of its ends, for what a computation comes upon.
+    """
+    low, high = SMALLEST**power, LARGEST**power
     x = require(key, value, at_least=0, unit=unit) if zero else require(key, value, above=0, unit=unit)
-    if not SMALLEST <= x <= LARGEST and not (zero and x == 0):
-        raise _beyond(key, x, f"{'0 or ' if zero else ''}between {SMALLEST:g} and {LARGEST:g}")
+    if not low <= x <= high and not (zero and x == 0):
+        raise _beyond(key, x, f"{'0 or ' if zero else ''}between {low:g} and {high:g}")
     return x
 
 
-def moderate(key: str, value: Any) -> float:
-    """`value`, of any sign, as a float of a size up to LARGEST; InputError otherwise."""
-    x = number(key, value)
-    if not abs(x) <= LARGEST:
-        raise _beyond(key, x, f"between {-LARGEST:g} and {LARGEST:g}")
+def moderate(key: str, value: Any, *, power: int = 1) -> float:
+    """`value`, of any sign, as a float of a size up to LARGEST (to that power); InputError otherwise."""
+    x, high = number(key, value), LARGEST**power
+    if not abs(x) <= high:
+        raise _beyond(key, x, f"between {-high:g} and {high:g}")
     return x
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import known
+from .checks import known, moderate
 from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError
 from .hunting import MODELS
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     gain = positive("gain", options.gain)
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
-    numbers = {key: finite(key.replace("_", "-"), getattr(options, key)) for key in keys}
+    numbers = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
     step = None if options.step is None else positive("step", options.step)
     if step is not None and options.csv is None:
         raise InputError("step: must be left out without --csv")
@@ -101,6 +101,10 @@ def run(options: argparse.Namespace) -> int:
     if advice:
         complain("casahunt simulate", advice)
     return 0 if found.status.ok else 1
+
+
+def _size(key: str, text: Any) -> float:
+    return moderate(key, finite(key, text))
 
 
 def _advice(found: Trajectory) -> str:

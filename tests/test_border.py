@@ -94,7 +94,8 @@ def test_library_has_the_same_border():
         lambda: simulate(servo, "switch", 5e-324),
         lambda: simulate(servo, "switch", 0.1, time=1e300),
         lambda: simulate(servo, "switch", 0.1, velocity=-1e300),
-        lambda: fixed_points(servo, 1e13),
+        lambda: fixed_points(servo, 1e60),
+        lambda: fixed_points(servo, 0.1, 1e-60),
         lambda: Demands(sample_time=1e-13),
     ):
         with pytest.raises(InputError, match="double arithmetic"):
@@ -104,6 +105,7 @@ def test_library_has_the_same_border():
 def test_ranges():
     assert sensible("x", SMALLEST) == SMALLEST and sensible("x", LARGEST) == LARGEST
     assert sensible("x", 0, zero=True) == 0 and moderate("x", -LARGEST) == -LARGEST
+    assert sensible("x", 1e48, power=4) == 1e48 and moderate("x", -1e48, power=4) == -1e48
     for wrong in (0.0, -1.0, 1e-13, 1e13, float("nan")):
         with pytest.raises(InputError):
             sensible("x", wrong)
@@ -117,7 +119,7 @@ def process(words: list[str], folder: Path, **kwargs) -> subprocess.CompletedPro
     """The program in a process of its own; `shell` redirects its streams."""
     shell, more = kwargs.pop("shell", ""), kwargs.pop("env", {})
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", **more}
-    command = [sys.executable, "-m", "casahunt", *words]
+    command = [sys.executable, *kwargs.pop("start", ["-m", "casahunt"]), *words]
     if shell:
         command = ["sh", "-c", f'exec "$@" {shell}', "sh", *command]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace")
@@ -134,6 +136,16 @@ def test_closed_output(tmp_path):
     assert done.returncode == 0 and done.stdout.startswith("{") and done.stdout.count("\n") == 1
     done = process(["loop", "--gain", "nan"], tmp_path, shell=">&- 2>&-")
     assert done.returncode == 1
+    # No file that is opened later takes the place of a closed stream.
+    code = "from casahunt.console import own_process; own_process(); print(open('a.txt', 'w').fileno())"
+    done = process([code], tmp_path, shell="<&- 2>&-", start=["-c"])
+    assert int(done.stdout) > 2
+
+
+def test_gains_that_a_computation_comes_upon_are_no_input(capsys):
+    """A servo at the end of the range has its cycles at gains beyond it."""
+    code = cli.main(["basin", "--gain", "0.1", "--set", "servo.motor_gain=1e12"])
+    assert code != 2 and "double arithmetic" not in capsys.readouterr().err
 
 
 def test_backend_that_does_not_exist(tmp_path):
