@@ -206,8 +206,8 @@ class FixedPoints:
         text += ", computed more closely until interpolation between neighbours agreed with the motion half-way"
         crossing = sum(jump.crosses for jump in self.jumps)
         if self.jumps:
-            jumps = "jump" if len(self.jumps) == 1 else "jumps"
-            text += f"; {len(self.jumps)} {jumps} of P (or pieces too steep to resolve), {crossing} of them across P = a"
+            jumps = "1 jump" if len(self.jumps) == 1 else f"{len(self.jumps)} jumps"
+            text += f"; {jumps} of P (or pieces too steep to resolve), {crossing} of them across P = a"
         swinging = len(self.points) - len(known)
         if swinging:
             text += f"; {swinging} motions that do not come to stick"
