@@ -104,10 +104,15 @@ def shown(x: float) -> str:
 
 
 def to_error(x: float, relative_error: float, most: int = 12) -> str:
-    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to `most`)."""
-    if not relative_error > 0:
+    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to `most`).
+
+    The unit of the last digit is the largest power of ten up to twice the error: rounding adds no more than the error.
+    """
+    if not relative_error > 0 or x == 0:
         return f"{x:.{most}g}"
-    return f"{x:.{min(max(math.floor(-math.log10(relative_error)), 3), most)}g}"
+    error = 2 * relative_error * abs(x)
+    digits = math.floor(math.log10(abs(x))) - math.floor(math.log10(error)) + 1
+    return f"{x:.{min(max(digits, 3), most)}g}"
 
 
 def known(what: str, name: str, allowed: Iterable[str]) -> str:

@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 import time
+from decimal import Decimal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from casahunt import InputError, Servo, cli, console, simulate
-from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible
+from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible, to_error
 from casahunt.fixed_points import fixed_points
 from casahunt.linear_loop import linear_loop
 from casahunt.tune_demands import Demands
@@ -110,6 +112,18 @@ def test_ranges():
         with pytest.raises(InputError):
             sensible("x", wrong)
     assert len(quoted("x" * 10_000)) < 70 and quoted("abc") == "'abc'"
+
+
+def test_digits_follow_the_error():
+    """The shown number is off by no more than the error for being rounded, and has no digit far below the error."""
+    random = np.random.default_rng(5)
+    for x, error in 10.0 ** np.column_stack([random.uniform(-6, 6, 200), random.uniform(-11.5, -3, 200)]):
+        shown = to_error(-x, error)
+        assert abs(float(shown) + x) <= error * x * (1 + 1e-9)
+        place = Decimal(shown).normalize().as_tuple().exponent  # of the last digit that is not 0
+        assert 10.0**place > 0.2 * error * x
+    assert to_error(0.647339163, 1.2e-7) == "0.6473392"
+    assert (to_error(123456.0, 0.5), to_error(0.0, 0.1)) == ("1.23e+05", "0")
 
 
 # The surroundings of a process -----------------------------------------------------------------------------------
