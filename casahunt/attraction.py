@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import require
+from .checks import COMPUTED, require, sensible
 from .errors import InputError
 from .orbit import Orbit
 from .servo import Servo
@@ -126,7 +126,7 @@ def first_stick(servo: Servo, gain: float, states: Array) -> FirstStick:
     ------
     InputError : gain not a finite number > 0, or states not (3, m) finite numbers.
     """
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     x = np.array(states, float)
     if x.ndim != 2 or len(x) != 3 or not np.isfinite(x).all():
         raise InputError(f"states with the shape {x.shape}: must be (3, m) finite numbers")
@@ -147,7 +147,7 @@ def swing(servo: Servo, gain: float, a: Array) -> Array:
     ------
     InputError : gain or an a that is not a finite number > 0.
     """
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     a = np.asarray(a, float).ravel()
     require("a", np.min(a, initial=np.inf) if np.isfinite(a).all() else np.nan, above=0)
     slip = _Slip(servo, gain)

@@ -1,4 +1,11 @@
-"""Checks at the user's border: one sentence with the key, the value and the allowed range."""
+"""Checks at the user's border: one sentence with the key, the value and the allowed range.
+
+    0 < SMALLEST <= servo number, gain, time <= LARGEST
+
+Wide enough for every servo in SI units; narrow enough that no product of the few numbers that a formula multiplies
+leaves double arithmetic, 2e-308 to 2e308, from where on infinities and zeros would stand for numbers.  Gains, times and
+positions that a computation comes upon, such as the gain J/(cm tau^2), may lie in the fourth power of that range.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +16,22 @@ from typing import Any
 
 from .errors import InputError
 
+SMALLEST, LARGEST = 1e-12, 1e12
+"""The range of all numbers of a servo, and of gains, times and positions of the command line, in SI units."""
+COMPUTED = 4
+"""Power of that range in which gains, times and positions may lie that a computation comes upon."""
+_QUOTED = 60
+"""Characters of a wrong value that a message repeats."""
+
 
 def number(key: str, value: Any) -> float:
     """`value` as a finite float, or InputError.  Booleans and strings are not numbers."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
-        raise InputError(f"{key} = {value!r}: must be a finite number")
+        raise InputError(f"{key} = {quoted(value)}: must be a finite number")
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{key} = {value!r}: must be a finite number") from None
+        raise InputError(f"{key} = {quoted(value)}: must be a finite number") from None
     if not math.isfinite(result):
         raise InputError(f"{key} = {value!r}: must be a finite number, not NaN or infinity")
     return result
@@ -44,17 +58,61 @@ def require(
     return x
 
 
+def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: str = "") -> float:
+    """`value` as a float from SMALLEST to LARGEST, or 0 where `zero` is allowed; InputError otherwise.
+
+    `power` widens the range to that power of its ends, for what a computation comes upon.
+    """
+    low, high = SMALLEST**power, LARGEST**power
+    x = require(key, value, at_least=0, unit=unit) if zero else require(key, value, above=0, unit=unit)
+    if not low <= x <= high and not (zero and x == 0):
+        raise _beyond(key, x, f"{'0 or ' if zero else ''}between {low:g} and {high:g}")
+    return x
+
+
+def moderate(key: str, value: Any, *, power: int = 1) -> float:
+    """`value`, of any sign, as a float of a size up to LARGEST (to that power); InputError otherwise."""
+    x, high = number(key, value), LARGEST**power
+    if not abs(x) <= high:
+        raise _beyond(key, x, f"between {-high:g} and {high:g}")
+    return x
+
+
+def _beyond(key: str, x: float, allowed: str) -> InputError:
+    why = "beyond that, products of such numbers leave the range of double arithmetic"
+    return InputError(f"{key} = {shown(x)}: must be {allowed} in SI units ({why})")
+
+
+def quoted(value: Any) -> str:
+    """A wrong value for a message, as Python writes it, but short."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, or what is nested as deeply
+        return "a value too long to be shown"
+    return shortened(text)
+
+
+def shortened(text: str) -> str:
+    """A text for a message, the middle left out where it is long."""
+    return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 25]}...{text[-20:]}"
+
+
 def shown(x: float) -> str:
     """A number for a message: short where that is exact, so that no value seems to lie on its own bound."""
     short = f"{x:g}"
     return short if float(short) == x else repr(float(x))
 
 
-def to_error(x: float, relative_error: float) -> str:
-    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to 12)."""
-    if not relative_error > 0:
-        return f"{x:.12g}"
-    return f"{x:.{min(max(math.floor(-math.log10(relative_error)), 3), 12)}g}"
+def to_error(x: float, relative_error: float, most: int = 12) -> str:
+    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to `most`).
+
+    The unit of the last digit is the largest power of ten up to twice the error: rounding adds no more than the error.
+    """
+    if not relative_error > 0 or x == 0:
+        return f"{x:.{most}g}"
+    error = 2 * relative_error * abs(x)
+    digits = math.floor(math.log10(abs(x))) - math.floor(math.log10(error)) + 1
+    return f"{x:.{min(max(digits, 3), most)}g}"
 
 
 def known(what: str, name: str, allowed: Iterable[str]) -> str:

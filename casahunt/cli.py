@@ -31,7 +31,7 @@ from . import (
     command_uncertainty,
 )
 from .checks import known
-from .console import Parser, complain
+from .console import Parser, complain, own_process
 from .errors import InputError, NoOrbit
 
 COMMANDS = {
@@ -80,6 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     command = f"casahunt {words[0]}" if words and words[0] in COMMANDS else "casahunt"
     try:
+        if arguments is None:
+            own_process()
         options = _parsed(words)
         code = COMMANDS[options.command].run(options)
         sys.stdout.flush()

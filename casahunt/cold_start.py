@@ -13,7 +13,7 @@ import time
 from dataclasses import dataclass
 
 from .adapt import Options, Solved, remeshed, solve_adaptively
-from .checks import known, require
+from .checks import COMPUTED, known, sensible
 from .errors import NoOrbit, Status
 from .event_map import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, SCHEMES, Model
@@ -175,7 +175,7 @@ def refined(orbit: Orbit, options: Options) -> Orbit:
 def check_problem(servo: Servo, model: Model, gain: float) -> None:
     """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction."""
     known("model", model, MODELS)
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     if servo.friction.static == servo.friction.coulomb:
         seen = scan(model, servo, gain)
         raise NoOrbit(

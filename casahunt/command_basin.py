@@ -8,7 +8,7 @@ from typing import Any
 
 from .adapt import Options
 from .basin import OFFSET, Basin, Trial, basin
-from .checks import known
+from .checks import known, to_error
 from .console import add_common, complain, finite, positive, servo_of
 from .errors import InputError
 from .hunting import MODELS
@@ -19,7 +19,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("basin", allow_abbrev=False, help="the amplitude below which the servo settles")
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--gain", help="controller gain K, to be given")
+    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument(
         "--offset", default=OFFSET, help=f"relative distance from the border of the two motions (default {OFFSET:g})"
     )
@@ -54,12 +54,12 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(record))
     else:
         where = "" if model == "switch" else " (x1 at m = 0.9 Fs before breakaway)"
-        says = "stuck within {0} rad of the set point it comes to rest there; stuck a little farther away it does not"
+        says = "where it sticks within {0} rad of the set point it comes to rest, a little farther away it does not"
         if not found.confirmed:
             says = "an unstable hunting cycle stands at {0} rad; that it bounds coming to rest is not confirmed"
-        print(f"{model} servo at gain {gain:.10g}: {says.format(f'{found.border:.10g}')}{where}")
-        print(f"  unstable cycle   amplitude max |x1| = {found.unstable.amplitude:.10g} rad, estimated error "
-              f"{found.error_estimate:.1e}")  # fmt: skip
+        print(f"{model} servo at gain {gain:.10g}: {says.format(to_error(found.border, found.error_estimate))}{where}")
+        amplitude = to_error(found.unstable.amplitude, found.error_estimate)
+        print(f"  unstable cycle   amplitude max |x1| = {amplitude} rad, estimated error {found.error_estimate:.1e}")
         print(f"  {_outer(found)}")
         for name, trial in (("inside", found.inside), ("outside", found.outside)):
             a = [f"{position:.4g}" for position in trial.positions]
@@ -79,7 +79,7 @@ def _outer(found: Basin) -> str:
     """The line of the cycle beyond the border."""
     if found.outer is None:
         return f"stable cycle     {found.why_no_outer}"
-    amplitude = f"amplitude max |x1| = {found.outer.amplitude:.10g} rad"
+    amplitude = f"amplitude max |x1| = {to_error(found.outer.amplitude, found.outer.amplitude_error)} rad"
     if found.outer.stable:
         return f"stable cycle     {amplitude}"
     mu = f"{found.outer.half_multiplier:.6g}"

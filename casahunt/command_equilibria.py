@@ -18,7 +18,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("equilibria", allow_abbrev=False, help="where the servo can stand still")
     add_common(command, tol=False)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--gain", help="controller gain K, to be given")
+    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--plot", metavar="F.png", help="write a picture: stick region, or eigenvalues")
 
 

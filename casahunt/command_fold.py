@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from .adapt import Options
-from .checks import known
+from .checks import known, to_error
 from .console import add_common, add_solver, finite, progress, progress_line, say, servo_of, solver_of, writable
 from .fold import find_fold
 from .hunting import MODELS
@@ -54,12 +54,12 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(record))
         return 0
-    print(f"{model} servo: hunting is possible up to gain {fold.gain:.10g}")
+    print(f"{model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)}")
     print(f"  estimated error  {fold.gain_error:.1e} (relative, of the gain)")
-    print(f"  amplitude there  {fold.orbit.amplitude:.10g} rad")
-    print(f"  period there     {fold.orbit.period:.10g} s")
+    print(f"  amplitude there  {to_error(fold.orbit.amplitude, fold.orbit.amplitude_error)} rad")
+    print(f"  period there     {to_error(fold.orbit.period, fold.orbit.period_error)} s")
     other = "the turning point of the equations (Newton)" if how.solver == "newton" else MAXIMUM
-    print(f"  as {other}: {fold.optimised_gain:.10g}")
+    print(f"  as {other}: {to_error(fold.optimised_gain, fold.gain_error)}")
     print("  one per cent more of      changes the fold gain by")
     for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
         print(f"    {name:28s} {value:+9.4f} %")

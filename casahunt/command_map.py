@@ -5,23 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import time
-from collections.abc import Callable
-from typing import IO, Any
+from typing import Any
 
-from .console import add_common, positive, progress, say, servo_of, writable
+from .console import add_common, positive, progress, servo_of, teller, writable
 from .errors import InputError, NoOrbit, Status
 from .fixed_points import POINTS, fixed_points
-
-TELL_EVERY = 2.0
-"""Seconds between two lines of progress."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("map", allow_abbrev=False, help="the event map of the Switch servo: all its cycles")
     add_common(command, tol=False)
-    command.add_argument("--gain", help="controller gain K, to be given")
+    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--from", dest="start", metavar="A", help="smallest stick position [rad] (1e-4 Fs/kp)")
     command.add_argument("--to", metavar="B", help="largest stick position [rad] (20 Fs/kp)")
     command.add_argument("--points", default=POINTS, help=f"motions of the first grid (default {POINTS})")
@@ -38,7 +33,12 @@ def run(options: argparse.Namespace) -> int:
     points = _count(options.points)
     servo = servo_of(options)
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
-    seen = fixed_points(servo, gain, low, high, points=points, report=_teller(progress(options.quiet)))
+    tell = teller(progress(options.quiet))
+
+    def report(motions: int, a: float) -> None:
+        tell(f"{motions} motions computed, the last one from the stick position {a:.4g} rad")
+
+    seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
         raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
     if plot:
@@ -78,19 +78,6 @@ def run(options: argparse.Namespace) -> int:
         print(f"  jump         a = {j.start:.8g} rad, P from {j.below:.6g} to {j.above:.6g} rad"
               f"{', across P = a' if j.crosses else ''}")  # fmt: skip
     return 0
-
-
-def _teller(stream: IO[str] | None) -> Callable[[int, float], None]:
-    """A line of progress every few seconds."""
-    last = time.monotonic()
-
-    def tell(motions: int, a: float) -> None:
-        nonlocal last
-        if time.monotonic() - last >= TELL_EVERY:
-            last = time.monotonic()
-            say(stream, f"{motions} motions computed, the last one from the stick position {a:.4g} rad")
-
-    return tell
 
 
 def _count(text: Any) -> int:

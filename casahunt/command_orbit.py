@@ -10,7 +10,7 @@ from typing import Any
 
 from .adapt import Options
 from .archive import save_orbit
-from .checks import known
+from .checks import known, to_error
 from .console import (
     add_common,
     add_solver,
@@ -30,6 +30,7 @@ from .floquet import Multipliers
 from .hunting import MODELS
 from .orbit import Orbit
 
+CHECK = "their accuracy   the one that must be 1 is off by"
 ROUTES = ("collocation", "integrator")
 """Ways to the multipliers; the second comes on top of the first."""
 
@@ -39,7 +40,7 @@ def add(commands: Any) -> None:
     orbit = commands.add_parser("orbit", allow_abbrev=False, help="the hunting cycle at one gain")
     add_common(orbit)
     orbit.add_argument("--model", default="switch", help="switch (default) or lugre")
-    orbit.add_argument("--gain", help="controller gain K, to be given")
+    orbit.add_argument("--gain", help="controller gain K, required")
     orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
     add_solver(orbit)
@@ -85,15 +86,15 @@ def run(options: argparse.Namespace) -> int:
     print(f"{model} servo at gain {gain:.10g}: {kind[record['stable']]}")
     if orbit.half and orbit.multipliers.leading.real < -1:
         print("  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place")
-    print(f"  amplitude        {orbit.amplitude:.10g} rad")
-    print(f"  period           {orbit.period:.10g} s")
+    print(f"  amplitude        {to_error(orbit.amplitude, orbit.amplitude_error)} rad")
+    print(f"  period           {to_error(orbit.period, orbit.period_error)} s")
     if m.trusted:
         name = "half multiplier" if orbit.half else "multiplier"
         print(f"  {name:15}  {complex_text(m.leading)}  (log10 of its size: {m.log10_leading:.4f})")
         print(f"  multipliers      {', '.join(complex_text(value) for value in m.full)}")
-        print(f"  trivial one off  {m.trivial_error:.1e}")
+        print(f"  {CHECK} {m.trivial_error:.1e}")
     else:
-        print(f"  multipliers      not to be trusted: the trivial one is off by {m.trivial_error:.1e}")
+        print(f"  multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
     if second is not None:
         _print_second_route(orbit, second)
     print(f"  error estimate   {orbit.error_estimate:.1e} (relative, period and amplitude)")
@@ -121,11 +122,11 @@ def _second_route(orbit: Orbit, m: Multipliers) -> dict[str, Any]:
 def _print_second_route(orbit: Orbit, m: Multipliers) -> None:
     print("  by integrators   (CasADi's forward sensitivities, phase by phase)")
     if not m.trusted:
-        print(f"    multipliers      not to be trusted: the trivial one is off by {m.trivial_error:.1e}")
+        print(f"    multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
         return
     print(f"    {'half multiplier' if orbit.half else 'multiplier':15}  {complex_text(m.leading)}")
     print(f"    multipliers      {', '.join(complex_text(value) for value in m.full)}")
-    print(f"    trivial one off  {m.trivial_error:.1e}")
+    print(f"    {CHECK} {m.trivial_error:.1e}")
     if orbit.multipliers.trusted:
         off = _difference(orbit.multipliers, m)
         print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")

@@ -21,7 +21,7 @@ import time
 from typing import Any
 
 from .adapt import Options
-from .checks import known
+from .checks import known, moderate
 from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError, NoOrbit
 from .find import find_orbit
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     """Measure, compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
     gain = None if options.gain is None else positive("gain", options.gain)
-    set_point = None if options.set_point is None else finite("set-point", options.set_point)
+    set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
     start = None if options.start is None else finite("from", options.start)
     how = Options(tol=finite("tol", options.tol))
     servo = servo_of(options)
@@ -104,7 +104,7 @@ def _show(file: str, record: Record, m: Measurement, orbit: Orbit | None, set_po
     offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
     print(f"  mean position {m.mean_level:.6g} rad{offset}, drift {m.drift:.2g} rad/s")
     if m.periods.size:
-        print(f"  noise {m.noise:.2g} rad; above its level {m.above:.1%} of the time")
+        print(f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)")
         for sentence in _remarks(m):
             print(f"  {sentence}")
     if orbit:

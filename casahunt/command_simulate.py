@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import known
+from .checks import known, moderate
 from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError
 from .files import whole_text
@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("simulate", allow_abbrev=False, help="the motion from an initial state")
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--gain", help="controller gain K, to be given")
+    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
     command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
     command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     gain = positive("gain", options.gain)
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
-    numbers = {key: finite(key.replace("_", "-"), getattr(options, key)) for key in keys}
+    numbers = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
     step = None if options.step is None else positive("step", options.step)
     if step is not None and options.csv is None:
         raise InputError("step: must be left out without --csv")
@@ -104,6 +104,10 @@ def run(options: argparse.Namespace) -> int:
     if advice:
         complain("casahunt simulate", advice)
     return 0 if found.status.ok else 1
+
+
+def _size(key: str, text: Any) -> float:
+    return moderate(key, finite(key, text))
 
 
 def _advice(found: Trajectory) -> str:

@@ -27,7 +27,7 @@ from typing import Any
 
 from .adapt import Options
 from .checks import known
-from .console import add_common, complain, finite, folder, positive, servo_of
+from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, teller
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
 from .files import whole_text
@@ -78,10 +78,13 @@ def run(options: argparse.Namespace) -> int:
     free = [known("free", name, FREE) for name in options.free]
     bounds = bounds_of(options.bounds)
 
+    stream = progress(options.quiet)
+
     def tuned() -> Tuning:
         return tune(
-            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost, options=how  # type: ignore[arg-type]
-        )
+            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost, options=how,  # type: ignore[arg-type]
+            report=teller(stream),
+        )  # fmt: skip
 
     trouble: OSError | None = None
     if options.out is None:
@@ -90,6 +93,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
+            say(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
             record = record_of(tuning, before)
             from . import pictures_tune

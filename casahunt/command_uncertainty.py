@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from typing import Any
 
 from .adapt import Options
-from .checks import known
-from .console import add_common, finite, progress, progress_line, say, servo_of, writable
+from .checks import known, quoted
+from .console import add_common, finite, progress, progress_line, say, servo_of, teller, writable
 from .errors import InputError, NoOrbit, Status
 from .fold import Fold, find_fold
 from .hunting import MODELS
@@ -27,7 +28,7 @@ def add(commands: Any) -> None:
     )
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, to be given")
+    command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, required")
     command.add_argument("--samples", default=SAMPLES, metavar="N", help=f"servos to solve (default {SAMPLES})")
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
@@ -49,17 +50,22 @@ def run(options: argparse.Namespace) -> int:
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     out = progress(options.quiet)
 
+    say(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
     say(out, progress_line(fold.orbit, mu="+1 (fold)"))
     say(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
-    samples = _solved(servo, model, uncertainty, n, seed, jobs, how, fold)
+    tell = teller(out)
+    samples = _solved(servo, model, uncertainty, n, seed, jobs, how, fold, lambda i: tell(f"{i} of {n} samples solved"))
     say(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     low, high = uncertainty.box(servo)
     inside = samples.worst is not None and bool(
         ((low <= samples.parameters[samples.worst]) & (samples.parameters[samples.worst] <= high)).all()
     )
     starts = [samples.parameters[samples.worst]] if inside else []
-    worst = worst_corner(servo, model, uncertainty, options=how, fold=fold, starts=starts)
+    worst = worst_corner(
+        servo, model, uncertainty, options=how, fold=fold, starts=starts,
+        report=lambda i: tell(f"searching the worst corner: fold {i}"),
+    )
     seen = summary(fold, uncertainty, samples, worst)
     if plot:
         from . import pictures_uncertainty, plotting
@@ -102,17 +108,18 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _solved(
-    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: Fold
+    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: Fold,
+    report: Callable[[int], None],
 ) -> Samples:
     if jobs == 1:
-        return sample(servo, model, uncertainty, n, seed=seed, options=how, fold=fold)
+        return sample(servo, model, uncertainty, n, seed=seed, options=how, fold=fold, report=report)
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
     # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts)
     try:
-        return sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold)
+        return sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold, report=report)
     except BrokenExecutor:
         raise NoOrbit(
             "a process that solves samples has died, perhaps for want of memory; take fewer --jobs",
@@ -133,7 +140,7 @@ def _whole(key: str, text: Any, least: int) -> int:
     try:
         value = int(str(text))
     except ValueError:
-        raise InputError(f"{key} = {text!r}: must be a whole number") from None
+        raise InputError(f"{key} = {quoted(text)}: must be a whole number") from None
     if value < least:
         raise InputError(f"{key} = {value}: must be at least {least}")
     return value

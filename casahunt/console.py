@@ -6,25 +6,60 @@ Everything is checked before anything is computed, and refused in one sentence (
 from __future__ import annotations
 
 import argparse
+import errno
 import math
 import os
 import sys
-from collections.abc import Iterable, Iterator
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from .adapt import SOLVERS, TOLERANCE_RANGE
-from .checks import known, require
+from .checks import known, quoted, sensible, shortened, to_error
 from .errors import InputError
 from .files import alone_in, unmake
 from .orbit import Orbit
 from .servo import Servo, load, with_overrides
 
+TELL_EVERY = 2.0
+"""Seconds between two lines of progress."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
 }
+
+
+def own_process() -> None:
+    """Set up the process that the command line has for itself.
+
+    Numbers that overflow on the way are dealt with where they do: numpy's warnings are not for the user.  Pictures are
+    drawn into files, whatever backend is set for windows.  Any name of a file can be printed.
+
+    Raises
+    ------
+    OSError : standard output is closed.
+    """
+    if not sys.warnoptions:
+        sys.warnoptions.append("ignore::RuntimeWarning")  # processes that are started from here take it over
+        warnings.simplefilter("ignore", RuntimeWarning)
+    os.environ.pop("MPLBACKEND", None)
+    for number in range(3):  # a file that is opened later must not take the place of a closed stream
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    closed = sys.stdout is None
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        else:
+            stream.reconfigure(errors="backslashreplace")
+    if closed:
+        raise OSError(errno.EBADF, "standard output is closed")
 
 
 class Parser(argparse.ArgumentParser):
@@ -77,15 +112,15 @@ def finite(key: str, text: Any) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{key} = {text!r}: must be a finite number") from None
+        raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
     if not math.isfinite(value):
-        raise InputError(f"{key} = {text}: must be a finite number, not NaN or infinity")
+        raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
     return value
 
 
 def positive(key: str, text: Any) -> float:
-    """A finite number > 0, or InputError."""
-    return require(key, finite(key, text), above=0)
+    """A gain, a time or a position in the range of `checks`, or InputError."""
+    return sensible(key, finite(key, text))
 
 
 def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
@@ -118,6 +153,19 @@ def say(stream: IO[str] | None, text: str) -> None:
     """A line of progress."""
     if stream is not None:
         print(text, file=stream, flush=True)
+
+
+def teller(stream: IO[str] | None) -> Callable[[str], None]:
+    """Lines of progress of a computation that reports far too often: one every `TELL_EVERY` seconds is said."""
+    last = time.monotonic()
+
+    def tell(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= TELL_EVERY:
+            last = time.monotonic()
+            say(stream, text)
+
+    return tell
 
 
 def complex_text(value: complex) -> str:
@@ -167,7 +215,10 @@ def progress_line(orbit: Orbit, mu: str = "") -> str:
     """Gain, amplitude, period, multiplier (mu, or lambda of a full cycle) and iterations of a point."""
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
+    gain = to_error(orbit.gain, max(orbit.parameter_error, 1e-8))
+    amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
+    period = to_error(orbit.period, orbit.period_error, most=6)
     return (
-        f"{orbit.model:7s} K = {orbit.gain:.8g}  amplitude = {orbit.amplitude:.6g} rad  period = {orbit.period:.6g} s  "
+        f"{orbit.model:7s} K = {gain}  amplitude = {amplitude} rad  period = {period} s  "
         f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
     )

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from .checks import require
+from .checks import COMPUTED, require, sensible
 from .servo import Servo
 
 GRID = 4001
@@ -76,7 +76,7 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
     level
         > 0.
     """
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     low, high = -60.0, 60.0
     for _ in range(200):
         middle = (low + high) / 2

@@ -45,7 +45,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import known, require
+from .checks import COMPUTED, known, require, sensible
 from .hunting import MODELS, Model
 from .servo import Servo
 
@@ -164,7 +164,7 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     InputError : unknown model, or gain not a finite number > 0.
     """
     known("model", model, MODELS)
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     f, c = servo.friction, servo.controller
     kp, kd, ki = servo.torque_gains(gain)
     q, alpha, largest = np.zeros(0), np.zeros(0), np.zeros((0, 0))

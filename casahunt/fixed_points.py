@@ -36,7 +36,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .checks import require
+from .checks import COMPUTED, require, sensible
 from .errors import InputError, NoOrbit, Status
 from .event_map import SCAN_HIGH, SCAN_LOW, patience, scan, state_scale
 from .hunting import SCHEMES, SWITCH, slips_back
@@ -203,10 +203,11 @@ class FixedPoints:
         if count == 0 and known:
             best = max(known, key=lambda p: p.excess)
             text += f", the largest P(a)/a is {1 + best.excess:.8g} at a = {best.start:.8g} rad"
-        text += ", halved until a cubic through neighbours and their slopes foretold the motion between them"
+        text += ", computed more closely until interpolation between neighbours agreed with the motion half-way"
         crossing = sum(jump.crosses for jump in self.jumps)
         if self.jumps:
-            text += f"; {len(self.jumps)} jumps of P (or pieces too steep to resolve), {crossing} of them across P = a"
+            jumps = "1 jump" if len(self.jumps) == 1 else f"{len(self.jumps)} jumps"
+            text += f"; {jumps} of P (or pieces too steep to resolve), {crossing} of them across P = a"
         swinging = len(self.points) - len(known)
         if swinging:
             text += f"; {swinging} motions that do not come to stick"
@@ -413,10 +414,10 @@ def fixed_points(
     ------
     InputError : a value out of range, or high not above low.
     """
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     default = default_range(servo, gain)
-    low = default[0] if low is None else require("from", low, above=0)
-    high = default[1] if high is None else require("to", high, above=0)
+    low = default[0] if low is None else sensible("from", low, power=COMPUTED)
+    high = default[1] if high is None else sensible("to", high, power=COMPUTED)
     if not high > low:
         raise InputError(f"to = {high:g}: must be greater than from = {low:g}")
     if points < 2:

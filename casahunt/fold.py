@@ -35,7 +35,7 @@ from .event_map import TYPICAL, near_stable, scan
 from .hunting import Model
 from .linear_loop import routh_hurwitz_gain
 from .mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
-from .monitor import FOLD, locate
+from .monitor import FOLD, locate, special_point
 from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .servo import Servo
 from .solve import Maximum, Solution, Solver, maximise_parameter
@@ -223,7 +223,7 @@ def _located(before: Orbit, after: Orbit, options: Options) -> SpecialPoint:
         orbit = _located_in_small_steps(before, after, options)
     if orbit is None:
         orbit = _optimal(max(before, after, key=lambda o: o.gain), options)
-    return SpecialPoint(FOLD.kind, orbit, FOLD.meaning.format(name="gain", value=orbit.gain))
+    return special_point(FOLD, orbit, "gain")
 
 
 def _located_in_small_steps(before: Orbit, after: Orbit, options: Options) -> Orbit | None:
@@ -278,8 +278,8 @@ def next_fold(orbit: Orbit, options: Options) -> SpecialPoint:
     NoOrbit : the largest gain next to the orbit is not found, or not confirmed.
     """
     best = _optimal(orbit, options)
-    found = confirmed(SpecialPoint(FOLD.kind, best, FOLD.meaning.format(name="gain", value=best.gain)), options)
-    return SpecialPoint(FOLD.kind, found.orbit, FOLD.meaning.format(name="gain", value=found.gain))
+    found = confirmed(special_point(FOLD, best, "gain"), options)
+    return special_point(FOLD, found.orbit, "gain", found.gain_error)
 
 
 def _maximiser(options: Options) -> Solver:

@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from .checks import require
+from .checks import require, sensible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,17 +44,16 @@ class Friction:
     stick_rate: float = 10.0
 
     def __post_init__(self) -> None:
-        require("friction.coulomb", self.coulomb, above=0)
-        require("friction.static", self.static, above=0)
+        sensible("friction.coulomb", self.coulomb)
+        sensible("friction.static", self.static)
         if self.static < self.coulomb:
             require("friction.static", self.static, at_least=self.coulomb, unit="friction.coulomb")
-        require("friction.stribeck_velocity", self.stribeck_velocity, above=0)
-        require("friction.viscous", self.viscous, at_least=0)
-        require("friction.stiffness", self.stiffness, above=0)
-        require("friction.damping", self.damping, at_least=0)
-        require("friction.stick_band", self.stick_band, above=0)
-        require("friction.stick_rate", self.stick_rate, above=0)
-
+        sensible("friction.stribeck_velocity", self.stribeck_velocity)
+        sensible("friction.viscous", self.viscous, zero=True)
+        sensible("friction.stiffness", self.stiffness)
+        sensible("friction.damping", self.damping, zero=True)
+        sensible("friction.stick_band", self.stick_band)
+        sensible("friction.stick_rate", self.stick_rate)
 
 
 def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:

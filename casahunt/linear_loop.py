@@ -33,7 +33,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import require
+from .checks import COMPUTED, sensible
 from .errors import InputError
 from .servo import Servo
 
@@ -121,7 +121,7 @@ def characteristic_polynomial(servo: Servo, gain: float) -> Array:
     gain
         controller gain K > 0.
     """
-    require("gain", gain, above=0)
+    sensible("gain", gain, power=COMPUTED)
     kp, kd, ki = servo.torque_gains(gain)
     return np.array([servo.inertia, kd + servo.friction.viscous, kp, ki])
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from .adapt import Options
 from .branch import SpecialPoint
+from .checks import to_error
 from .cold_start import refined
 from .continuation import (
     Point,
@@ -102,6 +103,15 @@ STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
 GRAZING_WIDTH = 1e-7
 
 
+def special_point(monitor: Monitor, orbit: Orbit, vary: str, error: float = 0.0) -> SpecialPoint:
+    """The orbit with the meaning in words, its parameter in as many digits as are known.
+
+    `error` is the relative error of the parameter, where it is known better than from the orbit itself.
+    """
+    value = to_error(parameter_value(orbit, vary), error or orbit.parameter_error or orbit.error_estimate)
+    return SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=float(value)))
+
+
 def crossings(
     before: Orbit, after: Orbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
 ) -> list[SpecialPoint]:
@@ -113,8 +123,7 @@ def crossings(
         if monitor is GRAZING:
             grazing = _change_of_sequence(before, after, vary, options)
             if grazing is not None:
-                value = parameter_value(grazing, vary)
-                found.append(SpecialPoint(monitor.kind, grazing, monitor.meaning.format(name=vary, value=value)))
+                found.append(special_point(monitor, grazing, vary))
             continue
         if start is None or end is None:
             start, end = ends(before, after, vary)
@@ -133,8 +142,7 @@ def crossings(
                 stacklevel=2,
             )
             continue
-        value = parameter_value(orbit, vary)
-        found.append(SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=value)))
+        found.append(special_point(monitor, orbit, vary))
     return sorted(found, key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import known, number, require
+from .checks import known, number, quoted, require, sensible
 from .errors import InputError
 from .friction import Friction
 
@@ -59,8 +59,8 @@ class Controller:
     integral_time: float = _TABLE_1_TIME
 
     def __post_init__(self) -> None:
-        require("controller.lead_time", self.lead_time, at_least=0)
-        require("controller.integral_time", self.integral_time, above=0)
+        sensible("controller.lead_time", self.lead_time, zero=True)
+        sensible("controller.integral_time", self.integral_time)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +80,8 @@ class Servo:
     friction: Friction = field(default_factory=Friction)
 
     def __post_init__(self) -> None:
-        require("servo.inertia", self.inertia, above=0)
-        require("servo.motor_gain", self.motor_gain, above=0)
+        sensible("servo.inertia", self.inertia)
+        sensible("servo.motor_gain", self.motor_gain)
 
     def parameters(self, gain: float) -> np.ndarray:
         """The vector p of `PARAMETERS` for this servo at controller gain `gain` > 0."""
@@ -156,6 +156,10 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
         raise InputError(f"{what}: no such file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{what}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{what}: cannot be read: its brackets are nested too deeply") from None
+    except ValueError:  # Python's limit for the digits of an integer
+        raise InputError(f"{what}: cannot be read: it holds a number of too many digits") from None
     except OSError as error:
         raise InputError(f"{what}: cannot be read: {error.strerror}") from None
 
@@ -183,10 +187,10 @@ def _values(tree: Mapping[str, Any]) -> dict[str, float]:
     for section, table in tree.items():
         owner = [key.split(".")[0] for key in KEYS if key.split(".")[1] == section]
         if owner:
-            raise InputError(f"{section} = {table!r}: must stand in its table [{owner[0]}]")
+            raise InputError(f"{section} = {quoted(table)}: must stand in its table [{owner[0]}]")
         known("section", section, sections)
         if not isinstance(table, dict):
-            raise InputError(f"{section} = {table!r}: must be a table [{section}]")
+            raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
         for name, value in table.items():
             key = known("key", f"{section}.{name}", KEYS)
             values[key] = number(key, value)

@@ -28,7 +28,7 @@ import numpy as np
 
 from . import regularised as band
 from .adapt import TOLERANCE_RANGE
-from .checks import known, number, require
+from .checks import COMPUTED, known, moderate, number, sensible
 from .collocation import scheme
 from .compiled import alone
 from .errors import InputError, NoOrbit, Status
@@ -112,8 +112,8 @@ def simulate(
     """
     began = clock.perf_counter()
     known("model", model, MODELS)
-    require("gain", gain, above=0)
-    require("time", time, above=0)
+    sensible("gain", gain, power=COMPUTED)
+    sensible("time", time, power=COMPUTED)
     tol = number("tol", tol)
     low, high = TOLERANCE_RANGE
     if not low <= tol <= high:
@@ -123,10 +123,10 @@ def simulate(
     if bristle != 0 and model != "lugre":
         raise InputError(f"bristle = {bristle!r}: must be 0 with the model {model!r}, which has no bristle")
     values = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral}
-    numbers = {key: number(key, value) for key, value in values.items()}
+    numbers = {key: moderate(key, value, power=COMPUTED) for key, value in values.items()}
     theta_d = numbers["set_point"]
     x = [numbers["position"] - theta_d, numbers["velocity"], numbers["integral"]]
-    start = np.array(x + ([number("bristle", bristle)] if model == "lugre" else []))
+    start = np.array(x + ([moderate("bristle", bristle, power=COMPUTED)] if model == "lugre" else []))
     run = _Run(servo, model, gain, start, time, regularised)
 
     found = _refined(run, tol, lambda coarse, fine: _trajectory(run, coarse, fine, tol, theta_d, began))

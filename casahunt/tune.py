@@ -18,7 +18,7 @@ Source of the hunting condition: the fold ends hunting (report DCT 2001.021, sec
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from .adapt import Options
@@ -27,7 +27,7 @@ from .errors import InputError, Status
 from .hunting import MODELS, Model
 from .servo import Servo
 from .tune_check import Verification, verified
-from .tune_demands import COSTS, TIMES, Demands, check_bounds, cost_of, log_times
+from .tune_demands import COSTS, TIMES, Demands, check_bounds, cost_of, log_times, silent
 from .tune_given import Given
 from .tune_search import Search
 from .uncertainty import Uncertainty, check_box
@@ -94,6 +94,7 @@ def tune(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     cost: str = "gain",
     options: Options | None = None,
+    report: Callable[[str], None] | None = None,
 ) -> Tuning:
     """The controller of least cost that does not hunt.
 
@@ -113,6 +114,8 @@ def tune(
         one of `COSTS`.
     options
         tolerance of every fold.
+    report
+        called, often, with a sentence that says where the computation is.
 
     Raises
     ------
@@ -120,6 +123,7 @@ def tune(
     NoOrbit : the task cannot be met, and what is in the way; or a fold was not computed.
     """
     began = time.perf_counter()
+    tell = report or silent
     known("model", model, MODELS)
     known("cost", cost, COSTS)
     demands, options = demands or Demands(), options or Options()
@@ -128,15 +132,15 @@ def tune(
     if servo.controller.lead_time <= 0:
         raise InputError("controller.lead_time = 0: must be greater than 0 to tune (there is no phase margin)")
     _check_set(servo, uncertainty, free)
-    given = Given(servo, model, demands, uncertainty, free, limits, cost, options)
+    given = Given(servo, model, demands, uncertainty, free, limits, cost, options, tell)
     search = Search(given)
     answer = search.run()
-    verification = verified(answer, model, demands, uncertainty, options)
+    verification = verified(answer, model, demands, uncertainty, options, tell)
     for _ in range(REPAIRS):
         if verification.set_check is None or not verification.set_check.above:
             break
         answer = search.again(log_times(answer.servo), list(verification.set_check.above))
-        verification = verified(answer, model, demands, uncertainty, options)
+        verification = verified(answer, model, demands, uncertainty, options, tell)
     bounds_used = {"gain": given.gains((1 + demands.margin) * answer.worst.gain, answer.servo), **given.limits}
     gain, tuned, worst = answer.gain, answer.servo, answer.worst
     return Tuning(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,7 +29,7 @@ from .fold import Fold
 from .hunting import Model
 from .loop_set import DEMANDS
 from .servo import Servo, flatten
-from .tune_demands import Demands
+from .tune_demands import Demands, silent
 from .tune_given import Answer, fold_of
 from .tune_tasks import Task, regulator_tasks
 from .uncertainty import Uncertainty, fold_gains
@@ -119,7 +120,8 @@ class Verification:
 
 
 def verified(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options
+    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
+    tell: Callable[[str], None] = silent,
 ) -> Verification:
     """Everything of the module docstring.
 
@@ -129,11 +131,14 @@ def verified(
         of the search.
     model, demands, uncertainty, options
         the problem.
+    tell
+        takes sentences that say where the verification is.
     """
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
     unverified: list[str] = []
 
     def again(of: Servo) -> Fold | None:
+        tell("verifying: the fold once more, from nothing")
         try:
             return fold_of(of, model, options)
         except NoOrbit as error:
@@ -142,16 +147,18 @@ def verified(
 
     nominal = again(servo)
     fold = nominal if worst == servo else again(worst)
-    checked = None if uncertainty is None else check_set(answer, model, demands, uncertainty, options)
+    checked = None if uncertainty is None else check_set(answer, model, demands, uncertainty, options, tell)
     largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
     margin = gain / largest - 1 if largest else math.inf
     kept = margin >= demands.margin - 10 * options.tol
-    sentence, seen = scanned(worst, model, gain)
+    tell("verifying: the event map")
+    sentence, seen = scanned(worst, model, gain, tell)
     loops, corners, number, missed = _loops(answer, demands, uncertainty)
     span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
     amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
     tasks: list[Task] = []
     for friction, of in (("nominal", servo), *([("worst", worst)] if worst != servo else [])):
+        tell(f"verifying: simulating the tasks with the {friction} friction")
         try:
             tasks += regulator_tasks(of, model, gain, span, amplitude, friction)
         except NoOrbit as error:
@@ -195,7 +202,8 @@ def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arra
 
 
 def check_set(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty, options: Options
+    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty, options: Options,
+    tell: Callable[[str], None],
 ) -> SetCheck:
     """Folds at corners and samples of the set, and what the event map says of servos without one."""
     names, (low, high) = uncertainty.parameters, uncertainty.box(answer.servo)
@@ -207,7 +215,10 @@ def check_set(
         except InputError:  # static below Coulomb friction: no servo
             continue
         rows.append(q)
-    gains, failures = fold_gains(answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold)
+    gains, failures = fold_gains(
+        answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
+        report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set"),
+    )  # fmt: skip
     above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
     unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
     left = []
@@ -301,14 +312,14 @@ def _margins_said(loop: Margins) -> str:
 # The event map
 
 
-def scanned(servo: Servo, model: Model, gain: float) -> tuple[str, Seen]:
+def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None] = silent) -> tuple[str, Seen]:
     """What the event map says, and whether that is "clear": every motion sticks nearer to the set point.
 
     "cycle": a fixed point, or a motion that goes farther out; "open": a motion that does not come to stick, or a part
     of the range that was not resolved.
     """
     if model == "switch":
-        found = fixed_points(servo, gain)
+        found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))
         grows = any(abs(point.position) >= point.start for point in found.points)
         falls = all(abs(point.position) < point.start for point in found.points)  # false for nan: it swings on
         state: Seen = "cycle" if found.fixed or grows else "clear" if found.conclusive and falls else "open"

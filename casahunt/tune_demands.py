@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import known, require, shown
+from .checks import known, require, sensible, shown
 from .errors import InputError
 from .linear_loop import linear_loop
 from .loop_set import LoopDemands
@@ -29,10 +29,16 @@ COSTS = {
 }
 FREE = ("lead_time", "integral_time")
 BOUNDED = ("gain", *FREE)
+LARGEST_FACTOR = 1e6
+"""Largest margins that can be asked for; loops keep 10 or 100."""
 WIDE = 2.0
 """Default bounds of a free time: this factor to both sides."""
 TIMES = ("controller.lead_time", "controller.integral_time")
 """The parameters behind `FREE`."""
+
+
+def silent(sentence: str) -> None:
+    """For those who do not ask where the computation is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +47,9 @@ class Demands:
 
     Attributes
     ----------
-    margin : K >= (1 + margin) K_fold; >= 0.
+    margin : K >= (1 + margin) K_fold; 0 to 1e6.
     phase_margin : [deg], 0 to 180.
-    gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; >= 1.
+    gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; 1 to 1e6.
     delay, sample_time : of the loop [s]; >= 0.
     """
 
@@ -54,11 +60,11 @@ class Demands:
     sample_time: float = 0.0
 
     def __post_init__(self) -> None:
-        require("margin", self.margin, at_least=0)
+        require("margin", self.margin, at_least=0, at_most=LARGEST_FACTOR)
         require("phase-margin", self.phase_margin, at_least=0, at_most=180, unit="degrees")
-        require("gain-margin", self.gain_margin, at_least=1)
-        require("delay", self.delay, at_least=0, unit="s")
-        require("sample-time", self.sample_time, at_least=0, unit="s")
+        require("gain-margin", self.gain_margin, at_least=1, at_most=LARGEST_FACTOR)
+        sensible("delay", self.delay, zero=True, unit="s")
+        sensible("sample-time", self.sample_time, zero=True, unit="s")
 
     @property
     def lag(self) -> float:
@@ -85,8 +91,8 @@ def check_bounds(
     found: dict[str, tuple[float, float]] = {}
     for name, (low, high) in bounds.items():
         known("bounds", name, BOUNDED)
-        require(f"bounds {name}", low, above=0)
-        require(f"bounds {name}", high, above=0)
+        sensible(f"bounds {name}", low)
+        sensible(f"bounds {name}", high)
         if not low < high:
             raise InputError(f"bounds {name} = {shown(low)},{shown(high)}: the first must be less than the second")
         if name != "gain" and name not in free:

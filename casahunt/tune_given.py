@@ -14,6 +14,7 @@ Folds and worst servos that have been met are kept: every one of them must keep 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,7 @@ from .fold import Fold, find_fold
 from .hunting import Model
 from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
 from .servo import Servo
-from .tune_demands import TIMES, Demands, cost_of, log_times, with_times
+from .tune_demands import TIMES, Demands, cost_of, log_times, silent, with_times
 from .tune_problem import Cut
 from .tune_refusal import Nearest
 from .uncertainty import Uncertainty, WorstCase, worst_corner
@@ -83,14 +84,15 @@ class Given:
     cuts : loops that must keep a demand.
     points : points of the set from which its worst servo is searched too.
     evaluations : folds computed by the searches for the worst servo.
+    tell : takes sentences that say where the search is.
     """
 
     def __init__(
         self, servo: Servo, model: Model, demands: Demands, uncertainty: Uncertainty | None, free: tuple[str, ...],
-        limits: dict[str, tuple[float, float]], cost: str, options: Options,
+        limits: dict[str, tuple[float, float]], cost: str, options: Options, tell: Callable[[str], None] = silent,
     ) -> None:  # fmt: skip
         self.servo, self.model, self.demands, self.uncertainty = servo, model, demands, uncertainty
-        self.free, self.limits, self.cost, self.options = free, dict(limits), cost, options
+        self.free, self.limits, self.cost, self.options, self.tell = free, dict(limits), cost, options, tell
         self.evaluations = 0
         self.folds: dict[Servo, Fold | None] = {}
         self.members: list[Servo] = [servo]
@@ -182,8 +184,9 @@ class Given:
             self.evaluations += 1
             return WorstCase(servo, nominal, {}, 1)
         worst = worst_corner(
-            servo, self.model, self.uncertainty, options=self.options, fold=nominal, starts=self.points
-        )
+            servo, self.model, self.uncertainty, options=self.options, fold=nominal, starts=self.points,
+            report=lambda i: self.tell(f"searching the worst servo of the set: fold {i}"),
+        )  # fmt: skip
         self.evaluations += worst.evaluations
         if nominal is not None and nominal.gain > worst.gain:  # intervals may leave the servo itself out
             return WorstCase(servo, nominal, {}, worst.evaluations, worst.failures)
@@ -223,6 +226,7 @@ class Given:
 
     def _fold(self, servo: Servo) -> Fold | None:
         if servo not in self.folds:
+            self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
             self.folds[servo] = fold_of(servo, self.model, self.options)
         return self.folds[servo]
 

@@ -160,6 +160,7 @@ class Search:
 
     def _solve(self, q: Array, gain: float, folds: list[Fold], step: float) -> Point:
         self.rounds += 1
+        self.given.tell(f"optimising the controller times: round {self.rounds}")
         given = self.given
         low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
         needed = (1 + given.demands.margin) * (1 + given.guard)
@@ -179,6 +180,7 @@ class Search:
             self.seen.clear()
         key = tuple(np.round(q, 12).tolist())
         if key not in self.seen:
+            self.given.tell(f"looking at controller times: pair {len(self.seen) + 1}")
             self.seen[key] = self.given.outlook(q)
         return self.seen[key]
 

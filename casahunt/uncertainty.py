@@ -27,7 +27,7 @@ Symbols: k uncertain parameters, n samples, q, l, h (k,) values and bounds, g (k
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from .adapt import Options
-from .checks import known, number, require, shown
+from .checks import LARGEST, SMALLEST, known, number, quoted, require, shown
 from .errors import InputError, NoOrbit, Status
 from .event_map import scan
 from .find import WALK_TOLERANCE, find_orbit
@@ -58,6 +58,8 @@ RANDOM_CORNERS = 2
 MOST_EVALUATIONS = 100
 MOST_ALONG = 25
 """Folds per search for a worst corner, and per search along one coordinate."""
+MOST_SAMPLES = 1_000_000
+"""Beyond so many the folds would take days."""
 LEVELS = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
 """Quantiles of the sampled fold gains."""
 MISLEADS = 0.02
@@ -123,7 +125,7 @@ class Uncertainty:
 def _interval(name: str, pair: Any) -> tuple[float, float]:
     known("parameter", name, NAMES)
     if isinstance(pair, str) or not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
-        raise InputError(f"{name} = {pair!r}: must be an interval [low, high]")
+        raise InputError(f"{name} = {quoted(pair)}: must be an interval [low, high]")
     low, high = number(name, pair[0]), number(name, pair[1])
     if low > high:
         raise InputError(f"{name} = [{shown(low)}, {shown(high)}]: low must not exceed high")
@@ -137,10 +139,11 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
         raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
     try:
         c = np.array(matrix, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # an integer may be too large for a float
         raise InputError(f"covariance: must be a matrix of numbers, {k} rows of {k}") from None
-    if c.shape != (k, k) or not np.isfinite(c).all():
-        raise InputError(f"covariance: must be {k} rows of {k} finite numbers, one for each of {', '.join(names)}")
+    if c.shape != (k, k) or not (np.abs(c) <= LARGEST**2).all():
+        which = f"one for each of {', '.join(names)}"
+        raise InputError(f"covariance: must be {k} rows of {k} finite numbers up to {LARGEST**2:g}, {which}")
     spread = np.sqrt(np.abs(np.diag(c)))
     size = np.outer(spread, spread)
     if (np.abs(c - c.T) > ROUNDING * size).any():
@@ -183,7 +186,7 @@ def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
     for section, table in tree.items():
         known("section", section, ("interval", "covariance"))
         if not isinstance(table, dict):
-            raise InputError(f"{section} = {table!r}: must be a table [{section}]")
+            raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
     if len(tree) != 1:
         raise InputError("must hold one table, either [interval] or [covariance]")
     if "interval" in tree:
@@ -197,7 +200,7 @@ def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
         known("key", key, ("names", "matrix", "sigmas"))
     names = table.get("names", [])
     if not isinstance(names, list):
-        raise InputError(f"names = {names!r}: must be a list of parameters")
+        raise InputError(f"names = {quoted(names)}: must be a list of parameters")
     if "matrix" not in table:
         raise InputError("[covariance]: must have a matrix")
     return Uncertainty(names=tuple(names), covariance=table["matrix"], sigmas=table.get("sigmas", SIGMAS))
@@ -228,7 +231,7 @@ def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
     for name, bounds in zip(names, np.column_stack([low, high]), strict=True):
         for bound in bounds:
             try:
-                room = {COULOMB: 1e-300} if name == STATIC else {STATIC: 1e300} if name == COULOMB else {}
+                room = {COULOMB: SMALLEST} if name == STATIC else {STATIC: LARGEST} if name == COULOMB else {}
                 servo.replace(**{name: float(bound)}, **room)
             except InputError as error:
                 where = "" if uncertainty.covariance is None else f" (at {uncertainty.sigmas:g} standard deviations)"
@@ -251,7 +254,7 @@ class _Task:
     expected: Array
 
 
-def _work(task: _Task) -> list[tuple[float, str]]:
+def _work(task: _Task, report: Callable[[int], None] | None = None) -> list[tuple[float, str]]:
     """(fold gain, "" or what went wrong) of every row; a function of the task alone, whoever runs it."""
     results = []
     for q, expected in zip(task.rows, task.expected, strict=True):
@@ -260,6 +263,8 @@ def _work(task: _Task) -> list[tuple[float, str]]:
             results.append((fold.gain if fold else 0.0, ""))
         except NoOrbit as error:
             results.append((float("nan"), str(error)))
+        if report is not None:
+            report(len(results))
     return results
 
 
@@ -416,7 +421,9 @@ def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Ar
     InputError : a value out of its parameter's range, for example static below Coulomb friction.
     """
     if isinstance(n, bool) or int(n) != n or n < 1:
-        raise InputError(f"samples = {n!r}: must be a whole number, at least 1")
+        raise InputError(f"samples = {quoted(n)}: must be a whole number, at least 1")
+    if n > MOST_SAMPLES:
+        raise InputError(f"samples = {quoted(n)}: must be at most {MOST_SAMPLES} (each is a fold to be computed)")
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise InputError(f"seed = {seed!r}: must be a whole number, at least 0")
     random = np.random.default_rng(np.random.SeedSequence(int(seed)))
@@ -449,6 +456,7 @@ def sample(
     executor: Executor | None = None,
     options: Options | None = None,
     fold: Fold | None = None,
+    report: Callable[[int], None] | None = None,
 ) -> Samples:
     """Fold gains of n servos drawn from the uncertainty.
 
@@ -468,6 +476,8 @@ def sample(
         tolerance of every fold.
     fold
         the servo's own fold, where it is known already.
+    report
+        called with the number of samples solved so far.
 
     Returns
     -------
@@ -488,7 +498,11 @@ def sample(
         for i in range(0, len(rows), CHUNK)
     ]
     batches = map(_work, tasks) if executor is None else executor.map(_work, tasks)
-    results = [result for batch in batches for result in batch]
+    results: list[tuple[float, str]] = []
+    for batch in batches:
+        results += batch
+        if report is not None:
+            report(len(results))
     failures = tuple((i, sentence) for i, (_, sentence) in enumerate(results) if sentence)
     return Samples(names, rows, np.array([gain for gain, _ in results]), failures)
 
@@ -501,6 +515,7 @@ def fold_gains(
     *,
     options: Options | None = None,
     fold: Fold | None = None,
+    report: Callable[[int], None] | None = None,
 ) -> tuple[Array, dict[int, str]]:
     """Fold gains at given parameter values.
 
@@ -514,6 +529,8 @@ def fold_gains(
         tolerance of every fold.
     fold
         a fold from which the others are predicted, of any servo nearby.
+    report
+        called with the number of folds computed so far.
 
     Returns
     -------
@@ -523,7 +540,7 @@ def fold_gains(
     near = fold.orbit.servo if fold is not None else servo
     names = tuple(names)
     expected = _prediction(near, fold, names)(rows)
-    results = _work(_Task(servo, model, options or Options(), names, rows, expected))
+    results = _work(_Task(servo, model, options or Options(), names, rows, expected), report)
     return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
 
 
@@ -568,7 +585,9 @@ class _Place:
 class _Search:
     """The folds computed so far in one box; every point is computed once."""
 
-    def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: Fold | None):
+    def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: Fold | None,
+                 report: Callable[[int], None] | None):  # fmt: skip
+        self.report = report
         self.servo, self.model, self.options = servo, model, options
         self.names = uncertainty.parameters
         self.low, self.high = uncertainty.box(servo)
@@ -591,6 +610,8 @@ class _Search:
         except InputError:  # static below Coulomb friction; the other bounds have been checked
             return self._keep(_Place(q, -np.inf))
         self.evaluations += 1
+        if self.report is not None:
+            self.report(self.evaluations)
         try:
             fold = _fold_near(servo, self.model, float(self.predict(q[None, :])[0]), self.options)
         except NoOrbit as error:
@@ -657,6 +678,7 @@ def worst_corner(
     fold: Fold | None = None,
     starts: Iterable[Array] = (),
     seed: int = 0,
+    report: Callable[[int], None] | None = None,
 ) -> WorstCase:
     """The largest fold gain over the box of the uncertainty, by a local search (module docstring).
 
@@ -672,6 +694,8 @@ def worst_corner(
         more points (k,) of the box to start from, for example the worst of the samples.
     seed
         of the random corners.
+    report
+        called before every fold with its number.
 
     Returns
     -------
@@ -686,7 +710,7 @@ def worst_corner(
     known("model", model, MODELS)
     check_box(servo, uncertainty)
     options = options or Options()
-    search = _Search(servo, model, uncertainty, options, _nominal(servo, model, options, fold))
+    search = _Search(servo, model, uncertainty, options, _nominal(servo, model, options, fold), report)
     low, high, names = search.low, search.high, search.names
 
     def possible(q: Array) -> Array:

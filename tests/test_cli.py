@@ -682,3 +682,35 @@ def test_crash(tmp_path):
     assert len(rows) >= 3 and all(row["status"] == "converged" for row in rows)
     assert abs(len(load_branch(out / "lugre.npz").orbits) - len(rows)) <= 1
     assert {name for name in contents(out) if not name.endswith(".partial")} == {"lugre.csv", "lugre.npz"}
+
+
+# Digits ---------------------------------------------------------------------------------------------------------
+
+
+SLOW = [pytest.param(tol, marks=pytest.mark.slow) for tol in ("1e-2", "1e-4", "1e-8")]
+
+
+@pytest.mark.parametrize("tol", ["1e-6", *SLOW])
+def test_digits_shown_are_digits_known(capsys, tmp_path, tol):
+    """What a text shows is right to five units of its last digit, and to twice the tolerance."""
+    table = table1.REFERENCE["switch"]
+    stable, unstable = (next(row for row in table[b] if row["K"] == 0.4) for b in ("stable", "unstable"))
+    fold, diagram = table["fold"], ["diagram", "--model", "switch", "--from", "0.4", "--out", tmp_path]
+    shown = [
+        (["orbit", "--gain", "0.4"], rf"amplitude +({NUMBER}) rad", stable["amplitude"]),
+        (["orbit", "--gain", "0.4"], rf"period +({NUMBER}) s", stable["period"]),
+        (["fold"], rf"up to gain ({NUMBER})", fold["K"]),
+        (["fold"], rf"optimisation problem .*: ({NUMBER})", fold["K"]),
+        (["fold"], rf"period there +({NUMBER}) s", fold["period"]),
+        (["basin", "--gain", "0.4"], rf"within ({NUMBER}) rad", unstable["amplitude"]),
+        (["basin", "--gain", "0.4"], rf"  stable cycle .* = ({NUMBER}) rad", stable["amplitude"]),
+        (diagram, rf"fold at gain = ({NUMBER})", fold["K"]),
+    ]
+    said: dict[str, str] = {}
+    for words, pattern, truth in shown:
+        if words[0] not in said:
+            said[words[0]] = run(capsys, *words, "--tol", tol, "--quiet")[1]
+        number = re.search(pattern, said[words[0]])[1]
+        unit = 10.0 ** -len(number.partition(".")[2])
+        assert abs(float(number) - truth) <= max(5.5 * unit, 1e-9 * truth), (words, number, truth)
+        assert abs(float(number) - truth) <= 2 * float(tol) * truth

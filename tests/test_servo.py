@@ -125,8 +125,25 @@ def test_not_finite(key, value):
 @pytest.mark.parametrize("value", [True, False, "0.5", None, [1.0], 1j, 10**400])
 def test_not_a_number(key, value):
     message = refusal(unflatten, {key: value})
-    assert message.startswith(f"{key} = {value!r}"), message
-    assert "must be a finite number" in message
+    assert message.startswith(f"{key} = {value!r}"[:40]), message
+    assert "must be a finite number" in message and len(message) < 150
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("value", [1e300, 1.7e308, 1.001e12, 0.999e-12, 1e-300, 5e-324])
+def test_beyond_the_range_of_sensible_servos(key, value):
+    """Key, value, range and why, in one sentence."""
+    message = refusal(unflatten, {"friction.coulomb": 1e-12, key: value})
+    assert message.startswith(f"{key} = {value:g}: must be ") and "between 1e-12 and 1e+12" in message
+    assert "0 or between" in message if key in MAY_BE_ZERO else "0 or" not in message
+    assert "double arithmetic" in message
+
+
+def test_ends_of_the_range_belong_to_it():
+    for end in (1e-12, 1e12):
+        for key in KEYS:
+            values = {"friction.coulomb": 1e-12, "friction.static": 1e12, key: end}
+            assert flatten(unflatten(values))[key] == end
 
 
 @pytest.mark.parametrize("value", [True, "0.026", float("nan"), 0.0, -1.0])
@@ -169,7 +186,7 @@ def test_gain(gain):
 def test_round_trip_is_exact(file):
     rng = np.random.default_rng(3)
     for _ in range(20):
-        values = {key: float(rng.uniform(0.1, 1) * 10.0 ** rng.integers(-30, 30)) for key in KEYS}
+        values = {key: float(rng.uniform(0.1, 1) * 10.0 ** rng.integers(-10, 11)) for key in KEYS}
         values["friction.static"] = values["friction.coulomb"] * float(rng.uniform(1, 3))
         servo = unflatten(values)
         assert flatten(load(file(dump(servo)))) == values
@@ -236,6 +253,20 @@ def test_broken_toml(file, text):
     path = file(text)
     message = refusal(load, path)
     assert repr(str(path)) in message and "not valid TOML" in message
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        ("1" * 5000, "number of too many digits"),
+        ("[" * 20000 + "]" * 20000, "nested too deeply"),
+        ("0x" + "1" * 5000, "servo.inertia = a value too long to be shown: must be a finite number"),
+    ],
+    ids=["digits", "brackets", "hexadecimal"],
+)
+def test_toml_beyond_the_limits_of_python(file, value, what):
+    message = refusal(load, file(f"[servo]\ninertia = {value}\n"))
+    assert message.startswith("servo file ") and what in message and len(message) < 300
 
 
 def test_missing_file(tmp_path):
