@@ -29,6 +29,7 @@ from .console import (
 from .diagram import DEFAULT_START, DiagramPoint, diagram
 from .errors import InputError, NoOrbit
 from .hunting import MODELS
+from .interrupts import held, word
 from .monitor import FOLD
 from .orbit import Orbit
 from .servo import Servo
@@ -98,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             computed = any(out.iterdir())
             where = f"the points computed so far are in {out}" if computed else "no point was computed"
-            raise KeyboardInterrupt(f"interrupted; {where}") from None
+            raise KeyboardInterrupt(f"{word()}; {where}") from None
     if options.json:
         summary = {
             "out": str(out) if branches else None,
@@ -133,10 +134,11 @@ def _one_branch(
             while point is not None:
                 rows = [csv_row(found.orbit, found.kind) for found in point.special]
                 itself = any(found.orbit is point.orbit for found in point.special)
-                write(rows if itself else [*rows, csv_row(point.orbit, "")])
-                file.flush()
-                orbits.append(point.orbit)
-                special += point.special
+                with held():
+                    write(rows if itself else [*rows, csv_row(point.orbit, "")])
+                    file.flush()
+                    orbits.append(point.orbit)
+                    special += point.special
                 for found in point.special:
                     say(stream, f"{model:7s} {found.meaning}")
                 say(stream, progress_line(point.orbit))
@@ -148,7 +150,8 @@ def _one_branch(
                     point, ended = None, str(error)
     finally:
         if orbits:
-            save_branch(Branch(model, servo, tuple(orbits), ended, tuple(special)), out / f"{model}.npz")
+            with held():
+                save_branch(Branch(model, servo, tuple(orbits), ended, tuple(special)), out / f"{model}.npz")
     return Branch(model, servo, tuple(orbits), ended, tuple(special))
 
 

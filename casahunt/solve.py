@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -240,8 +240,18 @@ def _run_ipopt(
         ubg=0.0,
     )
     stats = solver.stats()
+    _heed(stats)
     z, multipliers = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
     return z, multipliers, bool(stats["success"]), int(stats["iter_count"])
+
+
+def _heed(stats: dict[str, Any]) -> None:
+    """Raise the KeyboardInterrupt that CasADi has made a failure of IPOPT of: nothing else ends it so.
+
+    An equation that cannot be evaluated ends as "Invalid_Number_Detected".
+    """
+    if stats["return_status"] in ("NonIpopt_Exception_Thrown", "User_Requested_Stop"):
+        raise KeyboardInterrupt
 
 
 def ipopt(
@@ -375,6 +385,7 @@ def minimise(
     )
     found = solver(x0=start, lbx=bounds[:, 0], ubx=bounds[:, 1], lbg=row_bounds[:, 0], ubg=row_bounds[:, 1])
     stats, point = solver.stats(), np.array(found["x"]).ravel()
+    _heed(stats)
     status = Status.CONVERGED if stats["success"] else Status.NOT_CONVERGED
     if not np.isfinite(point).all():
         status = Status.NOT_FINITE
