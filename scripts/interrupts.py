@@ -29,7 +29,7 @@ from pathlib import Path
 from casahunt import InputError, load_branch, load_orbit
 
 ROOT = Path(__file__).resolve().parent.parent
-UNCERTAIN = "[intervals]\n'friction.static' = '5%'\n'friction.coulomb' = '5%'\n"
+UNCERTAIN = '[interval]\n"friction.static" = [0.47, 0.53]\n"friction.coulomb" = [0.42, 0.45]\n'
 COMMANDS = {
     "orbit": "orbit --model lugre --gain 0.3 --solver ipopt --tol 1e-9 --save orbit.npz --plot orbit.png",
     "diagram": "diagram --out out",
