@@ -111,9 +111,7 @@ def _solved(
     from concurrent.futures import ProcessPoolExecutor
 
     # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
-    pool = ProcessPoolExecutor(
-        jobs, mp_context=multiprocessing.get_context("spawn"), initializer=interrupts.end_with_parent
-    )
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=interrupts.serve)
     done = False
     try:
         with interrupts.kept_from_children():

@@ -7,9 +7,9 @@
     after `LIMIT`        the process is ended by a thread, however deep in C the main one is
 
 Only the command line installs this, and before the slow imports; who imports the package keeps his own handlers.
-This module imports nothing slow and nothing of the package.
+Until this module is imported, Python's own answer holds: so it imports only what the interpreter has at hand.
 
-Worker processes leave Ctrl-C to the process that started them and end with it, however that one ends.
+Worker processes leave Ctrl-C, which a terminal sends to all, to the process that started them, and end with it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
 
 AGAIN = 0.05  # s; longer than an exception needs from where it is raised to the first handler
 LIMIT = 0.7  # s from the signal to the end: what is left of a second is for a busy machine
@@ -95,7 +94,7 @@ def leave() -> None:
         os._exit(code())
 
 
-def _answer(number: int, frame: Any) -> None:
+def _answer(number: int, frame: object) -> None:
     if _State.received is None:
         _State.received = number
         if not _State.computing:
@@ -119,7 +118,9 @@ def _under_way() -> bool:
 
 def _insist(number: int) -> None:
     """Send the signal again until the process has ended, and end it in the end."""
-    main = _main_thread()
+    import threading
+
+    main = threading.main_thread().ident or 0
     last = time.monotonic() + LIMIT
     while time.monotonic() < last:
         time.sleep(AGAIN)
@@ -131,20 +132,14 @@ def _insist(number: int) -> None:
     os._exit(code())
 
 
-def _main_thread() -> int:
-    import threading
-
-    return threading.main_thread().ident or 0
-
-
-def _unraisable(found: Any) -> None:
+def _unraisable(found: sys.UnraisableHookArgs) -> None:
     """No traceback for an interrupt that came up in a destructor and went no further: it is raised again."""
     if _State.received is None or not issubclass(found.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(found)
 
 
 def end_with_parent() -> None:
-    """Initialise a worker process: Ctrl-C, which a terminal sends to all, is its parent's; it ends with its parent.
+    """Initialise a worker process so that it ends when its parent does, however that one ends.
 
     A worker of a pool whose parent was killed would wait for its next task for ever: its siblings hold the other end
     of the queue open.
@@ -153,7 +148,6 @@ def end_with_parent() -> None:
     import threading
     from multiprocessing.connection import wait
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
     def watch() -> None:
@@ -162,6 +156,12 @@ def end_with_parent() -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def serve() -> None:
+    """Initialise a worker process of the command line: an interrupt is its parent's, with which it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
 
 
 @contextmanager
