@@ -88,8 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as error:
         interrupts.end()
         complain(command, str(error) or interrupts.word())
-        code = interrupts.code()
-        interrupts.leave()
+        return interrupts.leave()
     return code
 
 

@@ -72,38 +72,49 @@ def held() -> Iterator[None]:
     check()
 
 
-def code() -> int:
-    """The exit code of an interrupted command: 130, or 143 after SIGTERM."""
-    return 128 + (_State.received or signal.SIGINT)
-
-
 def word() -> str:
     """What happened, for the user."""
     return WORDS[signal.Signals(_State.received or signal.SIGINT)]
 
 
-def leave() -> None:
-    """End an interrupted command line at once; nothing happens where this module is not installed.
+def leave() -> int:
+    """End an interrupted command line at once, with 130 (143 after SIGTERM).
 
     The interpreter's own way out waits for threads and worker processes, which may be at work for long.
+    Where this module is not installed, the exit code is returned.
     """
+    code = _code()
     if _State.installed:
         for stream in (sys.stdout, sys.stderr):
             with suppress(Exception):
                 stream.flush()
-        os._exit(code())
+        os._exit(code)
+    return code
+
+
+def _code() -> int:
+    return 128 + (_State.received or signal.SIGINT)
 
 
 def _answer(number: int, frame: object) -> None:
     if _State.received is None:
         _State.received = number
         if not _State.computing:
-            os.write(2, f"casahunt: {word()}\n".encode())
+            _say_so()
             leave()
         # Not threading.Thread: the main thread may hold the locks of that module right now.
         _thread.start_new_thread(_insist, (number,))
     if _State.computing and not _State.held and not _under_way():
         raise KeyboardInterrupt
+
+
+def _say_so() -> None:
+    """A message past the stream, whose lock the main thread may hold; none where nobody reads it."""
+    import select
+
+    with suppress(OSError, ValueError):
+        if select.select([], [2], [], 0)[1]:
+            os.write(2, f"casahunt: {word()}\n".encode())
 
 
 def _under_way() -> bool:
@@ -128,8 +139,8 @@ def _insist(number: int) -> None:
             signal.pthread_kill(main, number)  # also wakes it where it waits
         else:
             _thread.interrupt_main(signal.Signals(number))
-    os.write(2, f"casahunt: {word()}\n".encode())
-    os._exit(code())
+    _say_so()
+    os._exit(_code())
 
 
 def _unraisable(found: sys.UnraisableHookArgs) -> None:

@@ -44,19 +44,18 @@ cli.command_loop.run = lambda options: work(options)
 
 def outcome(code: str, *numbers: signal.Signals, ready: str = "ready") -> tuple[int, str, str]:
     """(exit code, output, errors) of a program that gets signals when it is ready."""
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", code], cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         # A test run started in the background ignores Ctrl-C, and its children would, too.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
-    try:
-        assert process.stdout is not None and process.stdout.readline().strip() == ready
-        for number in numbers:
-            process.send_signal(number)
-        out, err = process.communicate(timeout=PATIENCE)
-    finally:
-        process.kill()
-        process.wait()
+    ) as process:  # fmt: skip
+        try:
+            assert process.stdout is not None and process.stdout.readline().strip() == ready
+            for number in numbers:
+                process.send_signal(number)
+            out, err = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
     return process.returncode, out, err
 
 
@@ -78,6 +77,13 @@ WORK = {
         def work(options):
             swallow()
             raise RuntimeError("of a library")
+        """,
+    "while a thread goes on": """
+        import threading
+
+        def work(options):
+            threading.Thread(target=time.sleep, args=(120,)).start()
+            wait()
         """,
     "raised in a destructor": """
         class Slow:
@@ -159,9 +165,11 @@ def test_the_handlers_of_others_are_left_alone():
     code = """
         import signal, sys
         sys.argv = ["mine.py", "casahunt"]
+        sys.orig_argv = ["python", *sys.argv]
         before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM), sys.unraisablehook
         from casahunt import cli, interrupts
         assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM), sys.unraisablehook) == before
+        sys.orig_argv = ["python", "-c", "..."]
         words = [["-c"], [""], [], ["-m"], ["casahunt_mine"], ["-m", "casahunt"]]
         for sys.argv in words:
             assert not interrupts._is_command_line(), sys.argv
