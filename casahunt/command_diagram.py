@@ -131,6 +131,7 @@ def _one_branch(
     try:
         with _opened(out / f"{model}.csv") as file:
             write = table(file, CSV_COLUMNS)
+            file.flush()  # the first row takes a while; killed meanwhile, the table is empty, not torn
             while point is not None:
                 rows = [csv_row(found.orbit, found.kind) for found in point.special]
                 itself = any(found.orbit is point.orbit for found in point.special)
