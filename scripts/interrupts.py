@@ -40,6 +40,7 @@ COMMANDS = {
 }
 SIGNALS = {"int": (signal.SIGINT, 130), "term": (signal.SIGTERM, 143), "kill": (signal.SIGKILL, -signal.SIGKILL)}
 PATIENCE = 30.0  # s
+LATE = 0.1  # s; a run that ends well so soon after a signal had no part in it
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def session(leader: int) -> list[int]:
 
 
 def answers(pid: int) -> bool:
-    """Whether a process has a handler for SIGTERM, as Python of itself has not (Linux); True where it has ended."""
+    """Whether a process has a handler for SIGTERM, as Python of itself has not; True where that cannot be seen."""
     try:
         status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
     except OSError:
@@ -133,8 +134,10 @@ def trial(
                 process.wait(max(at - (time.monotonic() - began), 0))
                 return None
             except subprocess.TimeoutExpired:
-                while kind != "kill" and not answers(process.pid):
+                while kind != "kill" and process.poll() is None and not answers(process.pid):
                     time.sleep(0.001)
+                if process.poll() is not None:
+                    return None
                 sent = time.monotonic()
                 (os.killpg if group else os.kill)(process.pid, number)
             try:
@@ -143,8 +146,8 @@ def trial(
                 pass
             seconds = time.monotonic() - sent
             complaints = []
-            if process.returncode == 0:
-                return None  # the signal came too late for Python to see it
+            if process.returncode == 0 and seconds < LATE:
+                return None  # the interpreter was on its way out and asked for no signals any more
             if process.returncode != code:
                 complaints.append(f"exit code {process.returncode}")
             if seconds > limit:
