@@ -9,6 +9,7 @@ boundary value problems (CasADi, IPOPT), followed in the controller gain round t
     >>> find_fold(Servo(), "switch").gain                    # no hunting above this gain
 """
 
+from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
 from .adapt import Options
 from .archive import load_branch, load_orbit, save_branch, save_orbit
 from .branch import Branch, SpecialPoint

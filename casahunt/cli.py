@@ -2,7 +2,7 @@
 
 Results go to standard output (with --json one JSON object and nothing else), progress to standard error.
 Exit codes: 0 done; 1 no such orbit or no convergence, with what was tried and what to do; 2 the input is
-wrong, and nothing has been written; 130 interrupted, what was computed is on disk.
+wrong, and nothing has been written; 130 interrupted (143: terminated), what was computed is on disk.
 
 Numbers that are not to be trusted are left out: null in JSON, nan or an empty field in CSV.
 """
@@ -29,6 +29,7 @@ from . import (
     command_simulate,
     command_tune,
     command_uncertainty,
+    interrupts,
 )
 from .checks import known
 from .console import Parser, complain, own_process
@@ -80,27 +81,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     command = f"casahunt {words[0]}" if words and words[0] in COMMANDS else "casahunt"
     try:
-        if arguments is None:
+        interrupts.begin()
+        code = _run(command, words, program=arguments is None)
+        interrupts.check()
+        interrupts.end()
+    except KeyboardInterrupt as error:
+        interrupts.end()
+        complain(command, str(error) or interrupts.word())
+        return interrupts.leave()
+    return code
+
+
+def _run(command: str, words: list[str], *, program: bool) -> int:
+    """The exit code of everything but an interrupt; `program`: this is the process's own command line."""
+    try:
+        if program:
             own_process()
         options = _parsed(words)
         code = COMMANDS[options.command].run(options)
         sys.stdout.flush()
         return code
     except InputError as error:
+        interrupts.check()
         complain(command, error)
         return 2
     except NoOrbit as error:
+        interrupts.check()
         complain(command, error)
         return 1
-    except KeyboardInterrupt as error:
-        complain(command, str(error) or "interrupted")
-        return 130
     except OSError as error:  # a full disk, or nobody who reads the output any more
+        interrupts.check()
         # What is still in the buffer would be complained about once more while the interpreter shuts down.
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         complain(command, f"the output could not be written: {error.strerror or error}")
         return 1
+    except Exception:  # what a library has made of an interrupt is one
+        interrupts.check()
+        raise
 
 
 def _parsed(words: list[str]) -> argparse.Namespace:

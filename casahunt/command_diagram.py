@@ -30,6 +30,7 @@ from .diagram_files import INTERRUPTED, Task, begun, keep
 from .errors import InputError, NoOrbit
 from .files import drop_replaced, set_aside
 from .hunting import MODELS
+from .interrupts import held, word
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
@@ -96,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             computed = not stale or any(points for points, _ in there.values())
             where = f"the points computed so far are in {out}" if computed else "no point was computed"
-            raise KeyboardInterrupt(f"interrupted; {where}") from None
+            raise KeyboardInterrupt(f"{word()}; {where}") from None
     if options.json:
         summary = {
             "out": str(out) if branches else None,
@@ -143,8 +144,9 @@ def _one_branch(
                 raise
             return keep(task, model, found, str(error), out)
         make_room()
-        found.append(point)
-        keep(task, model, found, INTERRUPTED, out)
+        with held():
+            found.append(point)
+            keep(task, model, found, INTERRUPTED, out)
         for special in point.special:
             say(stream, f"{model:7s} {special.meaning}")
         say(stream, progress_line(point.orbit))

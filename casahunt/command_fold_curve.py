@@ -17,6 +17,7 @@ from .files import whole_text
 from .fold_curve import POINTS, FoldCurve, FoldPoint, as_found, check_range, fold_curve
 from .fold_curve_files import INTERRUPTED, begun, save_curve
 from .hunting import MODELS
+from .interrupts import held, word
 from .tables import table as csv_table
 
 CSV_COLUMNS = (
@@ -85,10 +86,11 @@ def run(options: argparse.Namespace) -> int:
 
     def arrived(point: FoldPoint) -> None:
         """The files are whole after every point, as they would be if it were the last."""
-        there.append(point)
-        ordered = tuple(there if there[0].value == start else there[::-1])
-        model, status = point.orbit.model, Status.NOT_CONVERGED
-        keep(FoldCurve(model, servo, options.vary, ordered, (), INTERRUPTED, status, time.perf_counter() - began))
+        with held():
+            there.append(point)
+            ordered = tuple(there if there[0].value == start else there[::-1])
+            model, status = point.orbit.model, Status.NOT_CONVERGED
+            keep(FoldCurve(model, servo, options.vary, ordered, (), INTERRUPTED, status, time.perf_counter() - began))
         say(stream, _line(options.vary, point))
 
     for model in models:
@@ -102,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
             failures.append(str(error))
         except KeyboardInterrupt:
             if (table or save) and (curves or there):
-                raise KeyboardInterrupt(f"interrupted; the points computed so far are in {table or save}") from None
+                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {table or save}") from None
             raise
         else:
             curves.append(curve)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from typing import Any
 
+from . import interrupts
 from .adapt import Options
 from .checks import known, quoted
 from .console import add_common, finite, progress, progress_line, say, servo_of, teller, writable
@@ -117,23 +118,22 @@ def _solved(
     from concurrent.futures import ProcessPoolExecutor
 
     # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts)
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=interrupts.serve)
+    done = False
     try:
-        return sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold, report=report)
+        with interrupts.kept_from_children():
+            for _ in range(jobs):  # every task starts a process, as long as none is idle
+                pool.submit(int)
+        samples = sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold, report=report)
+        done = True
+        return samples
     except BrokenExecutor:
         raise NoOrbit(
             "a process that solves samples has died, perhaps for want of memory; take fewer --jobs",
             Status.NOT_CONVERGED,
         ) from None
     finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _leave_interrupts() -> None:
-    """An interrupt goes to every process of the terminal; the one that started the others answers it."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        pool.shutdown(wait=done, cancel_futures=True)  # an interrupt does not wait for what is under way
 
 
 def _whole(key: str, text: Any, least: int) -> int:

@@ -15,7 +15,7 @@ Steps and residuals are measured in units of the state scale; durations relative
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -223,6 +223,23 @@ def _border_places(t: Transcription) -> Array:
     return np.concatenate([nodes, np.arange(t.size - t.phases, t.size + 1)])
 
 
+def _call(solver: ca.Function, **inputs: Any) -> tuple[dict[str, ca.DM], dict[str, Any]]:
+    """What IPOPT returns and how it ended; KeyboardInterrupt where CasADi has made a failure of one.
+
+    Nothing else ends so: an equation that cannot be evaluated is "Invalid_Number_Detected".
+    """
+    try:
+        found = solver(**inputs)
+    except RuntimeError as error:
+        if "KeyboardInterrupt" in str(error):
+            raise KeyboardInterrupt from None
+        raise
+    stats = solver.stats()
+    if stats["return_status"] in ("NonIpopt_Exception_Thrown", "User_Requested_Stop"):
+        raise KeyboardInterrupt
+    return found, stats
+
+
 @alone
 def _run_ipopt(
     t: Transcription, goal: Literal["root", "fold"], z: Array, setting: Setting, row: Array, freedom: float
@@ -232,7 +249,8 @@ def _run_ipopt(
     lower, upper = np.full(t.size + 1, -np.inf), np.full(t.size + 1, np.inf)
     lower[t.size - t.phases : t.size] = 0.0
     lower[-1], upper[-1] = -freedom, freedom
-    found = solver(
+    found, stats = _call(
+        solver,
         x0=z,
         p=np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale, row]),
         lbx=lower,
@@ -240,7 +258,6 @@ def _run_ipopt(
         lbg=0.0,
         ubg=0.0,
     )
-    stats = solver.stats()
     z, multipliers = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
     return z, multipliers, bool(stats["success"]), int(stats["iter_count"])
 
@@ -375,8 +392,10 @@ def minimise(
     solver = ca.nlpsol(
         "minimum", "ipopt", {"x": x, "p": none, "f": objective, "g": rows}, IPOPT_OPTIONS | MINIMISE | {"jac_g": jac_g}
     )
-    found = solver(x0=start, lbx=bounds[:, 0], ubx=bounds[:, 1], lbg=row_bounds[:, 0], ubg=row_bounds[:, 1])
-    stats, point = solver.stats(), np.array(found["x"]).ravel()
+    found, stats = _call(
+        solver, x0=start, lbx=bounds[:, 0], ubx=bounds[:, 1], lbg=row_bounds[:, 0], ubg=row_bounds[:, 1]
+    )
+    point = np.array(found["x"]).ravel()
     status = Status.CONVERGED if stats["success"] else Status.NOT_CONVERGED
     if not np.isfinite(point).all():
         status = Status.NOT_FINITE

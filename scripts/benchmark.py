@@ -50,6 +50,7 @@ from casahunt.continuation import run as run_walk  # noqa: E402
 from casahunt.continuation import walk  # noqa: E402
 from casahunt.cycle import Cycle, Phase  # noqa: E402
 from casahunt.hunting import MODELS  # noqa: E402
+from casahunt.interrupts import end_with_parent  # noqa: E402
 from casahunt.monitor import FOLD, crossings  # noqa: E402
 from casahunt.orbit import unknowns_of  # noqa: E402
 from casahunt.solve import newton  # noqa: E402
@@ -390,7 +391,7 @@ def memories(scenes: list[str], models: list[str]) -> dict[str, float]:
     """Peak memory [MB] of each scene."""
     tasks = [(scene, model) for scene in scenes for model in models]
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(1, mp_context=context, initializer=end_with_parent, max_tasks_per_child=1) as pool:
         found = [pool.submit(peak_memory, *task) for task in tasks]
         return {" ".join(task): future.result() for task, future in zip(tasks, found, strict=True)}
 

@@ -55,6 +55,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E402
+from casahunt.interrupts import end_with_parent  # noqa: E402
 from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
 from scripts.peers import lugre_digits  # noqa: E402
 from scripts.peers import switch_digits as digits  # noqa: E402
@@ -458,7 +459,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if s["model"] == args.model and s["seed"] == args.seed:
                 known[s["number"]] = s
     jobs = [(args.model, args.seed, n, args.tol, args.fast) for n in numbers if n not in known]
-    with ProcessPoolExecutor(args.jobs) as pool:
+    with ProcessPoolExecutor(args.jobs, initializer=end_with_parent) as pool:
         for s in pool.map(examine, *zip(*jobs, strict=True)) if jobs else ():
             known[s["number"]] = s
             said = Counter(row["verdict"] for row in s["rows"])

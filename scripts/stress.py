@@ -61,6 +61,7 @@ from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E40
 from casahunt.adapt import solve_adaptively  # noqa: E402
 from casahunt.continuation import walk  # noqa: E402
 from casahunt.hunting import MODELS, SCHEMES  # noqa: E402
+from casahunt.interrupts import end_with_parent  # noqa: E402
 from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
 from casahunt.orbit import unknowns_of  # noqa: E402
 from tests import taylor  # noqa: E402
@@ -136,13 +137,21 @@ class TooSlow(BaseException):
 def within(seconds: float) -> Iterator[None]:
     """Raise TooSlow where the block takes longer."""
 
+    late = False
+
     def stop(*_: Any) -> None:
+        nonlocal late
+        late = True
         raise TooSlow
 
     before = signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_REAL, seconds, 1.0)  # again and again, in case a callback swallows the first
     try:
         yield
+    except KeyboardInterrupt:  # CasADi makes one of whatever a signal raises within IPOPT
+        if late:
+            raise TooSlow from None
+        raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
@@ -729,7 +738,7 @@ def main(arguments: list[str] | None = None) -> int:
         results = [r for batch in batches for r in batch]
     else:
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+        with ProcessPoolExecutor(options.jobs, mp_context=context, initializer=end_with_parent) as pool:
             waiting = [pool.submit(run_job, job) for job in jobs]
             for number, future in enumerate(waiting, 1):
                 if options.minutes and time.perf_counter() - began > 60 * options.minutes and future.cancel():
@@ -743,7 +752,9 @@ def main(arguments: list[str] | None = None) -> int:
     facts, complaints = {}, []
     if not options.no_extras:
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(max(options.jobs, 1), mp_context=context, max_tasks_per_child=1) as pool:
+        with ProcessPoolExecutor(
+            max(options.jobs, 1), mp_context=context, initializer=end_with_parent, max_tasks_per_child=1
+        ) as pool:
             facts, complaints = extras(pool, options.quick)
     place = {case: number for number, case in enumerate(cases)}
     results.sort(key=lambda r: place[r.case])

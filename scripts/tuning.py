@@ -15,7 +15,6 @@ import argparse
 import itertools
 import json
 import math
-import signal
 import sys
 import time
 from pathlib import Path
@@ -30,6 +29,7 @@ from casahunt.servo import Servo  # noqa: E402
 from casahunt.tune import Tuning, tune  # noqa: E402
 from casahunt.tune_demands import Demands  # noqa: E402
 from casahunt.uncertainty import Uncertainty  # noqa: E402
+from scripts.stress import TooSlow, within  # noqa: E402
 
 Array = np.ndarray
 
@@ -341,33 +341,23 @@ def grid_search(servo: Servo, arguments: dict, seed: int, points: int) -> str:
     return ""
 
 
-class _Late(Exception):
-    """A task took longer than its limit."""
-
-
-def _late(*_: object) -> None:
-    raise _Late
-
-
 def one(seed: int, quick: bool, limit: int) -> dict:
     """Run and judge one task."""
     servo, arguments = random_task(seed)
     began = time.perf_counter()
     result: dict = {"task": seed, "free": arguments["free"], "cost": arguments["cost"],
                     "set": list(arguments["uncertainty"].parameters)}  # fmt: skip
-    signal.alarm(limit)
     try:
-        tuning = tune(servo, "switch", **arguments)
-    except _Late:
+        with within(limit):
+            tuning = tune(servo, "switch", **arguments)
+    except TooSlow:
         return result | {"outcome": "not finished", "tune_s": time.perf_counter() - began}
     except NoOrbit as error:
-        signal.alarm(0)
         result |= {"outcome": "refused", "said": str(error), "tune_s": time.perf_counter() - began}
         if "cannot be met" in str(error) or "not found" in str(error):
             found = grid_search(servo, arguments, seed, 3 if quick else 7)
             result |= {"outcome": "infeasible" if not found else "WRONGLY REFUSED", "grid": found}
         return result
-    signal.alarm(0)
     result |= {"gain": tuning.gain, "binding": tuning.binding, "tune_s": time.perf_counter() - began,
                "unverified": tuning.verification.unverified, "against": tuning.verification.against}  # fmt: skip
     faults = judge_answer(tuning, seed, 20 if quick else SAMPLES)
@@ -386,7 +376,6 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=300, help="seconds for one task")
     parser.add_argument("--out", help="write every result there")
     options = parser.parse_args()
-    signal.signal(signal.SIGALRM, _late)
     tasks = range(options.seed, options.seed + (8 if options.quick else options.tasks))
     results = []
     for seed in tasks if options.only is None else [options.only]:
