@@ -1,7 +1,7 @@
 """From a servo to an orbit, without a guess from the user.
 
     stable cycle    at this gain alone (cold_start.py)
-    unstable cycle  the stable one, then a walk up round the fold and down again
+    unstable cycle  the stable one, then a walk up round the fold and down again, or the map inside the stable one
     otherwise       the fold from nothing (fold.py): above it there is none; below it a walk down from there,
                     on the side that was asked for
 
@@ -96,14 +96,20 @@ def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> Orbi
         met = stable_at(servo, model, gain, options=rough)
     except NoOrbit:
         met = Met(None, False, None)
+    orbit = None
+    if met.orbit is not None:
+        orbit = _round_the_fold(met.orbit, rough, options) or _inner_fixed_point(servo, model, gain, options)
+    # Last, because next to the sharpest folds it takes minutes.
+    return orbit or _beside_the_fold(servo, model, gain, "unstable", options, met)
+
+
+def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
+    """The unstable cycle inside the stable one at the same gain, where a scan of the map leads to it."""
     try:
-        orbit = None if met.orbit is None else _round_the_fold(met.orbit, rough, options)
-        return orbit or _beside_the_fold(servo, model, gain, "unstable", options, met)
-    except NoOrbit as error:
-        orbit = None if error.status is None else unstable_at(servo, model, gain, options=options)[0]
-        if orbit is None or not orbit.multipliers.leading.real > 1:
-            raise
-        return orbit
+        orbit, _ = unstable_at(servo, model, gain, options=options)
+    except NoOrbit:
+        return None
+    return orbit if orbit is not None and orbit.multipliers.leading.real > 1 else None
 
 
 def _round_the_fold(stable: Orbit, rough: Options, options: Options) -> Orbit | None:
