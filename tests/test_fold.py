@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import taylor
 
-from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, collect, diagram, find_fold, find_orbit
+from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
 from casahunt.fold import confirmed, find_any_orbit
 from casahunt.linear_loop import routh_hurwitz_gain
 from casahunt.monitor import FOLD, GRAZING
@@ -204,7 +204,8 @@ def test_folds_of_servos_never_seen(seed):
     try:
         fold = find_fold(servo, "switch", options=Options(tol=1e-8))
     except NoOrbit as refusal:  # one servo of the thirty: no motion of the other engine grows either
-        assert refusal.status is None and "no hunting limit cycle" in str(refusal)
+        # At 1e-4 of its usual gains its motions come back to 1 +- 1e-4 of where they started: the scan may see a cycle.
+        assert refusal.status in (None, Status.NOT_CONVERGED) and "no hunting limit cycle" in str(refusal)
         for gain in routh_hurwitz_gain(servo) * np.array([0.01, 0.1, 1.0, 10.0]):
             unit = servo.friction.static / servo.torque_gains(gain)[0]
             for a in unit * np.geomspace(1e-3, 3, 25):
