@@ -218,7 +218,7 @@ def _followed_down(
             continue
         while last.gain < before.gain:
             if _vanished(last):
-                return last, "there its amplitude shrinks to nothing: below that gain the servo settles from nowhere"
+                return last, "there the amplitude of the unstable one shrinks to nothing"
             try:
                 before, last = last, next(steps)
             except StopIteration as end:

@@ -9,7 +9,7 @@ import pytest
 from taylor import switch_cycle, switch_half_cycle
 
 from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
-from casahunt.basin import basin
+from casahunt.basin import basin, follow
 from casahunt.event_map import scan
 from problems import table1
 
@@ -138,6 +138,14 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
     amplitude, _ = switch_cycle(servo, 1.1773, found.outer.amplitude)
     assert found.outer.half_multiplier == pytest.approx(slope(servo, 1.1773, amplitude), rel=1e-3)
     assert not found.outer.stable and found.outside.outcome != "hunts"
+    # A start 1 % beside it is "arrived" at a stable cycle after one swing; in truth it leaves, and comes to rest.
+    a = 1.01 * amplitude
+    start = (servo, "switch", 1.1773, a, found.border, found.outer_position)
+    assert follow(*start, stable=found.outer.stable, swings=100).outcome == "settles"
+    swings = 0
+    while a > 0.5 * found.border and swings < 100:
+        a, swings = abs(switch_half_cycle(servo, 1.1773, a)[0]), swings + 1
+    assert a < 0.5 * found.border
     words = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
     assert cli.main(["basin", "--gain", "1.1773", *words]) == 1
     out = capsys.readouterr().out
