@@ -11,16 +11,19 @@ boundary value problems (CasADi, IPOPT), followed in the controller gain round t
 
 from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
 from .adapt import Options
-from .archive import load_branch, load_orbit, save_branch, save_orbit
-from .branch import Branch, SpecialPoint
+from .branch import Branch
 from .continuation import walk, walk_naturally
 from .diagram import collect, diagram
 from .errors import InputError, NoOrbit, Status
 from .find import find_orbit
 from .floquet import Multipliers
-from .fold import Fold, find_fold
+from .fold import find_fold
 from .friction import Friction
-from .orbit import Arc, Orbit
+from .hunting_files import load_branch, load_orbit, save_branch, save_orbit
+from .hunting_problem import HuntingFold as Fold
+from .hunting_problem import HuntingOrbit as Orbit
+from .monitor import SpecialPoint
+from .orbit import Arc
 from .record import Measurement, measure, record_of
 from .record_file import Record, read_record
 from .servo import Controller, Servo, load

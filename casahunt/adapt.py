@@ -11,16 +11,16 @@ The loop works at a fixed parameter, or with the parameter free under a border r
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from .admissibility import judge
 from .checks import known, require, shown
 from .collocation import Kind
-from .errors import InputError, Status
-from .hunting import SCHEMES, Model
+from .errors import InputError, NoOrbit, Status
 from .mesh import (
     COARSENING,
     Estimate,
@@ -32,7 +32,9 @@ from .mesh import (
     shape_limit,
     transfer,
 )
-from .resequence import Start, next_sequence, remarch
+from .orbit import AnyOrbit, Solved, orbit_of, unknowns_of
+from .problem import Problem
+from .restart import Start
 from .solve import Solution, Solver, ipopt_then_newton, newton, solve
 from .transcription import Setting, Transcription
 
@@ -64,8 +66,8 @@ class Options:
     solver : "ipopt" or "newton" makes every solve, alone: of a first cycle, along a branch, after a change of mesh,
         for multipliers.  "auto": Newton where the start is close, IPOPT where it is not or Newton fails, and after a
         change of mesh Newton corrects.
-    degree, kind : collocation scheme; None for the default of the model.
-    half : exploit the symmetry x(t + T/2) = -x(t).
+    degree, kind : collocation scheme; None for the default of the problem.
+    half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
     """
 
     tol: float = 1e-6
@@ -80,39 +82,14 @@ class Options:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
         known("solver", self.solver, SOLVERS)
 
-    def scheme_of(self, model: Model) -> tuple[int, Kind]:
-        """(degree, kind) for a model."""
-        degree, kind = SCHEMES[model]
+    def scheme_of(self, problem: Problem) -> tuple[int, Kind]:
+        """(degree, kind) for a problem."""
+        degree, kind = problem.scheme
         return self.degree or degree, self.kind or kind
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """An orbit in the solver's terms.
-
-    Attributes
-    ----------
-    t, solution, setting, estimate : transcription, its solution, the numbers, the error.
-    status : verdict.
-    iterations : total over all meshes.
-    note : what is special about it, in words.
-    """
-
-    t: Transcription
-    solution: Solution
-    setting: Setting
-    estimate: Estimate | None
-    status: Status
-    iterations: int
-    note: str = ""
-
-    def complaint(self) -> str:
-        """The advice of the status with the note."""
-        return self.status.advice + (f" ({self.note})" if self.note else "")
-
-
 def solve_adaptively(
-    model: Model,
+    problem: Problem,
     start: Start,
     options: Options,
     *,
@@ -124,8 +101,8 @@ def solve_adaptively(
 
     Parameters
     ----------
-    model
-        whose phase sequences are sought where one stops being a motion.
+    problem
+        whose cycle it is, and whose phase sequences are sought where one stops being a motion.
     options
         tolerance.
     start
@@ -137,9 +114,15 @@ def solve_adaptively(
         weights (n + 2,) of the first node, of ln T_1 and of lambda; the correction is orthogonal to them and
         lambda is free.  None holds lambda at zero.
     soft
-        allow unsplit kinks as the last resort (resequence.soften).
+        allow last resorts among the phase sequences (Problem.next_sequence).
+
+    Raises
+    ------
+    ValueError : the cycle of `start` is none of the problem's.
     """
     t, u, setting = start
+    if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
+        raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
     iterations, sequences, changes = 0, 0, 0
     accepted: Solved | None = None
     marched = False
@@ -154,7 +137,7 @@ def solve_adaptively(
             found = None
             if sequences <= MAX_SEQUENCES:
                 moved = setting.moved(solution.parameter)
-                starts = next_sequence(model, t, solution.u, moved, verdict.phase, soft=soft)
+                starts = problem.next_sequence(t, solution.u, moved, verdict.phase, soft=soft)
                 found = _first_converging(starts, setting, border, solution.parameter, options)
             if found is None:
                 return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
@@ -188,7 +171,8 @@ def solve_adaptively(
         if not solution.status.ok and not marched:
             # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
             marched = True
-            again = remarch(model, accepted.t, accepted.solution.u, accepted.setting.moved(accepted.solution.parameter))
+            moved = accepted.setting.moved(accepted.solution.parameter)
+            again = problem.remarch(accepted.t, accepted.solution.u, moved)
             if again is not None:
                 t, u, fresh = again
                 setting = replace(fresh, p=accepted.setting.p)
@@ -269,3 +253,20 @@ def _first_converging(
         if solution.status.ok:
             return t, fresh, solution
     return None
+
+
+def finished(solved: Solved, problem: Problem, options: Options, began: float, what: str) -> Any:
+    """The orbit of a converged `Solved`, or NoOrbit with the advice."""
+    if not solved.status.ok or solved.estimate is None:
+        alone = "" if options.solver == "auto" else f"; {options.solver} worked alone, the solver auto tries both"
+        at = f"{problem.principal} {problem.value(problem.principal):g}"
+        sentence = f"{what} of {problem.title} at {at} was not computed: {solved.complaint()}{alone}"
+        raise NoOrbit(sentence, solved.status)
+    return orbit_of(solved, problem, wall_s=time.perf_counter() - began)
+
+
+def refined(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The same orbit to another tolerance.  Raises NoOrbit where it is not reached."""
+    began = time.perf_counter()
+    solved = solve_adaptively(orbit.problem, unknowns_of(orbit), options, solver="newton")
+    return finished(solved, orbit.problem, options, began, "the cycle")

@@ -1,9 +1,9 @@
-"""Orbits and branches on disk: npz with JSON metadata, no pickle.
+"""Orbits on disk: npz with JSON metadata, no pickle.
 
 A file holds two arrays: `metadata`, UTF-8 bytes of one JSON object, and `numbers`, all states, breaks and
-scales one after the other.  The metadata carry a schema name and version, the servo, the method and, for
-every arc, where its numbers stand and their shapes.  Loading checks all of it and says what is wrong with
-a damaged or foreign file.
+scales one after the other.  The metadata carry a schema name and version, the problem as it describes itself, the
+method and, for every arc, where its numbers stand and their shapes.  Loading checks all of it and says what is wrong
+with a damaged or foreign file.  Who knows the problem poses it again from its description (`Pose`).
 """
 
 from __future__ import annotations
@@ -18,23 +18,22 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from .branch import Branch, SpecialPoint
-from .checks import require
 from .collocation import scheme
 from .errors import InputError, Status
 from .files import whole
-from .hunting import SYSTEMS
 from .orbit import Arc, Orbit
-from .servo import flatten, unflatten
+from .problem import Problem
 
 Array = np.ndarray
 T = TypeVar("T")
+Pose = Callable[[Mapping[str, Any]], Problem]
+"""From what `Problem.record` gave, and more, to the problem; raises KeyError or ValueError where it is none."""
 
 SCHEMA = "casahunt"
 VERSION = 1
 
 
-class _Writer:
+class Writer:
     """Collects arrays; hands out their place."""
 
     def __init__(self) -> None:
@@ -42,20 +41,21 @@ class _Writer:
         self.used = 0
 
     def put(self, array: Array) -> dict[str, Any]:
+        """Takes an array; where it stands, as JSON can say it."""
         self.parts.append(np.ascontiguousarray(array, float).ravel())
         place = {"at": self.used, "shape": list(array.shape)}
         self.used += array.size
         return place
 
     def numbers(self) -> Array:
+        """All of them, one after the other."""
         return np.concatenate(self.parts) if self.parts else np.zeros(0)
 
 
-def _orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
+def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
+    """One orbit as JSON can say it, its arrays with the `writer`."""
     return {
-        "model": orbit.model,
-        "servo": flatten(orbit.servo),
-        "gain": orbit.gain,
+        **orbit.problem.record(),
         "half": orbit.half,
         "degree": orbit.degree,
         "scheme": orbit.kind,
@@ -87,40 +87,12 @@ def _orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
 
 def save_orbit(orbit: Orbit, path: str | Path) -> None:
     """Write an orbit to `path` (npz).  Raises InputError where that is not possible, OSError where the disk is full."""
-    writer = _Writer()
-    _write(path, "orbit", {"orbit": _orbit_record(orbit, writer)}, writer)
+    writer = Writer()
+    write(path, "orbit", {"orbit": orbit_record(orbit, writer)}, writer)
 
 
-def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None) -> None:
-    """Write a branch to `path` (npz).
-
-    Parameters
-    ----------
-    branch, path
-        what, and where to.
-    run
-        how it was computed, as JSON can say it: `load_run` gives it back.
-
-    Raises
-    ------
-    InputError : there can be no file at `path`, or the branch holds NaN or infinity.
-    OSError : the disk is full.
-    """
-    writer = _Writer()
-    content = {
-        "model": branch.model,
-        "servo": flatten(branch.servo),
-        "ended": branch.ended,
-        "orbits": [_orbit_record(orbit, writer) for orbit in branch.orbits],
-        "special": [
-            {"kind": s.kind, "meaning": s.meaning, "orbit": _orbit_record(s.orbit, writer)} for s in branch.special
-        ],
-        "run": dict(run or {}),
-    }
-    _write(path, "branch", content, writer)
-
-
-def _write(path: str | Path, kind: str, content: dict[str, Any], writer: _Writer) -> None:
+def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) -> None:
+    """Write a file of this schema.  Raises InputError, OSError as `save_orbit`."""
     path = Path(path)
     metadata = {
         "schema": SCHEMA,
@@ -143,25 +115,19 @@ def _write(path: str | Path, kind: str, content: dict[str, Any], writer: _Writer
         np.savez(stream, metadata=text, numbers=numbers)
 
 
-def load_orbit(path: str | Path) -> Orbit:
-    """Read an orbit written by `save_orbit`.  Raises InputError for anything else, saying what is wrong."""
-    metadata, numbers = _read(path, "orbit")
-    return _checked(path, lambda: _orbit(metadata["orbit"], numbers))
+def load_orbit(path: str | Path, pose: Pose) -> Any:
+    """Read an orbit of one kind of problem, written by `save_orbit`.
+
+    Raises
+    ------
+    InputError : anything else, saying what is wrong.
+    """
+    metadata, numbers = read(path, "orbit")
+    return checked(path, lambda: orbit_from(metadata["orbit"], numbers, pose))
 
 
-def load_branch(path: str | Path) -> Branch:
-    """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong."""
-    metadata, numbers = _read(path, "branch")
-    return _checked(path, lambda: _branch(metadata, numbers))
-
-
-def load_run(path: str | Path) -> dict[str, Any]:
-    """What `save_branch` was told about the run; empty where nothing was.  Raises InputError as `load_branch`."""
-    run = _read(path, "branch")[0].get("run", {})
-    return run if isinstance(run, dict) else {}
-
-
-def _checked(path: str | Path, build: Callable[[], T]) -> T:
+def checked(path: str | Path, build: Callable[[], T]) -> T:
+    """What `build` makes of a file's content, or InputError where it does not fit."""
     try:
         return build()
     except KeyError as error:
@@ -171,7 +137,8 @@ def _checked(path: str | Path, build: Callable[[], T]) -> T:
     raise InputError(f"{str(path)!r} is damaged: its metadata and its numbers do not fit ({what})")
 
 
-def _read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
+def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
+    """(metadata, numbers) of a file.  Raises InputError for what is none of this schema and kind, or damaged."""
     name = repr(str(path))
     try:
         content = Path(path).read_bytes()
@@ -223,23 +190,8 @@ def _article(kind: object) -> str:
     return f"{'an' if str(kind)[:1] in 'aeiou' else 'a'} {kind}"
 
 
-def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
-    branch = Branch(
-        model=metadata["model"],
-        servo=unflatten(metadata["servo"]),
-        orbits=tuple(_orbit(record, numbers) for record in metadata["orbits"]),
-        ended=str(metadata["ended"]),
-        special=tuple(
-            SpecialPoint(str(s["kind"]), _orbit(s["orbit"], numbers), str(s["meaning"])) for s in metadata["special"]
-        ),
-    )
-    others = [orbit.model for orbit in (*branch.orbits, *(s.orbit for s in branch.special))]
-    if any(model != branch.model for model in others):
-        raise ValueError("the branch holds orbits of another model")
-    return branch
-
-
-def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
+def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
+    """The orbit of a record.  Raises KeyError, ValueError and such where it is none."""
     def take(place: dict[str, Any], *shape: int) -> Array:
         """The array at a place; -1 in `shape` stands for any length."""
         at, found = place["at"], place["shape"]
@@ -250,7 +202,9 @@ def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
             raise ValueError(f"{numbers.size} numbers are not enough")
         return numbers[at : at + size].reshape(found).copy()
 
-    n, degree, kind = len(SYSTEMS[record["model"]].states), int(record["degree"]), record["scheme"]
+    problem, repeats = pose(record), 2 if record["half"] else 1
+    cycle = problem.cycle(tuple((a["mode"], a["event"]) for a in record["arcs"]), repeats)
+    n, degree, kind = len(cycle.states), int(record["degree"]), record["scheme"]
     scheme(degree, kind)  # refuses what does not exist
 
     def arc(a: dict[str, Any]) -> Arc:
@@ -261,11 +215,9 @@ def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
         states = take(a["states"], breaks.size - 1, 1 if closed_form else degree + 1, n)
         return Arc(a["mode"], a["event"], float(a["duration"]), breaks, states, take(a["end"], n))
 
-    orbit = Orbit(
-        model=record["model"],
-        servo=unflatten(record["servo"]),
-        gain=require("gain", record["gain"], above=0),
-        half=bool(record["half"]),
+    orbit = (problem.orbit_type or Orbit)(
+        problem=problem,
+        repeats=repeats,
         degree=degree,
         kind=kind,
         arcs=tuple(arc(a) for a in record["arcs"]),
@@ -284,7 +236,6 @@ def _orbit(record: dict[str, Any], numbers: Array) -> Orbit:
     )
     if orbit.solver not in ("ipopt", "newton"):
         raise ValueError(f"the solver {orbit.solver!r} is unknown")
-    cycle = orbit.cycle
     if cycle.signature != orbit.signature:
         raise ValueError("the arcs are not the phases of a cycle")
     for a, phase in zip(orbit.arcs, cycle.phases, strict=True):

@@ -31,7 +31,7 @@ import numpy as np
 
 from .checks import COMPUTED, require, sensible
 from .errors import InputError
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
 from .servo import Servo
 
 Array = np.ndarray
@@ -155,7 +155,7 @@ def swing(servo: Servo, gain: float, a: Array) -> Array:
     return _first_stick(slip, x, np.ones_like(a)).position
 
 
-def attraction(unstable: Orbit, stable: Orbit, states: Array) -> Attraction:
+def attraction(unstable: HuntingOrbit, stable: HuntingOrbit, states: Array) -> Attraction:
     """Which initial states come to rest at a fixed point, and which end in the hunting cycle.
 
     Parameters
@@ -190,7 +190,7 @@ def attraction(unstable: Orbit, stable: Orbit, states: Array) -> Attraction:
     return Attraction(first, rests, hunts, swings, inner, outer)
 
 
-def _resting(unstable: Orbit) -> float:
+def _resting(unstable: HuntingOrbit) -> float:
     """The largest a below which all witnesses have |P(a)| < a, at most the amplitude of the unstable cycle."""
     a = unstable.amplitude * (1 - np.geomspace(BESIDE, 1 - INNERMOST, WITNESSES))[::-1]
     smaller = np.abs(swing(unstable.servo, unstable.gain, a)) < a
@@ -200,7 +200,7 @@ def _resting(unstable: Orbit) -> float:
     return float(a[np.argmin(smaller) - 1]) if smaller[0] else 0.0
 
 
-def _hunting(unstable: Orbit, stable: Orbit) -> tuple[float, float]:
+def _hunting(unstable: HuntingOrbit, stable: HuntingOrbit) -> tuple[float, float]:
     """The widest interval around the amplitude of the stable cycle that all its witnesses approach it from."""
     middle, reach = stable.amplitude, abs(stable.amplitude - unstable.amplitude)
     away = np.geomspace(1e-3, 1 - BESIDE, WITNESSES // 2) * min(reach, 0.999 * middle)

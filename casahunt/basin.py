@@ -33,8 +33,8 @@ from .event_map import SECTION, half_cycle
 from .find import find_orbit
 from .fixed_points import map_at
 from .hunting import Model, motor_torque
+from .hunting_problem import HuntingOrbit
 from .march import MarchFailure
-from .orbit import Orbit
 from .servo import Servo
 
 Array = np.ndarray
@@ -83,8 +83,8 @@ class Basin:
     inside, outside : the motions from both sides.
     """
 
-    unstable: Orbit
-    outer: Orbit | None
+    unstable: HuntingOrbit
+    outer: HuntingOrbit | None
     why_no_outer: str
     border: float
     outer_position: float
@@ -143,7 +143,7 @@ def basin(
     return Basin(unstable, outer, why, border, hunting, unstable.error_estimate, inside, outside)
 
 
-def stick_position(orbit: Orbit) -> float:
+def stick_position(orbit: HuntingOrbit) -> float:
     """|x1| of the stuck servo [rad]: the amplitude for Switch, |x1| where m = 0.9 Fs comes up for LuGre.
 
     Raises

@@ -7,26 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .hunting import Model
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
+from .monitor import SpecialPoint
 from .servo import Servo
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class SpecialPoint:
-    """A located point of a branch.
-
-    Attributes
-    ----------
-    kind : "fold", "symmetry breaking", "superstable" or the name of a user function.
-    orbit : the orbit at the point.
-    meaning : one sentence for the user.
-    """
-
-    kind: str
-    orbit: Orbit
-    meaning: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +28,9 @@ class Branch:
 
     model: Model
     servo: Servo
-    orbits: tuple[Orbit, ...]
+    orbits: tuple[HuntingOrbit, ...]
     ended: str
-    special: tuple[SpecialPoint, ...] = ()
+    special: tuple[SpecialPoint[HuntingOrbit], ...] = ()
 
     @property
     def gains(self) -> Array:

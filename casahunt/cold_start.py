@@ -12,14 +12,15 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from .adapt import Options, Solved, remeshed, solve_adaptively
+from .adapt import Options, finished, remeshed, solve_adaptively
 from .checks import COMPUTED, known, sensible
 from .errors import NoOrbit, Status
 from .event_map import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
-from .hunting import MODELS, SCHEMES, Model
+from .hunting import MODELS, Model
+from .hunting_problem import Hunting, HuntingOrbit
 from .march import MarchFailure
-from .orbit import Orbit, direction_of, orbit_of, unknowns_of
-from .resequence import Start, from_segments
+from .restart import Start
+from .sequences import from_half_cycle
 from .servo import Servo
 from .solve import Solver
 
@@ -61,7 +62,7 @@ class Met:
     seen : the scan, where one was made.
     """
 
-    orbit: Orbit | None
+    orbit: HuntingOrbit | None
     clearly_stable: bool
     seen: Scan | None
 
@@ -95,7 +96,7 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
     return Met(orbit, start.slope < CLEARLY_STABLE, seen)
 
 
-def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[Orbit | None, Scan]:
+def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[HuntingOrbit | None, Scan]:
     """(the cycle next to the inner fixed point of the event map or None, the scan); arguments as `stable_at`."""
     seen = scan(model, servo, gain, want_lower=True)
     if seen.lower is None:
@@ -103,7 +104,7 @@ def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) ->
     return _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle"), seen
 
 
-def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
+def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit | None:
     """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
 
     The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
@@ -112,7 +113,8 @@ def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit
     if options.solver == "ipopt":
         return None
     began = time.perf_counter()
-    degree, kind = options.scheme_of(model)
+    problem = Hunting(model, servo, gain)
+    degree, kind = options.scheme_of(problem)
     kp, _, _ = servo.torque_gains(gain)
     a = TYPICAL * servo.friction.static / kp
     try:
@@ -127,9 +129,9 @@ def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit
                 break
         else:
             return None
-        first = remeshed(_start(motion, servo, model, gain, options), options)
-        solved = solve_adaptively(model, first, options, solver="newton")
-        orbit = finished(solved, model, servo, gain, options, began, "")
+        first = remeshed(_start(motion, problem, options), options)
+        solved = solve_adaptively(problem, first, options, solver="newton")
+        orbit = finished(solved, problem, options, began, "")
     except (MarchFailure, NoOrbit):
         return None
     linearisation = solved.solution.linearisation
@@ -140,36 +142,30 @@ def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> Orbit
 
 def _solved_from(
     start: HalfCycle, servo: Servo, model: Model, gain: float, options: Options, what: str
-) -> Orbit:
+) -> HuntingOrbit:
     began = time.perf_counter()
-    degree, kind = options.scheme_of(model)
-    if (degree, kind) != SCHEMES[model]:
+    problem = Hunting(model, servo, gain)
+    degree, kind = options.scheme_of(problem)
+    if (degree, kind) != problem.scheme:
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
     solver: Solver = "ipopt" if options.solver == "auto" else options.solver
-    solved = solve_adaptively(model, _start(start, servo, model, gain, options), options, solver=solver)
-    return finished(solved, model, servo, gain, options, began, what)
+    solved = solve_adaptively(problem, _start(start, problem, options), options, solver=solver)
+    return finished(solved, problem, options, began, what)
 
 
-def _start(motion: HalfCycle, servo: Servo, model: Model, gain: float, options: Options) -> Start:
+def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
     """A motion as the starting point of the boundary value problem."""
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
         raise NoOrbit(
-            f"the hunting cycle of the {model} servo at gain {gain:g} was not computed: the motion from the stick "
-            f"position {motion.start:.6g} rad, next to it on the event map, comes to rest; the map jumps there",
+            f"the hunting cycle of {problem.title} at gain {problem.gain:g} was not computed: the motion from the "
+            f"stick position {motion.start:.6g} rad, next to it on the event map, comes to rest; the map jumps there",
             Status.NOT_CONVERGED,
         )
-    degree, kind = options.scheme_of(model)
-    return from_segments(
-        model, motion.segments, servo.parameters(gain), direction_of("gain"),
+    degree, kind = options.scheme_of(problem)
+    return from_half_cycle(
+        problem.model, motion.segments, problem.vector(), problem.direction(problem.principal),
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
-
-
-def refined(orbit: Orbit, options: Options) -> Orbit:
-    """The same orbit to another tolerance."""
-    began = time.perf_counter()
-    solved = solve_adaptively(orbit.model, unknowns_of(orbit), options, solver="newton")
-    return finished(solved, orbit.model, orbit.servo, orbit.gain, options, began, "the hunting cycle")
 
 
 def check_problem(servo: Servo, model: Model, gain: float) -> None:
@@ -184,17 +180,3 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
             f"{gain:g}, {seen.sentence()}"
         )
 
-
-def finished(
-    solved: Solved, model: Model, servo: Servo, gain: float, options: Options, began: float, what: str
-) -> Orbit:
-    """The Orbit of a converged `Solved`, or NoOrbit with the advice."""
-    if not solved.status.ok or solved.estimate is None:
-        alone = "" if options.solver == "auto" else f"; {options.solver} worked alone, the solver auto tries both"
-        sentence = f"{what} of the {model} servo at gain {gain:g} was not computed: {solved.complaint()}{alone}"
-        raise NoOrbit(sentence, solved.status)
-    return orbit_of(
-        solved.t, solved.solution, solved.setting, solved.estimate,
-        model=model, servo=servo, gain=gain, status=solved.status,
-        iterations=solved.iterations, wall_s=time.perf_counter() - began,
-    )  # fmt: skip

@@ -28,7 +28,7 @@ from .errors import InputError
 from .find import BRANCHES, find_orbit
 from .floquet import Multipliers
 from .hunting import MODELS
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
 
 CHECK = "their accuracy   the one that must be 1 is off by"
 ROUTES = ("collocation", "integrator")
@@ -108,7 +108,7 @@ def _difference(one: Multipliers, other: Multipliers) -> float:
     return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
 
 
-def _second_route(orbit: Orbit, m: Multipliers) -> dict[str, Any]:
+def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
     """What the integrators say, for JSON; None where it is not to be trusted."""
     trusted = m.trusted and orbit.multipliers.trusted
     return {
@@ -119,7 +119,7 @@ def _second_route(orbit: Orbit, m: Multipliers) -> dict[str, Any]:
     }
 
 
-def _print_second_route(orbit: Orbit, m: Multipliers) -> None:
+def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
     print("  by integrators   (CasADi's forward sensitivities, phase by phase)")
     if not m.trusted:
         print(f"    multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
@@ -132,7 +132,7 @@ def _print_second_route(orbit: Orbit, m: Multipliers) -> None:
         print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")
 
 
-def orbit_record(orbit: Orbit, branch: str) -> dict[str, Any]:
+def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
     """The JSON object of `casahunt orbit`; None for what is not to be trusted, or not known for a full cycle."""
     m = orbit.multipliers
     return {

@@ -26,7 +26,7 @@ from .console import add_common, complain, finite, positive, servo_of, writable
 from .errors import InputError, NoOrbit
 from .find import find_orbit
 from .hunting import MODELS
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
 from .record import Measurement, measure
 from .record_file import Record, read_record
 
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.hunting and failure is None else 1
 
 
-def _show(file: str, record: Record, m: Measurement, orbit: Orbit | None, set_point: float | None) -> None:
+def _show(file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None) -> None:
     kind = "no oscillation" if m.kind == "still" else m.kind
     print(f"record {file}: {kind}, {m.periods.size} whole periods")
     if record.reading is not None:
@@ -131,7 +131,7 @@ def _record(
     file: str,
     record: Record,
     m: Measurement,
-    orbit: Orbit | None,
+    orbit: HuntingOrbit | None,
     failure: str | None,
     set_point: float | None,
     wall_s: float,

@@ -14,8 +14,9 @@ from .adapt import Options
 from .checks import known, quoted
 from .console import add_common, finite, progress, progress_line, say, servo_of, teller, writable
 from .errors import InputError, NoOrbit, Status
-from .fold import Fold, find_fold
+from .fold import find_fold
 from .hunting import MODELS
+from .hunting_problem import HuntingFold
 from .servo import Servo
 from .uncertainty import Samples, Uncertainty, draw, load_uncertainty, sample, summary, worst_corner
 
@@ -109,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _solved(
-    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: Fold,
+    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: HuntingFold,
     report: Callable[[int], None],
 ) -> Samples:
     if jobs == 1:

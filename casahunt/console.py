@@ -21,7 +21,7 @@ from .adapt import SOLVERS, TOLERANCE_RANGE
 from .checks import known, quoted, sensible, shortened, to_error
 from .errors import InputError
 from .files import alone_in, unmake
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
 from .servo import Servo, load, with_overrides
 
 TELL_EVERY = 2.0
@@ -211,7 +211,7 @@ def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
         yield out
 
 
-def progress_line(orbit: Orbit, mu: str = "") -> str:
+def progress_line(orbit: HuntingOrbit, mu: str = "") -> str:
     """Gain, amplitude, period, multiplier (mu, or lambda of a full cycle) and iterations of a point."""
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"

@@ -1,4 +1,4 @@
-"""Following a branch of hunting cycles in one servo parameter, the gain first.
+"""Following a branch of cycles in one parameter.
 
 The curve is {y} = {(x_0, ln T_1, lambda)}: first node, duration of the first phase, and the parameter
 p = p_here (1 + lambda), moved relative to where it stands.  A step of length ds:
@@ -9,9 +9,9 @@ p = p_here (1 + lambda), moved relative to where it stands.  A step of length ds
     adaptation  mesh, phase sequence and error estimate (adapt.py), under the same row
 
 x_0 is measured in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and
-lambda, but next to a sharp fold of the Switch servo not a fair one: a slip that lingers where the friction curve
-falls (a canard) changes altogether while x_0 and the gain move by 1e-7.  Its duration tells.  The long stick,
-which runs from seconds to half an hour, takes no part in the length: it would decide every step and say nothing.
+lambda, but next to a sharp fold not a fair one: a first phase that lingers next to a repelling motion (a canard)
+changes altogether while x_0 and the parameter move by 1e-7.  Its duration tells.  The other durations take no part in
+the length: a long phase at rest would decide every step and say nothing.
 The step grows and shrinks with the iterations of the corrector and with the angle between successive tangents.
 
 `walk` rounds folds.  `walk_naturally` holds the parameter fixed in the corrector; it ends at a fold.
@@ -26,22 +26,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .adapt import Options, Solved, curve_border, solve_adaptively
+from .adapt import Options, curve_border, solve_adaptively
 from .checks import known
 from .errors import NoOrbit
-from .hunting import Model
 from .mesh import phase_breaks, transfer
-from .orbit import Orbit, direction_of, orbit_of, unknowns_of
-from .resequence import harden, merge_vanishing
-from .servo import PARAMETERS, Servo
+from .orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from .problem import Problem
 from .transcription import Linearisation, Setting, Transcription
 
 Array = np.ndarray
 
 FIRST_STEP = 0.1
-LARGEST_STEP = {"switch": 1.0, "lugre": 0.5}
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
-SOFT_STEP = 0.03  # below this kinks may be left unsplit to get past a grazing
+SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a change of phases
 EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
 LARGEST_TURN, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
@@ -70,19 +67,9 @@ class Point:
     bend: Array | None = None
 
 
-def value_of(servo: Servo, gain: float, vary: str) -> float:
-    """Value of the parameter `vary`, a name of servo.PARAMETERS."""
-    return float(servo.parameters(gain)[PARAMETERS.index(vary)])
-
-
-def with_value(servo: Servo, gain: float, vary: str, value: float) -> tuple[Servo, float]:
-    """(servo, gain) with the parameter `vary` set."""
-    return (servo, value) if vary == "gain" else (servo.replace(**{vary: value}), gain)
-
-
 def parameter_value(orbit: Orbit, vary: str) -> float:
     """Value of the parameter `vary` at an orbit."""
-    return value_of(orbit.servo, orbit.gain, vary)
+    return orbit.problem.value(vary)
 
 
 def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:
@@ -98,7 +85,7 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
         where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
     """
     t, u, setting = unknowns_of(orbit)
-    return _point(t, u, setting, vary, like=like, sense=sense)
+    return _point(t, u, setting, orbit.problem.direction(vary), like=like, sense=sense)
 
 
 def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
@@ -112,17 +99,20 @@ def _point(
     t: Transcription,
     u: Array,
     setting: Setting,
-    vary: str,
+    direction: Array,
     *,
     like: Array | None,
     sense: float = 1.0,
     lin: Linearisation | None = None,
 ) -> Point:
-    """The curve at u; `lin` is the linearisation there where the corrector has left one, along setting.dp."""
-    index = PARAMETERS.index(vary)
+    """The curve at u, in the parameter of the unit vector `direction` (np,).
+
+    `lin` is the linearisation there where the corrector has left one, along setting.dp.
+    """
+    index = int(np.argmax(direction))
     here = setting.p[index]
     if lin is None:
-        setting = replace(setting, dp=direction_of(vary) * here)
+        setting = replace(setting, dp=direction * here)
         lin = t.linearise(u, setting)
     # Exactly at a fold the trial row lambda = 1 is singular; at a sharp one the first node moves as little.
     for trial in (
@@ -142,7 +132,7 @@ def _point(
     turn = float(row @ like) if like is not None else row[-1] * sense
     length = length if turn >= 0 else -length
     u, du = _divided(t, u, factor), _divided(t, du, factor)
-    setting = replace(setting, scale=setting.scale * factor, dp=direction_of(vary) * here)
+    setting = replace(setting, scale=setting.scale * factor, dp=direction * here)
     return Point(t, u, setting, row / length, du / length)
 
 
@@ -184,7 +174,7 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
 
     The coefficient of the highest power takes up the defect; `point` itself where the mesh is another one.
     """
-    same = solved.t is point.t and np.array_equal(solved.setting.fractions, point.setting.fractions)
+    same = solved.t == point.t and np.array_equal(solved.setting.fractions, point.setting.fractions)
     if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
         return point
     durations = slice(-1 - point.t.phases, -1)
@@ -197,19 +187,19 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
 
 
 def walk(
-    start: Orbit,
+    start: AnyOrbit,
     *,
-    vary: str = "gain",
+    vary: str | None = None,
     low: float,
     high: float,
     sense: float = 1.0,
-    previous: Orbit | None = None,
+    previous: AnyOrbit | None = None,
     heading: Array | None = None,
     options: Options | None = None,
     first_step: float = FIRST_STEP,
     largest_step: float | None = None,
     max_points: int = 2000,
-) -> Generator[Orbit, None, str]:
+) -> Generator[AnyOrbit, None, str]:
     """Orbits along the branch through `start`, by pseudo-arclength, until the parameter leaves [low, high].
 
     Parameters
@@ -217,7 +207,7 @@ def walk(
     start
         a converged orbit; it is not yielded again.
     vary
-        name of the parameter (servo.PARAMETERS).
+        name of the parameter; default the principal one of the problem.
     low, high
         range of the parameter; the last orbit lies on the bound.
     sense
@@ -229,7 +219,7 @@ def walk(
     options
         tolerance; default that of the start.
     first_step, largest_step
-        arclength; the largest one is that of the model by default.
+        arclength; the largest one is that of the problem by default.
     max_points
         give up after so many.
 
@@ -241,11 +231,11 @@ def walk(
     ------
     InputError : unknown parameter name.
     """
-    known("parameter", vary, PARAMETERS)
+    vary = _varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     like = heading if previous is None or heading is not None else secant(previous, start, vary)
     point = curve_point(start, vary, like=like, sense=sense)
-    largest_step = largest_step or LARGEST_STEP[start.model]
+    largest_step = largest_step or start.problem.largest_step
     ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
         outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
@@ -259,7 +249,7 @@ def walk(
         yield orbit
         if following is None:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        following = replace(following, bend=bend(point, following, value_of(last.servo, last.gain, vary)))
+        following = replace(following, bend=bend(point, following, parameter_value(last, vary)))
         angle = float(np.arccos(np.clip(_cosine(point, following), -1, 1)))
         effort = EASY_ITERATIONS / max(iterations, 1)
         ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
@@ -268,9 +258,14 @@ def walk(
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
 
 
+def _varied(start: Orbit, vary: str | None) -> str:
+    """The name of the parameter to follow.  Raises InputError where there is none such."""
+    return start.problem.principal if vary is None else known("parameter", vary, start.problem.names)
+
+
 def _step_and_tangent(
-    point: Point, last: Orbit, vary: str, ds: float, low: float, high: float, options: Options
-) -> tuple[Orbit, Point | None, int] | str:
+    point: Point, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
+) -> tuple[AnyOrbit, Point | None, int] | str:
     """(orbit, the curve there or None at a bound, iterations) of one step, or what went wrong.
 
     The new tangent is oriented along the way from the last orbit, and a step in which it turns by more than a
@@ -284,7 +279,9 @@ def _step_and_tangent(
         return orbit, None, solved.solution.iterations
     like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
     lin = solved.solution.linearisation
-    following = _point(solved.t, solved.solution.u, _setting_at(solved), vary, like=like, lin=lin)
+    following = _point(
+        solved.t, solved.solution.u, _setting_at(solved), orbit.problem.direction(vary), like=like, lin=lin
+    )
     if ds > SHARP_STEP and _cosine(point, following) < LARGEST_TURN:
         return "the branch turns by too much in one step"
     return orbit, following, solved.solution.iterations
@@ -328,10 +325,10 @@ def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Ar
     where the phases are not the same, or the curve turns too much.
     """
     t = after.t
-    if before.t.cycle is not t.cycle:
+    if before.t.cycle != t.cycle:
         return None
     u, du = before.u, before.du
-    if before.t is not t or not np.array_equal(before.setting.fractions, after.setting.fractions):
+    if before.t != t or not np.array_equal(before.setting.fractions, after.setting.fractions):
         breaks = phase_breaks(t, after.setting.fractions)
         _, u, _ = transfer(before.t, u, before.setting.fractions, breaks, target=t)
         _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=t)
@@ -359,8 +356,8 @@ def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Ar
 
 
 def step_along(
-    point: Point, last: Orbit, vary: str, ds: float, low: float, high: float, options: Options
-) -> tuple[Orbit, Solved, bool] | str:
+    point: Point, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
+) -> tuple[AnyOrbit, Solved, bool] | str:
     """One corrected step of length ds from `point`, the curve at the orbit `last`.
 
     Returns
@@ -378,18 +375,13 @@ def step_along(
         lam = bound / here - 1
     # Where Newton does not land on the bound, a shorter step costs a tenth of what IPOPT would.
     how = replace(options, solver="newton") if reached and options.solver == "auto" else options
-    solved = corrected(point, u, lam, last.model, how, ds=ds, border=None if reached else point.row)
+    solved = corrected(point, u, lam, last.problem, how, ds=ds, border=None if reached else point.row)
     value = bound if reached else here * (1 + lam + solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     if not low * (1 - 1e-12) <= value <= high * (1 + 1e-12):
         return "the corrector left the range"
-    servo, gain = with_value(last.servo, last.gain, vary, value)
-    orbit = orbit_of(
-        solved.t, solved.solution, solved.setting, solved.estimate,
-        model=last.model, servo=servo, gain=gain, status=solved.status,
-        iterations=solved.iterations, wall_s=time.perf_counter() - began,
-    )  # fmt: skip
+    orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     moved = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
     if not 0.3 * ds < float(moved @ point.row) or np.linalg.norm(moved) > 3 * ds:
         return "the corrector went to another part of the curve"
@@ -397,9 +389,9 @@ def step_along(
 
 
 def walk_naturally(
-    start: Orbit,
+    start: AnyOrbit,
     *,
-    vary: str = "gain",
+    vary: str | None = None,
     low: float,
     high: float,
     sense: float = 1.0,
@@ -407,7 +399,7 @@ def walk_naturally(
     first_step: float = FIRST_STEP,
     largest_step: float | None = None,
     max_points: int = 2000,
-) -> Generator[Orbit, None, str]:
+) -> Generator[AnyOrbit, None, str]:
     """Orbits at prescribed parameter values, warm-started, until the range or the branch ends.
 
     The arguments are those of `walk`; steps are relative changes of the parameter.  At a fold no smaller
@@ -416,9 +408,9 @@ def walk_naturally(
     Next to a fold at lambda_f the unit tangent has (dlambda/ds)^2 proportional to lambda_f - lambda: two points tell
     how far it is, and no step goes further than most of the way.
     """
-    known("parameter", vary, PARAMETERS)
+    vary = _varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
-    largest_step = largest_step or LARGEST_STEP[start.model]
+    largest_step = largest_step or start.problem.largest_step
     last, step = start, first_step
     before: tuple[float, float] | None = None
     for _ in range(max_points):
@@ -455,21 +447,16 @@ def walk_naturally(
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
 
 
-def _natural_step(point: Point, last: Orbit, vary: str, value: float, options: Options) -> Orbit | str:
+def _natural_step(point: Point, last: AnyOrbit, vary: str, value: float, options: Options) -> AnyOrbit | str:
     began = time.perf_counter()
     here = parameter_value(last, vary)
     target = value / here - 1
     ds = target / point.row[-1]
     u, _ = predict(point, ds)
-    solved = corrected(point, u, target, last.model, options, ds=ds, border=None)
+    solved = corrected(point, u, target, last.problem, options, ds=ds, border=None)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
-    servo, gain = with_value(last.servo, last.gain, vary, value)
-    orbit = orbit_of(
-        solved.t, solved.solution, solved.setting, solved.estimate,
-        model=last.model, servo=servo, gain=gain, status=solved.status,
-        iterations=solved.iterations, wall_s=time.perf_counter() - began,
-    )  # fmt: skip
+    orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     after = curve_point(orbit, vary, like=secant(last, orbit, vary))
     if after.row[-1] * (value - here) <= 0:
         return "the solver converged to the other side of the fold"
@@ -480,7 +467,7 @@ def corrected(
     point: Point,
     u: Array,
     lam: float,
-    model: Model,
+    problem: Problem,
     options: Options,
     *,
     ds: float,
@@ -488,26 +475,22 @@ def corrected(
 ) -> Solved:
     """The corrector from a predicted point, across changes of the phase sequence.
 
-    In turn: the sequence at hand, with unsplit phases given their sign again; without the pair of reversals
-    that is about to vanish, where the equations fold over; and, on short steps only, with kinks unsplit.
+    In turn: the phase sequences that the problem expects there; and, on short steps only, with its last resorts.
     """
-    setting = point.setting.moved(lam)
-    start = (point.t, u, setting)
-    starts = [harden(model, *start) or start, merge_vanishing(model, *start)]
+    start = (point.t, u, point.setting.moved(lam))
     solved: Solved | None = None
-    for candidate in starts:
-        if candidate is not None:
-            solved = solve_adaptively(model, candidate, options, solver="newton", border=border, soft=False)
-            if solved.status.ok:
-                return solved
+    for candidate in problem.expected(*start):
+        solved = solve_adaptively(problem, candidate, options, solver="newton", border=border, soft=False)
+        if solved.status.ok:
+            return solved
     if abs(ds) < SOFT_STEP or solved is None:
-        return solve_adaptively(model, start, options, solver="newton", border=border)
+        return solve_adaptively(problem, start, options, solver="newton", border=border)
     return solved
 
 
-def run(generator: Generator[Orbit, None, str]) -> tuple[list[Orbit], str]:
+def run(generator: Generator[AnyOrbit, None, str]) -> tuple[list[AnyOrbit], str]:
     """All orbits of a walk and the sentence with which it ended."""
-    orbits: list[Orbit] = []
+    orbits: list[AnyOrbit] = []
     while True:
         try:
             orbits.append(next(generator))

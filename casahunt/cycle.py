@@ -1,12 +1,12 @@
-"""A periodic orbit of any hybrid system as data: modes, phases with their end events, and a closure.
+"""A hybrid system as data, and its periodic orbits: modes, exits, phases with their end events, and a closure.
 
-A cycle is the boundary value problem
+A system follows a mode until one of its exits; the exit names the next mode.  A cycle is the boundary value problem
 
     phase k = 1..P:   x' = f_k(x; p) for a free duration T_k,   h_k(x(end of k), T_k; p) = 0,
     x continuous from phase to phase,   x(start) = S x(end of P).
 
-S = I closes a full period.  A cycle with the symmetry x(t + T/2) = S x(t), S = -I for the hunting
-servo, is closed after half a period with half the unknowns; `repeats` = 2 says so.  Each phase end is
+S = I closes a full period.  A cycle with the symmetry x(t + T/2) = S x(t), often S = -I, is closed after half
+a period with half the unknowns; `repeats` = 2 says so.  Each phase end is
 anchored by its event, so there are as many equations as unknowns and no other phase condition.
 
 Nothing here computes: fields, flows and events are functions from CasADi symbols to CasADi
@@ -17,8 +17,8 @@ Symbols: n states, P phases, p parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,7 @@ class Mode:
     admissible : condition that must be >= -slack all along the phase, or None.
     slack : violation that is still no other motion.
     smooth : the field has no kink along the phase.
+    stiff : the field has fast decaying directions, for which explicit integrators take tiny steps.
     feature : function (x, p) of the field that can hide between collocation points, of order one, or None;
         works on numpy arrays (n, m).  A mesh on which it jumps by more than a half from one point to the next is
         too coarse, however small its error estimate.
@@ -68,6 +69,7 @@ class Mode:
     admissible: Admissible | None = None
     slack: float = 0.0
     smooth: bool = True
+    stiff: bool = False
     feature: Feature | None = None
 
 
@@ -87,9 +89,44 @@ class Phase:
     end: Event
 
 
+@dataclass(frozen=True)
+class Exit:
+    """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
+
+    `successor` maps (x, p) at the crossing to the name of the next mode.  `mark` is True for an event that
+    is a phase boundary although the mode goes on.
+    """
+
+    event: Event
+    direction: int
+    successor: Callable[[np.ndarray, np.ndarray], str]
+    mark: bool = False
+
+
+@dataclass(frozen=True)
+class System:
+    """A hybrid automaton: what simulation needs beyond the modes of a cycle.
+
+    Attributes
+    ----------
+    name : what it is called.
+    states : names of the n states.
+    modes, exits : by mode name.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    modes: Mapping[str, Mode]
+    exits: Mapping[str, tuple[Exit, ...]]
+
+
+Signature = tuple[tuple[str, str], ...]
+"""((mode name, end event name), ...) of one cycle."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """A periodic orbit as data.  Compared and hashed by identity, so that compiled forms can be kept by it.
+    """A periodic orbit as data.  Compared by value, so that compiled forms can be kept by it: functions by identity.
 
     Attributes
     ----------
@@ -98,6 +135,7 @@ class Cycle:
     phases : the P phases in order.
     closure : (n, n) matrix S with x(start) = S x(end); must be an involution-like symmetry, S^repeats = I.
     repeats : how often the computed piece makes up the period (2 for a half cycle).
+    measured : number of the state whose largest magnitude at the phase ends is the amplitude.
     """
 
     name: str
@@ -106,6 +144,8 @@ class Cycle:
     phases: tuple[Phase, ...]
     closure: np.ndarray
     repeats: int
+    measured: int = 0
+    _key: tuple[int, tuple[Any, ...]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.states)
@@ -115,8 +155,19 @@ class Cycle:
             raise ValueError(f"closure to the power {self.repeats} must be the identity")
         if not self.phases:
             raise ValueError("a cycle needs at least one phase")
+        if not 0 <= self.measured < n:
+            raise ValueError(f"measured = {self.measured}: must be the number of one of {n} states")
+        closure = self.closure.tobytes()
+        key = (self.name, self.states, self.parameters, self.phases, closure, self.repeats, self.measured)
+        object.__setattr__(self, "_key", (hash(key), key))
+
+    def __hash__(self) -> int:
+        return self._key[0]
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or isinstance(other, Cycle) and self._key == other._key
 
     @property
-    def signature(self) -> tuple[tuple[str, str], ...]:
+    def signature(self) -> Signature:
         """((mode name, event name), ...): what tells two phase sequences of one system apart."""
         return tuple((phase.mode.name, phase.end.name) for phase in self.phases)

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from .adapt import Options
-from .branch import Branch, SpecialPoint
+from .branch import Branch
 from .continuation import walk, walk_naturally
 from .errors import NoOrbit
 from .find import find_orbit
-from .fold import next_fold
+from .fold_point import next_fold
 from .hunting import Model
-from .monitor import STANDARD, Monitor, crossings
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
+from .monitor import STANDARD, Monitor, SpecialPoint, crossings
 from .servo import Servo
 
 DEFAULT_START = 0.0321
@@ -33,8 +33,8 @@ HIGHEST = 1e9
 class DiagramPoint:
     """An orbit of a diagram with the special points between the one before and this one; it may be one itself."""
 
-    orbit: Orbit
-    special: tuple[SpecialPoint, ...]
+    orbit: HuntingOrbit
+    special: tuple[SpecialPoint[HuntingOrbit], ...]
 
     @property
     def is_special(self) -> bool:
@@ -105,21 +105,21 @@ def diagram(
     if not natural:
         return ended
     try:
-        fold = next_fold(before, options)
+        fold = next_fold(before, "gain", options)
     except NoOrbit as error:
         return f"{ended}; that this is a fold is not shown: {error}"
     yield DiagramPoint(fold.orbit, (fold,))
     return _natural_end(fold, before)
 
 
-def _natural_end(fold: SpecialPoint, before: Orbit) -> str:
+def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
     return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
 
 
 def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
     """Run a diagram to its end."""
-    orbits: list[Orbit] = []
-    special: list[SpecialPoint] = []
+    orbits: list[HuntingOrbit] = []
+    special: list[SpecialPoint[HuntingOrbit]] = []
     ended = ""
     while True:
         try:

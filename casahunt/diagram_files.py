@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from .adapt import Options
-from .archive import load_branch, load_run, save_branch
-from .branch import Branch, SpecialPoint
+from .branch import Branch
 from .diagram import DiagramPoint
 from .errors import InputError
 from .files import whole_text
 from .hunting import Model
-from .monitor import FOLD
-from .orbit import Orbit
+from .hunting_files import load_branch, load_run, save_branch
+from .hunting_problem import HuntingOrbit
+from .monitor import FOLD, SpecialPoint
 from .servo import Servo
 from .tables import table
 
@@ -106,19 +106,19 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
             f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
             "--resume out for a new start"
         )
-    special: dict[int, list[SpecialPoint]] = {}
+    special: dict[int, list[SpecialPoint[HuntingOrbit]]] = {}
     for point, i in zip(branch.special, before, strict=True):
         special.setdefault(i, []).append(point)
     return [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)], branch.ended
 
 
-def _point(orbit: Orbit, special: list[SpecialPoint]) -> DiagramPoint:
+def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> DiagramPoint:
     """As it was before it was written: an orbit that is a special point is the same object."""
     same = [found.orbit for found in special if (found.orbit.gain, found.orbit.period) == (orbit.gain, orbit.period)]
     return DiagramPoint(same[0] if same else orbit, tuple(special))
 
 
-def csv_row(orbit: Orbit, special: str) -> list[Any]:
+def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
     """One row of the CSV file, in the order of `CSV_COLUMNS`."""
     multipliers = orbit.multipliers
     trusted = multipliers.trusted

@@ -15,16 +15,16 @@ import time
 from dataclasses import replace
 from typing import Literal
 
-from .adapt import Options
-from .branch import SpecialPoint
+from .adapt import Options, refined
 from .checks import known, to_error
-from .cold_start import Met, check_problem, refined, stable_at, unstable_at
+from .cold_start import Met, check_problem, stable_at, unstable_at
 from .continuation import curve_point, walk
 from .errors import NoOrbit, Status
-from .fold import WALK_TOLERANCE, Fold, confirmed_smallest, find_fold
+from .fold import find_fold
+from .fold_point import WALK_TOLERANCE, confirmed_smallest
 from .hunting import Model
-from .monitor import FOLD, locate
-from .orbit import Orbit
+from .hunting_problem import HuntingFold, HuntingOrbit
+from .monitor import FOLD, SpecialPoint, locate
 from .servo import Servo
 
 BranchName = Literal["stable", "unstable"]
@@ -46,7 +46,7 @@ def find_orbit(
     *,
     branch: BranchName = "stable",
     options: Options | None = None,
-) -> Orbit:
+) -> HuntingOrbit:
     """The hunting cycle of a servo at one gain, from nothing but the servo.
 
     Parameters
@@ -76,7 +76,7 @@ def find_orbit(
     return replace(find(servo, model, gain, options), wall_s=time.perf_counter() - began)
 
 
-def _stable(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
+def _stable(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
     try:
         met = stable_at(servo, model, gain, options=options)
     except NoOrbit as error:  # close to a fold, or with too rough a start, the solver does not arrive
@@ -89,7 +89,7 @@ def _stable(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
     return _beside_the_fold(servo, model, gain, "stable", options, met)
 
 
-def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> Orbit:
+def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
     """Multipliers of 1e5 and more leave no way that is sure but round the fold; else the inner fixed point."""
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     try:
@@ -103,7 +103,7 @@ def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> Orbi
     return orbit or _beside_the_fold(servo, model, gain, "unstable", options, met)
 
 
-def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> Orbit | None:
+def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit | None:
     """The unstable cycle inside the stable one at the same gain, where a scan of the map leads to it."""
     try:
         orbit, _ = unstable_at(servo, model, gain, options=options)
@@ -112,7 +112,7 @@ def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options
     return orbit if orbit is not None and orbit.multipliers.leading.real > 1 else None
 
 
-def _round_the_fold(stable: Orbit, rough: Options, options: Options) -> Orbit | None:
+def _round_the_fold(stable: HuntingOrbit, rough: Options, options: Options) -> HuntingOrbit | None:
     """The unstable cycle at the gain of a stable one, up to the fold and down again; None where it is not reached."""
     for way in (rough, options):  # the accurate way is the slow one, and seldom needed
         last = stable
@@ -132,12 +132,12 @@ def _round_the_fold(stable: Orbit, rough: Options, options: Options) -> Orbit | 
 
 def _beside_the_fold(
     servo: Servo, model: Model, gain: float, branch: BranchName, options: Options, met: Met
-) -> Orbit:
+) -> HuntingOrbit:
     """The cycle on one side of a fold above the gain; NoOrbit with the fold as evidence where it lies below."""
     return _down_from(_fold_above(servo, model, gain, options, met), gain, branch, options)
 
 
-def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: Met) -> Fold:
+def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: Met) -> HuntingFold:
     """The fold of a servo, if it lies above `gain`."""
     seen = met.seen
     also = "" if seen is None else f"; {seen.sentence()}"
@@ -174,7 +174,7 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
     return fold
 
 
-def _down_from(fold: Fold, gain: float, branch: BranchName, options: Options) -> Orbit:
+def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Options) -> HuntingOrbit:
     """The cycle at `gain` on one side of the fold above it."""
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     ways = (rough, options) if gain < FAR * fold.gain and rough != options else (options,)
@@ -200,8 +200,8 @@ def _down_from(fold: Fold, gain: float, branch: BranchName, options: Options) ->
 
 
 def _followed_down(
-    fold: Fold, gain: float, branch: BranchName, way: Options, options: Options
-) -> tuple[Orbit, str]:
+    fold: HuntingFold, gain: float, branch: BranchName, way: Options, options: Options
+) -> tuple[HuntingOrbit, str]:
     """(last orbit, why the walk ends with it) down from a fold on the stable or the unstable side.
 
     Raises
@@ -228,19 +228,21 @@ def _followed_down(
     return fold.orbit, "no step away from the fold converged"
 
 
-def _vanished(orbit: Orbit) -> bool:
+def _vanished(orbit: HuntingOrbit) -> bool:
     """P(a)/a tends to a limit as a does to 0; where the gain takes that limit to one, the unstable cycle ends there."""
     kp, _, _ = orbit.servo.torque_gains(orbit.gain)
     return orbit.amplitude * kp < VANISHED * orbit.servo.friction.static
 
 
-def _deny_below(before: Orbit, after: Orbit, fold: Fold, gain: float, branch: BranchName, options: Options) -> None:
+def _deny_below(
+    before: HuntingOrbit, after: HuntingOrbit, fold: HuntingFold, gain: float, branch: BranchName, options: Options
+) -> None:
     """NoOrbit where the lower fold between two orbits of a walk is located above `gain`."""
     lowest = locate(before, after, FOLD, vary="gain", options=options)
     if lowest is None:
         return
     try:
-        lower = confirmed_smallest(SpecialPoint(FOLD.kind, lowest, ""), options)
+        lower = confirmed_smallest(SpecialPoint(FOLD.kind, lowest, ""), "gain", options)
     except NoOrbit:
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):

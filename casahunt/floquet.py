@@ -119,8 +119,8 @@ def collocation_chain(t: Transcription, u: Array, setting: Setting) -> MapChain:
 def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float = 1e-12) -> MapChain:
     """The period map from the forward sensitivities of CasADi's own integrators, phase by phase.
 
-    An independent second route: explicit Runge-Kutta (`erk`) where the field is not stiff, `rosenbrock`
-    for LuGre.  The orbit gives the states at which phases start and their durations, and states inside a phase where
+    An independent second route: explicit Runge-Kutta (`erk`) where the mode is not stiff, `rosenbrock`
+    where it is.  The orbit gives the states at which phases start and their durations, and states inside a phase where
     disturbances have grown by `GROWTH` since the last one: no integrator follows an orbit that repels it by 1e14.
 
     Raises
@@ -145,8 +145,8 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
             factors = _sensitivities(phase.mode, setting, tol, nodes[starts[k] + cuts[:-1]], np.diff(at[cuts]))
         except RuntimeError as error:
             raise NoOrbit(
-                f"the multipliers by the integrators were not computed: CasADi's {_integrator_of(t.n)} failed in the "
-                f"phase {phase.mode.name!r}, which lasts {durations[k]:.6g} s; those by collocation do not need it",
+                f"the multipliers by the integrators were not computed: CasADi's {_integrator_of(phase.mode)} failed "
+                f"in the phase {phase.mode.name!r}, which lasts {durations[k]:.6g} s; collocation does not need it",
                 Status.NOT_CONVERGED,
             ) from error
         pieces.append((factors, flows))
@@ -164,8 +164,8 @@ def _cuts(maps: Array) -> Array:
     return np.array([*cuts, len(maps)])
 
 
-def _integrator_of(n: int) -> str:
-    return "rosenbrock" if n > 3 else "erk"
+def _integrator_of(mode: Mode) -> str:
+    return "rosenbrock" if mode.stiff else "erk"
 
 
 @alone
@@ -176,7 +176,7 @@ def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, dura
     scale = ca.DM(setting.scale)
     rate = T * mode.field(scale * x, p, mode.sign) / scale
     flow = ca.integrator(
-        "flow", _integrator_of(n), {"x": x, "p": ca.vertcat(p, T), "ode": rate}, 0.0, 1.0,
+        "flow", _integrator_of(mode), {"x": x, "p": ca.vertcat(p, T), "ode": rate}, 0.0, 1.0,
         {"abstol": tol, "reltol": tol, "max_num_steps": 1_000_000},
     )  # fmt: skip
     x0, parameters = ca.MX.sym("x0", n), ca.MX.sym("p", setting.p.size + 1)

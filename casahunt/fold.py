@@ -1,15 +1,4 @@
-"""The cyclic fold: the largest gain at which the servo can hunt.
-
-Two ways that share nothing but the collocation equations:
-
-* along the branch: the point where the tangent has no parameter component (monitor.py), the mesh adapted
-  and the error of the gain estimated there by an adjoint;
-* as an optimisation problem: maximise lambda subject to the transcription, IPOPT with the exact Hessian.
-  Its multipliers are the adjoint of the fold, d gain/d q = -nu . dG/dq for every parameter q.  Where Newton is to
-  work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
-
-`find_fold` does both from nothing but the servo and refuses where they disagree.  An extended system
-(J v = 0, |v| = 1) serves as a third opinion in the tests.
+"""The largest gain at which a servo can hunt: from nothing but the servo to its confirmed fold (fold_point.py).
 
 The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below
 which the frictionless linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section
@@ -21,28 +10,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from .adapt import TOLERANCE_RANGE, Options, curve_border
-from .admissibility import judge
-from .branch import SpecialPoint
+from .adapt import TOLERANCE_RANGE, Options
 from .cold_start import check_problem, stable_at
-from .continuation import ends, secant, walk
-from .errors import InputError, NoOrbit, Status
+from .continuation import walk
+from .errors import NoOrbit, Status
 from .event_map import TYPICAL, near_stable, scan
+from .fold_point import WALK_TOLERANCE, confirmed, located, turns_back
 from .hunting import Model
+from .hunting_problem import HuntingFold, HuntingOrbit
 from .linear_loop import routh_hurwitz_gain
-from .mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
-from .monitor import FOLD, locate, special_point
-from .orbit import Orbit, direction_of, orbit_of, unknowns_of
 from .servo import Servo
-from .solve import Maximum, Solution, Solver, maximise_parameter
-from .transcription import Setting, Transcription
-from .turning_point import turning_point
-
-Array = np.ndarray
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
@@ -56,45 +37,13 @@ MOST_CLIMBS = 20
 FINER = (0.1, 1e-3)
 """Parts of the tolerance to which the fold is located, in turn: its place on the branch takes a finer mesh than its
 gain, period and amplitude being first order in it."""
-WALK_TOLERANCE = 1e-5
-"""The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
 SHARP_TOLERANCE = 1e-8
 """Of the walk to a fold that the rough walk has not led to."""
-OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
-    """A cyclic fold in the gain.
-
-    Attributes
-    ----------
-    orbit : the orbit at the fold.
-    gain : the fold gain.
-    gain_error : estimated relative error of the gain.
-    optimised_gain : the fold gain of the optimisation problem on the same mesh; that of the turning point there where
-        Newton works alone.
-    multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
-    status, wall_s : as everywhere.
-    """
-
-    orbit: Orbit
-    gain: float
-    gain_error: float
-    optimised_gain: float
-    multipliers: Array
-    status: Status
-    wall_s: float
-
-    @property
-    def error_estimate(self) -> float:
-        """The largest estimated relative error of gain, amplitude and period."""
-        return max(self.gain_error, self.orbit.error_estimate)
-
-
-def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
+def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOrbit:
     """A stable hunting cycle at some gain, preferably not far below the fold.
 
     The event map of the Switch servo finds a gain with a cycle and climbs from there; it costs a hundredth of
@@ -158,7 +107,9 @@ def _climb(servo: Servo, gain: float, a: float) -> list[float]:
     return gains
 
 
-def find_fold(servo: Servo, model: Model, *, options: Options | None = None, start: Orbit | None = None) -> Fold:
+def find_fold(
+    servo: Servo, model: Model, *, options: Options | None = None, start: HuntingOrbit | None = None
+) -> HuntingFold:
     """The fold gain of a servo, from nothing but the servo.
 
     Parameters
@@ -185,7 +136,7 @@ def find_fold(servo: Servo, model: Model, *, options: Options | None = None, sta
         return _walked_to(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
 
 
-def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fold:
+def _walked_to(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
     """The confirmed fold at the end of a walk from `first` with the tolerance of `way`."""
     before, model = first, first.model
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
@@ -200,162 +151,11 @@ def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fo
             ) from None
         for finer in FINER:
             sharp = replace(options, tol=max(options.tol * finer, TOLERANCE_RANGE[0]))
-            if not _turns_back(before, after):
+            if not turns_back(before, after, "gain"):
                 break
             try:
-                return confirmed(_located(before, after, sharp), options, began)
+                return confirmed(located(before, after, "gain", sharp), "gain", options, began)
             except NoOrbit:
                 if finer == FINER[-1]:
                     raise
         before = after
-
-
-def _turns_back(before: Orbit, after: Orbit) -> bool:
-    """Whether the gain has a maximum between two successive orbits of a walk."""
-    here, there = ends(before, after, "gain")
-    return FOLD.value(before, here) > 0 >= FOLD.value(after, there)
-
-
-def _located(before: Orbit, after: Orbit, options: Options) -> SpecialPoint:
-    """The fold between two orbits: as a point of the branch, or where that is too sharp as the optimum next to them."""
-    orbit = locate(before, after, FOLD, vary="gain", options=options)
-    if orbit is None:  # the way between the two bends too much for one tangent to measure it
-        orbit = _located_in_small_steps(before, after, options)
-    if orbit is None:
-        orbit = _optimal(max(before, after, key=lambda o: o.gain), options)
-    return special_point(FOLD, orbit, "gain")
-
-
-def _located_in_small_steps(before: Orbit, after: Orbit, options: Options) -> Orbit | None:
-    step = float(np.linalg.norm(secant(before, after, "gain"))) / SMALL_STEPS
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    steps = walk(
-        before, low=0.5 * before.gain, high=2 * before.gain, options=rough, first_step=step, largest_step=step,
-        max_points=4 * SMALL_STEPS,
-    )  # fmt: skip
-    here = before
-    for following in steps:
-        if _turns_back(here, following):
-            return locate(here, following, FOLD, vary="gain", options=options)
-        here = following
-    return None
-
-
-def _optimal(orbit: Orbit, options: Options) -> Orbit:
-    """The orbit of largest gain next to an orbit near the fold, on meshes adapted to the tolerance."""
-    t, u, setting = unknowns_of(orbit)
-    setting = replace(setting, dp=direction_of("gain") * orbit.gain)
-    across = np.append(np.zeros(t.n), [1.0, 0.0])  # at a fold the slip's duration moves, the gain does not
-    for k in range(OPTIMAL_ROUNDS):
-        best = _largest(t, u, setting, options)
-        if not best.status.ok:
-            break
-        moved = setting.moved(best.parameter)
-        error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
-        if error.error <= options.tol and judge(t, best.u, moved).admissible:
-            lin = t.linearise(best.u, moved)
-            by = _maximiser(options)
-            solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin, by)
-            return orbit_of(
-                t, solution, moved, error, model=orbit.model, servo=orbit.servo, gain=orbit.gain * (1 + best.parameter),
-                status=best.status, iterations=best.iterations, wall_s=orbit.wall_s,
-            )  # fmt: skip
-        breaks = better_breaks(t, setting.fractions, error, options.tol, k)
-        t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
-        setting = replace(setting, fractions=fractions)
-    raise NoOrbit(
-        f"the fold of the {orbit.model} servo next to gain {orbit.gain:.10g} was not located on its branch, and as an "
-        "optimisation problem it was not solved to the tolerance; try another tolerance",
-        Status.NOT_CONVERGED,
-    )
-
-
-def next_fold(orbit: Orbit, options: Options) -> SpecialPoint:
-    """The fold right above an orbit, from that orbit alone: where natural continuation ends.
-
-    Raises
-    ------
-    NoOrbit : the largest gain next to the orbit is not found, or not confirmed.
-    """
-    best = _optimal(orbit, options)
-    found = confirmed(special_point(FOLD, best, "gain"), options)
-    return special_point(FOLD, found.orbit, "gain", found.gain_error)
-
-
-def _maximiser(options: Options) -> Solver:
-    """Who looks for the largest gain: IPOPT, where it is not to be Newton alone."""
-    return "newton" if options.solver == "newton" else "ipopt"
-
-
-def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> Maximum:
-    """The largest gain next to u, as an optimisation problem, or as a turning point where Newton is to work alone."""
-    return (maximise_parameter if _maximiser(options) == "ipopt" else turning_point)(t, u, setting)
-
-
-def confirmed(special: SpecialPoint, options: Options, began: float | None = None) -> Fold:
-    """A located fold, checked against the optimisation problem on its mesh and on the mesh with halved intervals.
-
-    What a coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see;
-    the second optimum does, and the errors of the orbit of the result are not less than the distance to it.
-
-    Raises
-    ------
-    InputError : the special point is no fold.
-    NoOrbit : the fold gains differ by more than the tolerance, or an error estimate exceeds it.
-    """
-    if special.kind != FOLD.kind:
-        raise InputError(f"special point {special.kind!r}: must be a fold")
-    began = time.perf_counter() if began is None else began
-    orbit = special.orbit
-    t, u, setting = unknowns_of(orbit)
-    setting = replace(setting, dp=direction_of("gain") * orbit.gain)
-    best = _largest(t, u, setting, options)
-    gain = orbit.gain * (1 + best.parameter)
-    if not best.status.ok or abs(best.parameter) > options.tol:
-        found = f"gives {gain:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
-        raise NoOrbit(
-            f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: the optimisation problem "
-            f"{found}; try another tolerance",
-            best.status,
-        )
-    finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
-    check = _largest(finer, u, replace(setting.moved(best.parameter), fractions=fractions), options)
-    if not check.status.ok:
-        raise NoOrbit(
-            f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not confirmed: on a mesh of half the "
-            "intervals' length the optimisation problem was not solved; try another tolerance",
-            check.status,
-        )
-    period = float(np.sum(finer.durations_of(check.u))) * t.cycle.repeats
-    amplitude = amplitude_row(finer, check.u)[0] * float(setting.scale[0])
-    error = max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter))
-    orbit = replace(
-        orbit,
-        period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
-        amplitude_error=max(orbit.amplitude_error, abs(amplitude / orbit.amplitude - 1)),
-        parameter_error=error,
-    )
-    if orbit.error_estimate > options.tol:
-        raise NoOrbit(
-            f"the fold of the {orbit.model} servo at gain {orbit.gain:.10g} is not known to the tolerance: the error "
-            f"estimate is {orbit.error_estimate:.2g}; ask for a larger tolerance",
-            Status.TOLERANCE_NOT_REACHED,
-        )
-    return Fold(orbit, orbit.gain, error, gain, best.multipliers, orbit.status, time.perf_counter() - began)
-
-
-def confirmed_smallest(special: SpecialPoint, options: Options) -> Fold:
-    """A located fold at which the gain is smallest, checked against the optimisation problem on its mesh.
-
-    Raises
-    ------
-    NoOrbit : the fold gains differ by more than the tolerance, or an error estimate exceeds it.
-    """
-    orbit = special.orbit
-    t, u, setting = unknowns_of(orbit)
-    least = _largest(t, u, replace(setting, dp=-direction_of("gain") * orbit.gain), options)
-    error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
-    if not least.status.ok or error > options.tol:
-        raise NoOrbit(f"the fold at gain {orbit.gain:.10g} is not confirmed as the smallest gain", least.status)
-    gain = orbit.gain * (1 - least.parameter)
-    return Fold(orbit, orbit.gain, error, gain, -least.multipliers, orbit.status, orbit.wall_s)

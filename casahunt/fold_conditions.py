@@ -1,13 +1,13 @@
 """The conditions of a fold as equations, with their exact Jacobian, to be constraints of a larger optimisation problem.
 
-A fold of G(u, lambda; q) = 0 with the gain K = K_0 (1 + lambda) is where, with multipliers nu of the equations,
+A fold of G(u, lambda; q) = 0 is where, with multipliers nu of the equations,
 
     G(u, lambda; q) = 0,    G_u^T nu = 0,    nu . G_lambda = 1         (2 size + 1 equations)
 
 in u, nu (size each) and lambda: the Karush-Kuhn-Tucker conditions of the largest lambda, and at the same time the
-extended system of bifurcation theory with the left null vector.  Here q are the logarithms of the controller times,
+extended system of bifurcation theory with the left null vector.  Here q are the logarithms of some parameters,
 
-    tau_d = exp(q_1), tau_i = exp(q_2)  [s],
+    p_i = exp(q_i)   for i in `free`,
 
 unknowns as well.  nu = S n with a number S, the largest |nu| at the start, so that n is of size one.  Jacobian:
 
@@ -16,7 +16,7 @@ unknowns as well.  nu = S n with a number S, the largest |nu| at the start, so t
     G_u^T n   d/dq (G_u^T n)       H_u               G_u^T
     S n.G_l   S d/dq (n.G_lambda)  S H_lambda        S G_lambda^T
 
-with H the Hessian of n . G in (u, lambda), mapped over the mesh (nlp.py); only the two columns of q are
+with H the Hessian of n . G in (u, lambda), mapped over the mesh (nlp.py); only the columns of q are
 differentiated at the level of the whole mesh.  Symbols as in nlp.py.
 """
 
@@ -27,26 +27,23 @@ import numpy as np
 
 from .compiled import kept
 from .nlp import graphs, lagrangian_hessian
-from .servo import PARAMETERS
 from .transcription import Setting, Transcription
-
-TIMES = ("controller.lead_time", "controller.integral_time")
-"""The parameters that q stands for, in order."""
 
 
 @kept(maxsize=8)
-def fold_conditions(t: Transcription) -> tuple[ca.Function, ca.Function]:
-    """Functions of (q (2), z = (u, lambda), n, data, S): the equations, and their sparse Jacobian in (q, z, n).
+def fold_conditions(t: Transcription, free: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+    """Functions of (q, z = (u, lambda), n, data, S): the equations, and their sparse Jacobian in (q, z, n).
 
-    `data` is that of nlp.py, `data_of`; its controller times are overruled by q.
+    `free` are the numbers of the parameters that q stands for.  `data` is that of nlp.py, `data_of`; those parameters
+    in it are overruled by q.
     """
     g = graphs(t)
     parts = ca.Function("parts", [g.z, g.data], [g.residual, g.jacobian])
     curvature = ca.Function("curvature", [g.z, g.data, g.nu], [lagrangian_hessian(t, g)])
-    q, z, n = ca.MX.sym("q", len(TIMES)), ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
+    q, z, n = ca.MX.sym("q", len(free)), ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
     data, scale = ca.MX.sym("data", g.data.numel()), ca.MX.sym("S")
-    entries = [t.intervals + PARAMETERS.index(name) for name in TIMES]
-    place = ca.DM(ca.Sparsity.triplet(data.numel(), len(TIMES), entries, [0, 1]), 1.0)
+    entries = [t.intervals + i for i in free]
+    place = ca.DM(ca.Sparsity.triplet(data.numel(), len(free), entries, list(range(len(free)))), 1.0)
     keep = np.ones(data.numel())
     keep[entries] = 0.0
     moved = ca.DM(keep) * data + ca.densify(place @ ca.exp(q))
@@ -54,7 +51,7 @@ def fold_conditions(t: Transcription) -> tuple[ca.Function, ca.Function]:
     stationary = ca.mtimes(jacobian.T, n)  # (size + 1): G_u^T n, then n . G_lambda
     weights = ca.vertcat(ca.DM.ones(t.size), scale)
     equations = ca.vertcat(residual, weights * stationary)
-    columns = [ca.jtimes(equations, q, ca.DM(np.eye(len(TIMES))[:, k])) for k in range(len(TIMES))]
+    columns = [ca.jtimes(equations, q, ca.DM(np.eye(len(free))[:, k])) for k in range(len(free))]
     H = curvature(z, moved, n)
     H = H + ca.triu(H, False).T
     S = ca.diag(weights)

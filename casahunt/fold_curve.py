@@ -25,14 +25,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .adapt import TOLERANCE_RANGE, Options
-from .branch import SpecialPoint
 from .checks import known, require, shown
-from .continuation import Point, corrected, curve_point, in_units_of, predict, with_value
+from .continuation import Point, corrected, curve_point, in_units_of, predict
 from .errors import InputError, NoOrbit, Status
-from .fold import Fold, confirmed, confirmed_smallest, find_fold
+from .fold import find_fold
+from .fold_point import confirmed, confirmed_smallest
 from .hunting import MODELS, Model
-from .monitor import FOLD
-from .orbit import Orbit, direction_of, orbit_of, unknowns_of
+from .hunting_problem import Hunting, HuntingFold, HuntingOrbit
+from .monitor import FOLD, SpecialPoint
+from .orbit import orbit_of, unknowns_of
 from .plane_curve import Reading, follow
 from .sensitivity import NAMES, fold_sensitivities
 from .servo import Servo, flatten
@@ -121,7 +122,7 @@ class FoldPoint:
     value: float
     gain: float
     slope: float
-    orbit: Orbit
+    orbit: HuntingOrbit
     error_estimate: float
     curvature: float
     status: Status
@@ -210,7 +211,7 @@ class _Chart:
     """Coordinates (s, m) around a fold (plane_curve.Chart)."""
 
     problem: _Problem
-    orbit: Orbit
+    orbit: HuntingOrbit
     point: Point
     position: float
     steepness: float = 0.0
@@ -237,22 +238,18 @@ class _Chart:
         if self.tilt is not None:
             u[: -t.phases] += m * self.tilt[: -t.phases]
             t.durations_of(u)[:] *= np.exp(np.clip(m * self.tilt[-t.phases :], -1.0, 1.0))
-        p = servo.parameters(gain)
-        setting = replace(self.point.setting, p=p, dp=direction_of("gain") * gain)
+        posed = Hunting(problem.model, servo, gain)
+        setting = replace(self.point.setting, p=posed.vector(), dp=posed.direction("gain") * gain)
         ds = float(np.hypot(s, m))
         solved = corrected(
-            replace(self.point, setting=setting), u, 0.0, problem.model, problem.finer, ds=ds, border=self.point.row
+            replace(self.point, setting=setting), u, 0.0, posed, problem.finer, ds=ds, border=self.point.row
         )
         if not solved.status.ok or solved.estimate is None:
             return solved.complaint()
         gain *= 1 + solved.solution.parameter
         if not gain > 0:
             return "the corrector came to a gain below zero"
-        orbit = orbit_of(
-            solved.t, solved.solution, solved.setting, solved.estimate,
-            model=problem.model, servo=servo, gain=gain, status=solved.status,
-            iterations=solved.iterations, wall_s=time.perf_counter() - began,
-        )  # fmt: skip
+        orbit = orbit_of(solved, posed.with_value("gain", gain), wall_s=time.perf_counter() - began)
         like = in_units_of(self.point.row, self.point.setting.scale, orbit.scale)
         return Reading(float(curve_point(orbit, "gain", like=like).row[-1]), orbit)
 
@@ -270,7 +267,7 @@ class _Chart:
         return abs(rise - (first + second) / 2) <= ASTRAY * max(abs(rise), abs(first), abs(second)) + 1e-3
 
 
-def _chart(problem: _Problem, orbit: Orbit, position: float, *, like: _Chart | None) -> _Chart | str:
+def _chart(problem: _Problem, orbit: HuntingOrbit, position: float, *, like: _Chart | None) -> _Chart | str:
     """The chart of a fold, with slope, gradient and tilt, or a sentence."""
     row = None if like is None else in_units_of(like.point.row, like.point.setting.scale, orbit.scale)
     bare = _Chart(problem, orbit, curve_point(orbit, "gain", like=row), position)
@@ -306,11 +303,11 @@ def _chart(problem: _Problem, orbit: Orbit, position: float, *, like: _Chart | N
     return replace(bare, tilt=_tilt(bare, ahead.data, m), gradient=gradient, fold=found)
 
 
-def _tilt(chart: _Chart, ahead: Orbit, m: float) -> Array | None:
+def _tilt(chart: _Chart, ahead: HuntingOrbit, m: float) -> Array | None:
     """(size,) change of u by c from an orbit beside the fold; None where mesh or phases are others."""
     t, u, setting = chart.point.t, chart.point.u, chart.point.setting
     other, v, its = unknowns_of(ahead)
-    if other is not t or not np.array_equal(its.fractions, setting.fractions):
+    if other != t or not np.array_equal(its.fractions, setting.fractions):
         return None
     factor = its.scale / setting.scale
     v = v.copy()
@@ -323,9 +320,9 @@ def _tilt(chart: _Chart, ahead: Orbit, m: float) -> Array | None:
     return tilt
 
 
-def _extremum(orbit: Orbit, largest: bool, options: Options) -> Fold:
+def _extremum(orbit: HuntingOrbit, largest: bool, options: Options) -> HuntingFold:
     """A located fold, checked against the optimisation problem: the largest gain nearby, or the smallest."""
-    return (confirmed if largest else confirmed_smallest)(SpecialPoint(FOLD.kind, orbit, ""), options)
+    return (confirmed if largest else confirmed_smallest)(SpecialPoint(FOLD.kind, orbit, ""), "gain", options)
 
 
 # The curve -------------------------------------------------------------------------------------------------------
@@ -439,7 +436,7 @@ def _first_chart(problem: _Problem) -> _Chart:
     order = (0.0, 1.0) if abs(own - axis.start) <= abs(own - axis.end) else (1.0, 0.0)
     complaints = []
     for c in order:
-        servo, _ = with_value(problem.servo, 1.0, axis.vary, axis.value(c))
+        servo = problem.servo.replace(**{axis.vary: axis.value(c)})
         chart: _Chart | str
         try:
             chart = _chart(problem, find_fold(servo, problem.model, options=problem.options).orbit, c, like=None)
@@ -484,7 +481,7 @@ def _restarted(problem: _Problem, last: _Chart, sense: float) -> _Chart | None:
     c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
     if c == last.position:
         return None
-    servo, _ = with_value(problem.servo, 1.0, problem.axis.vary, problem.axis.value(c))
+    servo = problem.servo.replace(**{problem.axis.vary: problem.axis.value(c)})
     try:
         fold = find_fold(servo, problem.model, options=problem.options)
         chart = _chart(problem, fold.orbit, c, like=None)

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .archive import load_branch, load_run, save_branch
 from .branch import Branch
 from .errors import InputError, Status
 from .fold_curve import FoldCurve, FoldPoint
 from .hunting import Model
+from .hunting_files import load_branch, load_run, save_branch
 from .servo import Servo
 
 INTERRUPTED = "interrupted"

@@ -23,7 +23,6 @@ Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, sections 3.1 and 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import casadi as ca
@@ -31,7 +30,7 @@ import numpy as np
 
 from .collocation import Kind
 from .compiled import kept
-from .cycle import Cycle, Event, Mode, Phase
+from .cycle import Cycle, Event, Exit, Mode, Phase, Signature, System
 from .friction import bristle_rate, stribeck
 from .servo import PARAMETERS
 
@@ -166,37 +165,6 @@ BREAKAWAY_UP = Event("breakaway+", _torque_up)
 BREAKAWAY_DOWN = Event("breakaway-", _torque_down)
 
 
-@dataclass(frozen=True)
-class Exit:
-    """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
-
-    `successor` maps (x, p) at the crossing to the name of the next mode.  `mark` is True for an event that
-    is a phase boundary although the mode goes on.
-    """
-
-    event: Event
-    direction: int
-    successor: Callable[[np.ndarray, np.ndarray], str]
-    mark: bool = False
-
-
-@dataclass(frozen=True)
-class System:
-    """A hybrid automaton: what simulation needs beyond the modes of a cycle.
-
-    Attributes
-    ----------
-    name : "switch" or "lugre".
-    states : names of the n states.
-    modes, exits : by mode name.
-    """
-
-    name: Model
-    states: tuple[str, ...]
-    modes: Mapping[str, Mode]
-    exits: Mapping[str, tuple[Exit, ...]]
-
-
 def _after_stop(x: np.ndarray, p: np.ndarray) -> str:
     m, static = float(motor_torque(x, p)), float(_symbols(p).Fs)
     return "stick" if abs(m) <= static else ("slip+" if m > 0 else "slip-")
@@ -227,9 +195,9 @@ _SLIP = {
     for name, sign in (("slip+", 1.0), ("slip-", -1.0))
 }
 _SLIDE = {
-    name: Mode(name, lugre_slide, sign, admissible=_slides_forward, slack=10 * WEAK, feature=_stribeck_drop)
+    name: Mode(name, lugre_slide, sign, admissible=_slides_forward, slack=10 * WEAK, feature=_stribeck_drop, stiff=True)
     for name, sign in (("slide+", 1.0), ("slide-", -1.0))
-} | {"slide": Mode("slide", lugre_slide, 0.0, smooth=False, feature=_stribeck_drop)}
+} | {"slide": Mode("slide", lugre_slide, 0.0, smooth=False, feature=_stribeck_drop, stiff=True)}
 
 SWITCH = System(
     "switch",
@@ -258,9 +226,6 @@ LUGRE = System(
 
 SYSTEMS: Mapping[str, System] = {"switch": SWITCH, "lugre": LUGRE}
 _EVENTS = {e.name: e for e in (STOP, REVERSAL, CENTRE, BREAKAWAY_UP, BREAKAWAY_DOWN)}
-
-Signature = tuple[tuple[str, str], ...]
-"""((mode name, end event name), ...) of one cycle."""
 
 SWITCH_HALF: Signature = (("slip+", "stop"), ("stick", "breakaway-"))
 """The phase sequence of the usual Switch hunting cycle."""

@@ -23,8 +23,7 @@ import numpy as np
 from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
 from .compiled import caller, kept
-from .cycle import Feature, Field, Mode
-from .hunting import Exit, System
+from .cycle import Exit, Feature, Field, Mode, System
 from .interval import interval_map
 
 Array = np.ndarray

@@ -187,9 +187,9 @@ def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Ar
 
 
 def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
-    """(largest |first state| over the phase ends, its place among the (P + 1) phase-end nodes)."""
+    """(largest |measured state| over the phase ends, its place among the (P + 1) phase-end nodes)."""
     ends = np.concatenate([[0], t.phase_end])
-    values = np.abs(t.nodes_of(u)[ends, 0])
+    values = np.abs(t.nodes_of(u)[ends, t.cycle.measured])
     best = int(np.argmax(values))
     return float(values[best]), best
 
@@ -208,7 +208,7 @@ def estimate(
     believed
         first-order estimates up to this get what they overlook added; larger ones only place the next mesh.
 
-    Period and amplitude are those of the full cycle and max |x1|; relative errors do not care.
+    Period and amplitude are those of the full cycle; relative errors do not care.
     """
     fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
     halves = replace(setting, fractions=fractions)
@@ -222,7 +222,7 @@ def estimate(
     goals = np.zeros((2 if border is None else 3, t.system.size))
     goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(t.durations_of(u)))
     node = np.concatenate([[0], t.phase_end])[place]
-    goals[1, node * n] = 1 / amplitude
+    goals[1, node * n + t.cycle.measured] = 1 / amplitude
     if border is not None:
         goals[2, -1] = 1.0
     psi = t.system.solve_transposed(matrix, goals)

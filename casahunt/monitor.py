@@ -11,8 +11,8 @@ true corrections, down to rounding of the function or to the precision that it c
     grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
 
 Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
-itself is bisected in arclength, to `GRAZING_WIDTH`.  Most LuGre cycles gain
-and lose weak reversals of their ring-down many times along a branch; it is located on request only.
+itself is bisected in arclength, to `GRAZING_WIDTH`.  Some cycles gain and lose weak reversals of a ring-down many
+times along a branch: grazing is located on request only.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
 """
@@ -23,13 +23,12 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Generic
 
 import numpy as np
 
-from .adapt import Options
-from .branch import SpecialPoint
+from .adapt import Options, refined
 from .checks import to_error
-from .cold_start import refined
 from .continuation import (
     Point,
     bend,
@@ -42,7 +41,7 @@ from .continuation import (
     step_along,
 )
 from .errors import NoOrbit
-from .orbit import Orbit
+from .orbit import AnyOrbit, Orbit
 
 Array = np.ndarray
 
@@ -53,8 +52,24 @@ CUBIC_ROUNDS = 6
 """Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
 ACCEPTED = 1e3
-"""A point counts as located within this many tolerances of its monitor; at a fold, whose gain is second
+"""A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
 order in that, within 1e-12."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpecialPoint(Generic[AnyOrbit]):
+    """A located point of a branch.
+
+    Attributes
+    ----------
+    kind : "fold", "symmetry breaking", "superstable" or the name of a user function.
+    orbit : the orbit at the point.
+    meaning : one sentence for the user.
+    """
+
+    kind: str
+    orbit: AnyOrbit
+    meaning: str
 
 
 @dataclass(frozen=True)
@@ -66,14 +81,12 @@ class Monitor:
     kind : name of the special point.
     value : (orbit, point of the curve) -> number, of order one away from the special point.
     meaning : sentence with {name} and {value} for the parameter and its value.
-    needs_multipliers : whether `value` reads multipliers, which cost as much as a few corrections.
     tolerance : |value| at which the point counts as located.
     """
 
     kind: str
     value: Callable[[Orbit, Point], float]
     meaning: str
-    needs_multipliers: bool = False
     tolerance: float = 1e-9
 
 
@@ -83,17 +96,15 @@ def _fold_value(orbit: Orbit, point: Point) -> float:
 
 FOLD = Monitor(
     "fold", _fold_value,
-    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; beyond it the servo does not hunt",
+    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; beyond it there is neither",
 )  # fmt: skip
 SYMMETRY_BREAKING = Monitor(
     "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
     "symmetry breaking at {name} = {value:.10g}: the symmetric cycle hands its stability to a pair of lopsided ones",
-    needs_multipliers=True,
 )  # fmt: skip
 SUPERSTABLE = Monitor(
     "superstable", lambda orbit, point: orbit.half_multiplier,
     "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
-    needs_multipliers=True,
 )  # fmt: skip
 GRAZING = Monitor(
     "grazing", lambda orbit, point: float("nan"),
@@ -103,7 +114,7 @@ STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
 GRAZING_WIDTH = 1e-7
 
 
-def special_point(monitor: Monitor, orbit: Orbit, vary: str, error: float = 0.0) -> SpecialPoint:
+def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
     """The orbit with the meaning in words, its parameter in as many digits as are known.
 
     `error` is the relative error of the parameter, where it is known better than from the orbit itself.
@@ -113,8 +124,8 @@ def special_point(monitor: Monitor, orbit: Orbit, vary: str, error: float = 0.0)
 
 
 def crossings(
-    before: Orbit, after: Orbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
-) -> list[SpecialPoint]:
+    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
+) -> list[SpecialPoint[AnyOrbit]]:
     """The special points between two successive orbits of a walk."""
     found = []
     start: Point | None = None
@@ -146,7 +157,7 @@ def crossings(
     return sorted(found, key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
 
 
-def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
+def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
     """The orbit between two at which `monitor` vanishes, or None where the steps there do not converge.
 
     Steps start at the orbit where `monitor` is smaller, which is as a rule the closer one, along its tangent; where
@@ -160,7 +171,7 @@ def locate(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options:
     return orbit or _located_from(after, before, monitor, vary=vary, options=options)
 
 
-def _fold_by_cubics(before: Orbit, after: Orbit, *, vary: str, options: Options) -> Orbit | None:
+def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Options) -> AnyOrbit | None:
     """The fold next to `before`: again and again the turning point of the cubic through the last two orbits.
 
     The error of a cubic falls with the fourth power of the way between its ends: three orbits are enough as a rule.
@@ -193,7 +204,7 @@ def _backwards(point: Point) -> Point:
     return replace(point, row=-point.row, du=-point.du, bend=flipped)
 
 
-def _accurate(orbit: Orbit, options: Options) -> Orbit:
+def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     """The orbit to the tolerance, on a mesh that serves all the steps from it; as it is where that fails."""
     if orbit.error_estimate > options.tol:
         with suppress(NoOrbit):
@@ -201,14 +212,16 @@ def _accurate(orbit: Orbit, options: Options) -> Orbit:
     return orbit
 
 
-def _located_from(before: Orbit, after: Orbit, monitor: Monitor, *, vary: str, options: Options) -> Orbit | None:
+def _located_from(
+    before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
+) -> AnyOrbit | None:
     """`locate` by steps from `before`; their length along its tangent is the unknown."""
     before = _accurate(before, options)
     start, end = ends(before, after, vary)
     low, high = 0.0, _length_to(after, before, start, vary)
     f_low, f_high = monitor.value(before, start), monitor.value(after, end)
     start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
-    best: tuple[float, Orbit] | None = None
+    best: tuple[float, AnyOrbit] | None = None
     seen = [(low, f_low), (high, f_high)]
     side, failures = 0, 0
     for k in range(LOCATE_ROUNDS):
@@ -267,7 +280,7 @@ def _inverse_interpolation(seen: list[tuple[float, float]]) -> float:
         return float(np.dot(weights, s))
 
 
-def _change_of_sequence(before: Orbit, after: Orbit, vary: str, options: Options) -> Orbit | None:
+def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The last orbit found with the phase sequence of `before`, where that of `after` is another one."""
     if before.signature == after.signature:
         return None

@@ -1,7 +1,7 @@
-"""A computed hunting cycle as data: arcs, period, amplitude, error estimate, status, multipliers.
+"""A computed cycle as data: arcs, period, amplitude, error estimate, status, multipliers.
 
-An `Orbit` is frozen numpy in physical units and knows everything needed to go on from it: the servo, the
-gain, the phase sequence, the mesh and the stages.  Multipliers are computed when they are read.
+An `Orbit` is frozen numpy in physical units and knows everything needed to go on from it: the problem with its
+parameters, the phase sequence, the mesh and the stages.  Multipliers are computed when they are read.
 
 Symbols: n states, d stages, N intervals of an arc, m sample points.
 """
@@ -10,16 +10,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
 from . import floquet
 from .collocation import Kind, scheme
-from .cycle import Cycle
+from .cycle import Cycle, Signature
 from .errors import Status
-from .hunting import Model, Signature, hunting_cycle
 from .mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
-from .servo import PARAMETERS, Servo
+from .problem import Problem
 from .solve import Solution, Solver, solve
 from .transcription import Setting, Transcription, transcribe
 
@@ -49,16 +49,16 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A hunting cycle.  States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+    """A periodic orbit of a hybrid system, in physical units.
 
     Attributes
     ----------
-    model, servo, gain : the problem.
-    half : computed on the half cycle x(t + T/2) = -x(t).
+    problem : whose cycle it is, with its parameters.
+    repeats : how often the computed arcs make up the period: 2 for a half cycle.
     degree, kind : collocation scheme.
-    arcs : the phases of the half (or full) cycle.
+    arcs : the computed phases.
     period : [s], of the full cycle.
-    amplitude : max |x1| [rad].
+    amplitude : largest magnitude of the measured state (Cycle.measured) at the ends of the phases.
     period_error, amplitude_error : estimated relative errors.
     parameter_error : estimated relative error of the varied parameter itself, for points of a branch that
         were computed with it free, such as a fold; 0 where it was given.
@@ -67,10 +67,8 @@ class Orbit:
     wall_s : time from the request to the result [s].
     """
 
-    model: Model
-    servo: Servo
-    gain: float
-    half: bool
+    problem: Problem
+    repeats: int
     degree: int
     kind: Kind
     arcs: tuple[Arc, ...]
@@ -100,10 +98,12 @@ class Orbit:
     @property
     def cycle(self) -> Cycle:
         """The boundary value problem that this orbit solves."""
-        signature = self.signature
-        return hunting_cycle(
-            self.model, signature if self.half else signature[: len(signature) // 2], half=self.half
-        )
+        return self.problem.cycle(self.signature, self.repeats)
+
+    @property
+    def half(self) -> bool:
+        """Computed on half a period, x(t + T/2) = S x(t)."""
+        return self.repeats == 2
 
     @cached_property
     def multipliers(self) -> floquet.Multipliers:
@@ -150,7 +150,7 @@ class Orbit:
                 states.append(np.einsum("kj,ijn->ikn", matrix, arc.states).reshape(-1, arc.end.size))
             else:
                 times.append(start + arc.duration * tau)
-                p = self.servo.parameters(self.gain)
+                p = self.problem.vector()
                 flow = phase.mode.flow
                 states.append(
                     np.array([np.array(flow(arc.states[0, 0], arc.duration * x, p)).ravel() for x in tau])
@@ -165,6 +165,9 @@ class Orbit:
         return t_half, x_half.T
 
 
+AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)
+"""An orbit of whatever class its problem names; a function of one gives back the same class."""
+
 MULTIPLIER_TOLERANCE = 1e-9
 """Error of the period on the mesh on which multipliers are computed."""
 HEALTHY = 4e-9
@@ -173,7 +176,7 @@ MORE_HALVINGS = 3
 LARGE, SETTLED = 10.0, 1e-7
 """Half multipliers beyond LARGE are computed on two meshes at least, until they agree to SETTLED."""
 NEXT_TO_FOLD = 0.02
-"""Share of the gain in the unit tangent below which a point counts as next to a fold."""
+"""Share of the parameter in the unit tangent below which a point counts as next to a fold."""
 
 
 def refined_multipliers(
@@ -212,12 +215,12 @@ def refined_multipliers(
 
 
 def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
-    """Weights of the phase-end nodes along which to hold u where the gain cannot be held: next to a fold.
+    """Weights of the phase-end nodes along which to hold u where the parameter cannot be held: next to a fold.
 
-    There the equations at a fixed gain are singular; on a finer mesh the gain must be free to move by the
+    There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
     error of the coarser one.
     """
-    lin = t.linearise(u, replace(setting, dp=direction_of("gain") * setting.p[-1]))
+    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p)))
     _, y = lin.tangent(t.system.border(parameter=1.0))
     length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
     if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
@@ -226,13 +229,6 @@ def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
     weights = np.zeros((t.phases + 1, t.n))
     weights[0] = first
     return weights
-
-
-def direction_of(vary: str) -> Array:
-    """Direction dp in parameter space that moves the parameter `vary` (a name of servo.PARAMETERS)."""
-    dp = np.zeros(len(PARAMETERS))
-    dp[PARAMETERS.index(vary)] = 1.0
-    return dp
 
 
 def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
@@ -249,23 +245,42 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     durations = np.array([arc.duration for arc in orbit.arcs])
     u = t.pack((w / orbit.scale).reshape(t.intervals, -1), nodes / orbit.scale, durations)
     fractions = np.concatenate([np.diff(arc.breaks) for arc in collocated])
-    return t, u, Setting(fractions, orbit.servo.parameters(orbit.gain), orbit.scale, direction_of("gain"))
+    problem = orbit.problem
+    return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
 
 
-def orbit_of(
-    t: Transcription,
-    solution: Solution,
-    setting: Setting,
-    estimate: Estimate,
-    *,
-    model: Model,
-    servo: Servo,
-    gain: float,
-    status: Status,
-    iterations: int,
-    wall_s: float,
-) -> Orbit:
-    """The orbit of a solution."""
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """An orbit in the solver's terms.
+
+    Attributes
+    ----------
+    t, solution, setting, estimate : transcription, its solution, the numbers, the error.
+    status : verdict.
+    iterations : total over all meshes.
+    note : what is special about it, in words.
+    """
+
+    t: Transcription
+    solution: Solution
+    setting: Setting
+    estimate: Estimate | None
+    status: Status
+    iterations: int
+    note: str = ""
+
+    def complaint(self) -> str:
+        """The advice of the status with the note."""
+        return self.status.advice + (f" ({self.note})" if self.note else "")
+
+
+def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
+    """The orbit of a solution with an estimate, of the class that its problem names.
+
+    `problem` has the parameters at which the equations were solved.
+    """
+    t, solution, setting, error = solved.t, solved.solution, solved.setting, solved.estimate
+    assert error is not None
     u = solution.u
     nodes = t.nodes_of(u) * setting.scale
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
@@ -286,22 +301,20 @@ def orbit_of(
             )
         )
         start = end
-    return Orbit(
-        model=model,
-        servo=servo,
-        gain=gain,
-        half=t.cycle.repeats == 2,
+    return (problem.orbit_type or Orbit)(
+        problem=problem,
+        repeats=t.cycle.repeats,
         degree=t.degree,
         kind=t.kind,
         arcs=tuple(arcs),
         period=float(np.sum(durations)) * t.cycle.repeats,
-        amplitude=amplitude_row(t, u)[0] * float(setting.scale[0]),
-        period_error=estimate.period,
-        amplitude_error=estimate.amplitude,
-        parameter_error=estimate.parameter,
-        status=status,
+        amplitude=amplitude_row(t, u)[0] * float(setting.scale[t.cycle.measured]),
+        period_error=error.period,
+        amplitude_error=error.amplitude,
+        parameter_error=error.parameter,
+        status=solved.status,
         solver=solution.solver,
-        iterations=iterations,
+        iterations=solved.iterations,
         unknowns=t.size,
         residual=solution.residual,
         wall_s=wall_s,

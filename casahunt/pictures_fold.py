@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from .errors import InputError
-from .fold import Fold
+from .hunting_problem import HuntingFold
 from .plotting import LOOKS, Figure, new_figure
 from .sensitivity import NAMES, Sensitivities
 
 MINUS = "\N{MINUS SIGN}"
 
 
-def elasticities(folds: Sequence[Fold], slopes: Sequence[Sensitivities]) -> Figure:
+def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) -> Figure:
     """Per cent of the fold gain for one per cent of each parameter, the largest on top.
 
     Parameters

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
 from .record import Measurement
 from .record_file import Record
@@ -64,7 +64,7 @@ def motion(trajectory: Trajectory) -> Figure:
     return figure
 
 
-def folded(record: Record, measurement: Measurement, orbit: Orbit | None) -> Figure:
+def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None) -> Figure:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters

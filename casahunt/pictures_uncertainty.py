@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import InputError
-from .fold import Fold
+from .hunting_problem import HuntingFold
 from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, SMALL, Figure, new_figure
 from .uncertainty import Samples, Summary, WorstCase
 
 MOST_BINS = 40
 
 
-def histogram(fold: Fold, samples: Samples, worst: WorstCase, seen: Summary) -> Figure:
+def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary) -> Figure:
     """Fold gains of the samples, with the servo's own, the linear interval and the worst corner.
 
     Parameters

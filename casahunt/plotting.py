@@ -27,7 +27,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from .branch import Branch
 from .errors import InputError
 from .files import whole
-from .orbit import Orbit
+from .hunting_problem import HuntingOrbit
 
 Array = np.ndarray
 Axes = Any
@@ -160,7 +160,7 @@ def multipliers(branches: Sequence[Branch]) -> Figure:
     return figure
 
 
-def time_traces(orbits: Sequence[Orbit]) -> Figure:
+def time_traces(orbits: Sequence[HuntingOrbit]) -> Figure:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
     The window opens a quarter of a period before that, so that no slip is cut in two.
@@ -202,7 +202,7 @@ def time_traces(orbits: Sequence[Orbit]) -> Figure:
     return figure
 
 
-def phase_portrait(orbits: Sequence[Orbit]) -> Figure:
+def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
     Stick, |x2| < STUCK max |x2|, is drawn thick.
@@ -281,7 +281,7 @@ class _Curve(NamedTuple):
 
     look: Look
     name: str
-    orbits: list[Orbit]
+    orbits: list[HuntingOrbit]
     kinds: list[str]
     """Kind of the special point, "" for an ordinary orbit."""
 
@@ -320,7 +320,7 @@ def _at_least_one(what: str, items: Sequence[Any]) -> None:
         raise InputError(f"{what} = {items!r}: must be at least one to draw")
 
 
-def _with_special(branch: Branch) -> tuple[list[Orbit], list[str]]:
+def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
     """The orbits with every special point put in where it belongs, and the kinds ("" for the others).
 
     That is where the detour to it is shortest in gain and logarithm of the amplitude, both over their span;
@@ -436,7 +436,7 @@ def _draw_equilibria(axes: Axes) -> None:
 def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
     """Write K at every fold, on its open side, the labels of one side kept apart."""
     room, away, apart = 0.17, 0.03, 0.13  # of the axes: for a label, from its fold, between labels
-    sides: dict[int, list[tuple[Orbit, str]]] = {-1: [], 1: []}
+    sides: dict[int, list[tuple[HuntingOrbit, str]]] = {-1: [], 1: []}
     for curve in curves:
         for i in (i for i, kind in enumerate(curve.kinds) if kind == "fold"):
             orbit, beside = curve.orbits[i], curve.orbits[i - 1 if i else min(1, len(curve.orbits) - 1)]
@@ -489,7 +489,7 @@ def new_figure() -> Figure:
     return figure
 
 
-def _looks(orbits: Sequence[Orbit]) -> list[Look]:
+def _looks(orbits: Sequence[HuntingOrbit]) -> list[Look]:
     """The look of its model for the first orbit of a model, others for the rest."""
     if len(orbits) == 1:
         return [LOOKS[orbits[0].model]._replace(width=ALONE)]
@@ -505,11 +505,11 @@ def _looks(orbits: Sequence[Orbit]) -> list[Look]:
     return result
 
 
-def _name(orbit: Orbit) -> str:
+def _name(orbit: HuntingOrbit) -> str:
     return f"{NAMES[orbit.model]}, K = {orbit.gain:.4g}"
 
 
-def _distinct_names(orbits: Sequence[Orbit]) -> list[str]:
+def _distinct_names(orbits: Sequence[HuntingOrbit]) -> list[str]:
     """Model and gain; and the amplitude, where these are not enough."""
     names = [_name(orbit) for orbit in orbits]
     return [
@@ -526,7 +526,7 @@ def _rounded(value: float) -> str:
     return f"{value / 10.0**exponent:.3f}·10$^{{{exponent}}}$"
 
 
-def _orbit_handles(orbits: Sequence[Orbit], labels: Sequence[str]) -> list[Line2D]:
+def _orbit_handles(orbits: Sequence[HuntingOrbit], labels: Sequence[str]) -> list[Line2D]:
     return [
         Line2D([], [], color=look.colour, linewidth=look.width, linestyle=look.dashes, label=label)
         for look, label in zip(_looks(orbits), labels, strict=True)

@@ -23,8 +23,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from .cycle import Event, Mode
-from .hunting import BREAKAWAY_DOWN, BREAKAWAY_UP, SWITCH, Exit, System, motor_torque
+from .cycle import Event, Exit, Mode, System
+from .hunting import BREAKAWAY_DOWN, BREAKAWAY_UP, SWITCH, motor_torque
 from .servo import PARAMETERS, Servo
 
 EXTRA = ("friction.stick_band", "friction.stick_rate")

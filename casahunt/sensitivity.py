@@ -21,10 +21,10 @@ import casadi as ca
 import numpy as np
 
 from .compiled import alone
-from .fold import Fold
 from .fold_conditions import data_of
+from .hunting_problem import HuntingFold
 from .nlp import graphs
-from .orbit import direction_of, unknowns_of
+from .orbit import unknowns_of
 from .servo import PARAMETERS
 from .transcription import Setting, Transcription
 
@@ -54,7 +54,7 @@ class Sensitivities:
         return self.gain + sum(self.derivatives[name] * change for name, change in changes.items())
 
 
-def fold_sensitivities(fold: Fold) -> Sensitivities:
+def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     """The derivatives of a fold gain with respect to every servo, controller and friction parameter.
 
     Parameters
@@ -69,7 +69,7 @@ def fold_sensitivities(fold: Fold) -> Sensitivities:
     t, u, setting = unknowns_of(fold.orbit)
     p = setting.p
     sizes = {name: p[PARAMETERS.index(name)] or 1.0 for name in NAMES}
-    settings = [replace(setting, dp=direction_of(name) * sizes[name]) for name in NAMES]
+    settings = [replace(setting, dp=fold.orbit.problem.direction(name) * sizes[name]) for name in NAMES]
     derivatives: dict[str, float] = {}
     elasticities: dict[str, float] = {}
     for name, column in zip(NAMES, _parameter_columns(t, u, settings), strict=True):

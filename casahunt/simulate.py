@@ -31,9 +31,10 @@ from .adapt import TOLERANCE_RANGE
 from .checks import COMPUTED, known, moderate, number, sensible
 from .collocation import scheme
 from .compiled import alone
+from .cycle import System
 from .errors import InputError, NoOrbit, Status
 from .event_map import state_scale
-from .hunting import MODELS, SCHEMES, SYSTEMS, Model, System
+from .hunting import MODELS, SCHEMES, SYSTEMS, Model
 from .march import MarchFailure, Segment, march
 from .prospect import escapes
 from .servo import Servo

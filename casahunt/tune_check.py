@@ -25,8 +25,8 @@ from .delayed_loop import Margins, margins
 from .errors import InputError, NoOrbit
 from .event_map import scan
 from .fixed_points import fixed_points
-from .fold import Fold
 from .hunting import Model
+from .hunting_problem import HuntingFold
 from .loop_set import DEMANDS
 from .servo import Servo, flatten
 from .tune_demands import Demands, silent
@@ -91,8 +91,8 @@ class Verification:
     unverified : what could not be verified, in sentences.
     """
 
-    fold: Fold | None
-    nominal_fold: Fold | None
+    fold: HuntingFold | None
+    nominal_fold: HuntingFold | None
     margin: float
     margin_kept: bool
     scan_sentence: str
@@ -137,7 +137,7 @@ def verified(
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
     unverified: list[str] = []
 
-    def again(of: Servo) -> Fold | None:
+    def again(of: Servo) -> HuntingFold | None:
         tell("verifying: the fold once more, from nothing")
         try:
             return fold_of(of, model, options)

@@ -21,8 +21,9 @@ import numpy as np
 
 from .adapt import Options
 from .errors import NoOrbit
-from .fold import Fold, find_fold
+from .fold import find_fold
 from .hunting import Model
+from .hunting_problem import HuntingFold
 from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
 from .servo import Servo
 from .tune_demands import TIMES, Demands, cost_of, log_times, silent, with_times
@@ -94,7 +95,7 @@ class Given:
         self.servo, self.model, self.demands, self.uncertainty = servo, model, demands, uncertainty
         self.free, self.limits, self.cost, self.options, self.tell = free, dict(limits), cost, options, tell
         self.evaluations = 0
-        self.folds: dict[Servo, Fold | None] = {}
+        self.folds: dict[Servo, HuntingFold | None] = {}
         self.members: list[Servo] = [servo]
         self.cuts: list[Cut] = []
         self.points: list[Array] = []
@@ -224,13 +225,13 @@ class Given:
         """Relative room that the problems over the times keep."""
         return GUARD * self.options.tol
 
-    def _fold(self, servo: Servo) -> Fold | None:
+    def _fold(self, servo: Servo) -> HuntingFold | None:
         if servo not in self.folds:
             self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
             self.folds[servo] = fold_of(servo, self.model, self.options)
         return self.folds[servo]
 
-    def folds_at(self, q: Array) -> list[Fold]:
+    def folds_at(self, q: Array) -> list[HuntingFold]:
         """The folds of the members that have one, at the times exp(q).
 
         Raises
@@ -300,7 +301,7 @@ def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:
     return bool(np.allclose(a.parameters(1.0), b.parameters(1.0), rtol=rtol, atol=0.0))
 
 
-def fold_of(servo: Servo, model: Model, options: Options) -> Fold | None:
+def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
     """The fold; None where no cycle was found at any gain, which the scan at the answer has to confirm."""
     try:
         return find_fold(servo, model, options=options)

@@ -26,14 +26,14 @@ import numpy as np
 
 from .compiled import alone
 from .delayed_loop import crossover, log_magnitude, phase
-from .fold import Fold
 from .fold_conditions import data_of, fold_conditions
+from .hunting_problem import HuntingFold
 from .linear_loop import linear_loop
 from .loop_set import DEMANDS
-from .orbit import direction_of, unknowns_of
-from .servo import Servo
+from .orbit import unknowns_of
+from .servo import PARAMETERS, Servo
 from .solve import minimise
-from .tune_demands import log_times, with_times
+from .tune_demands import TIMES, log_times, with_times
 
 Array = np.ndarray
 
@@ -100,7 +100,7 @@ class Round:
     high: Array
     gains: tuple[float, float]
     needed: float
-    folds: Sequence[Fold]
+    folds: Sequence[HuntingFold]
     cuts: Sequence[Cut]
     lag: float
 
@@ -121,7 +121,7 @@ def solve_round(r: Round) -> Point:
         cost = _settling(p, r.servo, k, times, gain)
     for fold in r.folds:
         t, u, setting = unknowns_of(fold.orbit)
-        setting = replace(setting, dp=direction_of("gain") * fold.gain)
+        setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
         z, n = ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
         lower = np.full(t.size + 1, -np.inf)
         lower[t.size - t.phases : t.size] = 0.0
@@ -193,7 +193,7 @@ class _Problem:
 
     def fold(self, t, own: ca.MX, times: ca.MX, z: ca.MX, n: ca.MX, data: Array, S: float) -> None:  # type: ignore[no-untyped-def]
         """The conditions of a fold, with the controller times exp(own), own = times + numbers."""
-        equations, jacobian = fold_conditions(t)
+        equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in TIMES))
         self.rows.append(equations(own, z, n, data, S))
         right = np.zeros(2 * t.size + 1)
         right[-1] = 1.0

@@ -24,7 +24,7 @@ from typing import NoReturn
 import numpy as np
 
 from .errors import NoOrbit, Status
-from .fold import Fold
+from .hunting_problem import HuntingFold
 from .tune_demands import FREE, cost_of, log_times
 from .tune_given import Answer, Given, Outlook
 from .tune_problem import Point, Round, solve_round
@@ -158,7 +158,7 @@ class Search:
             q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
         return q, gain
 
-    def _solve(self, q: Array, gain: float, folds: list[Fold], step: float) -> Point:
+    def _solve(self, q: Array, gain: float, folds: list[HuntingFold], step: float) -> Point:
         self.rounds += 1
         self.given.tell(f"optimising the controller times: round {self.rounds}")
         given = self.given

@@ -40,8 +40,9 @@ from .checks import LARGEST, SMALLEST, known, number, quoted, require, shown
 from .errors import InputError, NoOrbit, Status
 from .event_map import scan
 from .find import WALK_TOLERANCE, find_orbit
-from .fold import Fold, find_fold
+from .fold import find_fold
 from .hunting import MODELS, Model
+from .hunting_problem import HuntingFold
 from .sensitivity import NAMES, fold_sensitivities
 from .servo import Servo, flatten, read_toml
 
@@ -272,7 +273,7 @@ def _servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
     return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})
 
 
-def _fold_near(servo: Servo, model: Model, expected: float, options: Options) -> Fold | None:
+def _fold_near(servo: Servo, model: Model, expected: float, options: Options) -> HuntingFold | None:
     """The fold of a servo whose gain is about `expected` (nan: unknown); None where the servo cannot hunt.
 
     Raises
@@ -313,7 +314,7 @@ class _Prediction:
         return self.gain * np.exp(np.clip(np.where(usable, logs, 0.0) @ self.elasticities, -50, 50))
 
 
-def _prediction(servo: Servo, fold: Fold | None, names: Sequence[str]) -> _Prediction:
+def _prediction(servo: Servo, fold: HuntingFold | None, names: Sequence[str]) -> _Prediction:
     q = values_of(servo, names)
     if fold is None:
         return _Prediction(float("nan"), q, np.zeros(q.size))
@@ -321,7 +322,7 @@ def _prediction(servo: Servo, fold: Fold | None, names: Sequence[str]) -> _Predi
     return _Prediction(fold.gain, q, np.array([elasticities[name] for name in names]))
 
 
-def _nominal(servo: Servo, model: Model, options: Options, fold: Fold | None) -> Fold | None:
+def _nominal(servo: Servo, model: Model, options: Options, fold: HuntingFold | None) -> HuntingFold | None:
     """The servo's own fold, computed where it is not given; None where it cannot hunt or was not computed."""
     if fold is not None:
         return fold
@@ -334,7 +335,7 @@ def _nominal(servo: Servo, model: Model, options: Options, fold: Fold | None) ->
 # The linear answer
 
 
-def linear_interval(fold: Fold, uncertainty: Uncertainty) -> tuple[float, float]:
+def linear_interval(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """The fold gain by linearisation about the servo of `fold`.
 
     Returns
@@ -345,7 +346,7 @@ def linear_interval(fold: Fold, uncertainty: Uncertainty) -> tuple[float, float]
     return (linear_range if uncertainty.covariance is None else linear_moments)(fold, uncertainty)
 
 
-def linear_range(fold: Fold, uncertainty: Uncertainty) -> tuple[float, float]:
+def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """(low, high): extremes over the intervals; mean -+ sigmas std for a covariance."""
     if uncertainty.covariance is not None:
         mean, std = linear_moments(fold, uncertainty)
@@ -355,7 +356,7 @@ def linear_range(fold: Fold, uncertainty: Uncertainty) -> tuple[float, float]:
     return fold.gain + float(ends.min(axis=0).sum()), fold.gain + float(ends.max(axis=0).sum())
 
 
-def linear_moments(fold: Fold, uncertainty: Uncertainty) -> tuple[float, float]:
+def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """(mean, std) of the linear function, with uniform distributions on intervals."""
     g, servo = _gradient(fold, uncertainty.parameters), fold.orbit.servo
     if uncertainty.covariance is not None:
@@ -365,12 +366,12 @@ def linear_moments(fold: Fold, uncertainty: Uncertainty) -> tuple[float, float]:
     return fold.gain + shift, float(np.linalg.norm(g * uncertainty.std))
 
 
-def linear_gains(fold: Fold, names: Sequence[str], rows: Array) -> Array:
+def linear_gains(fold: HuntingFold, names: Sequence[str], rows: Array) -> Array:
     """(n,) linearised fold gains at parameter values (n, k)."""
     return fold.gain + (rows - values_of(fold.orbit.servo, names)) @ _gradient(fold, names)
 
 
-def _gradient(fold: Fold, names: Sequence[str]) -> Array:
+def _gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
     derivatives = fold_sensitivities(fold).derivatives
     return np.array([derivatives[name] for name in names], dtype=float)
 
@@ -455,7 +456,7 @@ def sample(
     seed: int = 0,
     executor: Executor | None = None,
     options: Options | None = None,
-    fold: Fold | None = None,
+    fold: HuntingFold | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Samples:
     """Fold gains of n servos drawn from the uncertainty.
@@ -514,7 +515,7 @@ def fold_gains(
     rows: Array,
     *,
     options: Options | None = None,
-    fold: Fold | None = None,
+    fold: HuntingFold | None = None,
     report: Callable[[int], None] | None = None,
 ) -> tuple[Array, dict[int, str]]:
     """Fold gains at given parameter values.
@@ -561,7 +562,7 @@ class WorstCase:
     """
 
     servo: Servo
-    fold: Fold | None
+    fold: HuntingFold | None
     corner: dict[str, float]
     evaluations: int
     failures: tuple[str, ...] = ()
@@ -579,13 +580,13 @@ class _Place:
     q: Array
     gain: float
     gradient: Array | None = None
-    fold: Fold | None = None
+    fold: HuntingFold | None = None
 
 
 class _Search:
     """The folds computed so far in one box; every point is computed once."""
 
-    def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: Fold | None,
+    def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: HuntingFold | None,
                  report: Callable[[int], None] | None):  # fmt: skip
         self.report = report
         self.servo, self.model, self.options = servo, model, options
@@ -675,7 +676,7 @@ def worst_corner(
     uncertainty: Uncertainty,
     *,
     options: Options | None = None,
-    fold: Fold | None = None,
+    fold: HuntingFold | None = None,
     starts: Iterable[Array] = (),
     seed: int = 0,
     report: Callable[[int], None] | None = None,
@@ -764,7 +765,7 @@ class Summary:
     range_name: str
 
 
-def summary(fold: Fold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
+def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
     """Compare the linear answer with samples and worst corner, each at the same parameter values."""
     names = uncertainty.parameters
     ok = samples.computed

@@ -553,7 +553,7 @@ def perturbed_starts(quick: bool) -> dict[str, Any]:
                 for solver in ("newton", "ipopt"):
                     for _ in range(1 if quick else 5):
                         start = u * np.exp(size * rng.standard_normal(u.size))
-                        found = solve_adaptively(model, (t, start, setting), Options(tol=1e-8), solver=solver)  # type: ignore[arg-type]
+                        found = solve_adaptively(orbit.problem, (t, start, setting), Options(tol=1e-8), solver=solver)
                         if not found.status.ok:
                             counts[f"{size:g} refused"] += 1
                             continue

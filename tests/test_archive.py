@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from casahunt import Branch, InputError, Options, Orbit, Servo, SpecialPoint, find_orbit, walk
-from casahunt.archive import VERSION, load_branch, load_orbit, save_branch, save_orbit
+from casahunt.archive import VERSION
+from casahunt.hunting_files import load_branch, load_orbit, save_branch, save_orbit
 
 ORBITS = {
     "switch": ("switch", Servo(), 0.3, Options()),

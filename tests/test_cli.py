@@ -29,9 +29,9 @@ from casahunt import (
     command_orbit,
     find_orbit,
 )
-from casahunt.archive import load_branch, load_orbit
 from casahunt.diagram import DiagramPoint
 from casahunt.diagram_files import CSV_COLUMNS, csv_row
+from casahunt.hunting_files import load_branch, load_orbit
 from casahunt.servo import dump
 from problems import table1
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from casahunt import Options, find_orbit
-from casahunt.cycle import Cycle
+from casahunt.cycle import Cycle, Signature
 from casahunt.errors import Status
 from casahunt.floquet import multipliers
-from casahunt.hunting import SWITCH_HALF, Signature, hunting_cycle
+from casahunt.hunting import SWITCH_HALF, hunting_cycle
 from casahunt.nlp import graphs, lagrangian_hessian
 from casahunt.orbit import unknowns_of
 from casahunt.servo import PARAMETERS, Servo

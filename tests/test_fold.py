@@ -9,10 +9,11 @@ import pytest
 import taylor
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
-from casahunt.fold import confirmed, find_any_orbit
+from casahunt.fold import find_any_orbit
+from casahunt.fold_point import confirmed
 from casahunt.linear_loop import routh_hurwitz_gain
 from casahunt.monitor import FOLD, GRAZING
-from casahunt.orbit import direction_of, unknowns_of
+from casahunt.orbit import unknowns_of
 from problems import table1
 
 
@@ -47,7 +48,7 @@ def test_extended_system(model):
 
     fold = find_fold(table1.servo(), model, options=Options(tol=1e-9))
     t, u, setting = unknowns_of(fold.orbit)
-    setting = replace(setting, dp=direction_of("gain") * fold.gain)
+    setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
     g = graphs(t)
     data = np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
     jacobian = np.array(ca.Function("J", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data))
@@ -68,7 +69,7 @@ def test_optimisation_multipliers_are_the_left_null_vector():
 
     fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
     t, u, setting = unknowns_of(fold.orbit)
-    setting = replace(setting, dp=direction_of("gain") * fold.gain)
+    setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
     g = graphs(t)
     data = np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
     jacobian = np.array(ca.Function("J", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data))
@@ -129,12 +130,12 @@ def test_pure_coulomb_friction_has_no_fold():
 
 def test_only_folds_are_confirmed(orbit):
     with pytest.raises(InputError, match="must be a fold"):
-        confirmed(SpecialPoint("superstable", orbit("switch", 0.3), ""), Options())
+        confirmed(SpecialPoint("superstable", orbit("switch", 0.3), ""), "gain", Options())
 
 
 def test_a_point_off_the_fold_is_refused(orbit):
     with pytest.raises(NoOrbit, match="not confirmed"):
-        confirmed(SpecialPoint("fold", orbit("switch", 0.64), ""), Options(tol=1e-9))
+        confirmed(SpecialPoint("fold", orbit("switch", 0.64), ""), "gain", Options(tol=1e-9))
 
 
 def test_folds_do_not_depend_on_what_was_computed_before(orbit):

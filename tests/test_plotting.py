@@ -12,9 +12,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from casahunt import plotting
-from casahunt.branch import Branch, SpecialPoint
+from casahunt.branch import Branch
 from casahunt.errors import InputError
 from casahunt.find import find_orbit
+from casahunt.monitor import SpecialPoint
 from casahunt.orbit import Orbit
 from casahunt.servo import Servo
 

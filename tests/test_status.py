@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, Status, find_orbit
-from casahunt.adapt import solve_adaptively
+from casahunt.adapt import refined, solve_adaptively
 from casahunt.admissibility import judge
-from casahunt.cold_start import refined
 from casahunt.hunting import SWITCH_HALF, hunting_cycle
 from casahunt.mesh import estimate
 from casahunt.orbit import unknowns_of
@@ -47,10 +46,11 @@ def test_far_from_guess(orbit):
 
 def test_past_the_fold_nothing_converges_admissibly(orbit):
     """IPOPT and Newton, from the orbit next to the fold, at a gain one per cent beyond it."""
-    t, u, setting = unknowns_of(orbit("switch", 0.6473))
+    last = orbit("switch", 0.6473)
+    t, u, setting = unknowns_of(last)
     beyond = replace(setting, p=np.append(setting.p[:-1], 0.654))
     for solver in ("newton", "ipopt"):
-        solved = solve_adaptively("switch", (t, u, beyond), Options(tol=1e-6), solver=solver)
+        solved = solve_adaptively(last.problem, (t, u, beyond), Options(tol=1e-6), solver=solver)
         assert not solved.status.ok
         assert solved.complaint()
 

@@ -15,11 +15,12 @@ from casahunt.delayed_loop import crossover, margins
 from casahunt.errors import InputError, NoOrbit
 from casahunt.fold_conditions import data_of, fold_conditions
 from casahunt.linear_loop import linear_loop
-from casahunt.orbit import direction_of, unknowns_of
+from casahunt.orbit import unknowns_of
+from casahunt.servo import PARAMETERS
 from casahunt.simulate import simulate
 from casahunt.tune import Tuning, tune
 from casahunt.tune_check import SAMPLES, scanned
-from casahunt.tune_demands import Demands, check_bounds
+from casahunt.tune_demands import TIMES, Demands, check_bounds
 from casahunt.tune_given import Given, Outlook
 from casahunt.tune_problem import Point
 from casahunt.tune_search import Search
@@ -56,8 +57,8 @@ def unscanned(monkeypatch):
 def test_fold_conditions_hold_at_a_fold_and_their_jacobian_is_the_derivative(servo, model):
     fold = find_fold(servo, model)
     t, u, setting = unknowns_of(fold.orbit)
-    data = data_of(replace(setting, dp=direction_of("gain") * fold.gain))
-    equations, jacobian = fold_conditions(t)
+    data = data_of(replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain))
+    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in TIMES))
     size = float(np.max(np.abs(fold.multipliers)))
     q = np.log([servo.controller.lead_time, servo.controller.integral_time])
     x = np.concatenate([q, u, [0.0], fold.multipliers / size])

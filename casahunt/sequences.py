@@ -1,11 +1,11 @@
-"""The next admissible phase sequence, where the one at hand has stopped being a motion.
+"""The next phase sequence of a hunting cycle, where the one at hand has stopped being a motion.
 
 Along a branch phases are born and die: a Switch slip ends with more torque than friction holds and slips
 back without sticking; a LuGre ring-down gains or loses a pair of reversals.  Given a root of the
 equations of the wrong sequence, or the moment where a phase has shrunk to nothing, these functions build
-a starting point for the right one.  All return None where they have nothing to offer.
+a starting point for the right one (restart.py).  All return None where they have nothing to offer.
 
-    remarch           follow the real motion for half a cycle and take the phases that it has (Switch)
+    remarch           follow the real motion for half a cycle and take the phases that it has
     split_reversals   put phase boundaries where x2 changes sign inside a LuGre phase
     merge_vanishing   take out a phase that has shrunk to nothing: a LuGre slide with two reversals, a Switch stick
     harden            the opposite of soften, once the grazing is past
@@ -14,18 +14,17 @@ a starting point for the right one.  All return None where they have nothing to 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from .collocation import Kind
-from .hunting import SYSTEMS, Model, Signature, hunting_cycle, mirrored, softened
+from .cycle import Cycle, Signature
+from .hunting import SYSTEMS, Model, hunting_cycle, mirrored, softened
 from .march import MarchFailure, Segment, march
-from .mesh import evaluate_phase, phase_breaks
-from .transcription import Setting, Transcription, transcribe
+from .mesh import evaluate_phase
+from .restart import Start, assembled, breaks_of, cut, from_segments, merged, piece, relabelled
+from .transcription import Setting, Transcription
 
 Array = np.ndarray
-Start = tuple[Transcription, Array, Setting]
 
 SHORT_STICK = 0.1  # duration of a stick, in units of the slips', below which it may be about to vanish
 FINE = 65  # points per interval at which x2 is searched for changes of sign
@@ -56,37 +55,21 @@ def next_sequence(
     return [start for start in found if start is not None]
 
 
-def from_segments(
+def from_half_cycle(
     model: Model, segments: list[Segment], p: Array, dp: Array, *, degree: int, kind: Kind, half: bool
 ) -> Start:
-    """Transcription, unknowns and setting of a marched half cycle (with its mirror image for a full one).
+    """Starting point from a marched half cycle (with its mirror image for a full one).
 
     A march that starts with negative velocity is mirrored first, so that every cycle starts its phase
     sequence with the positive slip.
     """
-    n = segments[0].end.size
     signature = tuple((s.mode, s.event) for s in segments)
     sign = 1.0
     if signature[0][0].endswith("-"):
         signature, sign = mirrored(signature), -1.0
-    cycle = hunting_cycle(model, signature, half=half)
-    passes = (sign,) if half else (sign, -sign)
-    counts, w, nodes, fractions, durations = [], [], [], [], []
-    for factor in passes:
-        for segment in segments:
-            collocated = SYSTEMS[model].modes[segment.mode].flow is None
-            counts.append(len(segment.w) if collocated else 0)
-            durations.append(segment.duration)
-            nodes.append(factor * segment.w[:, :n])
-            if collocated:
-                w.append(factor * segment.w)
-                fractions.append(np.diff(segment.breaks))
-    nodes.append(passes[-1] * segments[-1].end[None])
-    t = transcribe(cycle, tuple(counts), degree, kind)
-    all_w, all_nodes = np.vstack(w), np.vstack(nodes)
-    scale = np.max(np.abs(np.vstack([all_nodes, all_w.reshape(-1, n)])), axis=0)
-    u = t.pack(all_w / np.tile(scale, degree + 1), all_nodes / scale, np.array(durations))
-    return t, u, Setting(np.concatenate(fractions), p, scale, dp)
+    factors = (sign,) if half else (sign, -sign)
+    passes = [(factor, segment) for factor in factors for segment in segments]
+    return from_segments(hunting_cycle(model, signature, half=half), passes, p, dp, degree=degree, kind=kind)
 
 
 def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
@@ -103,7 +86,7 @@ def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start
     if segments[-1].event == "":
         return None
     half = t.cycle.repeats == 2
-    return from_segments(model, segments, setting.p, setting.dp, degree=t.degree, kind=t.kind, half=half)
+    return from_half_cycle(model, segments, setting.p, setting.dp, degree=t.degree, kind=t.kind, half=half)
 
 
 def split_reversals(
@@ -122,14 +105,23 @@ def split_reversals(
     modes = [mode if i % 2 == 0 else other for i in range(cuts.size + 1)]
     pieces = tuple((m, "reversal") for m in modes[:-1]) + ((modes[-1], event),)
     k = phase % length
-    signature = half[:k] + pieces + half[k + 1 :]
-    where = [k] if t.cycle.repeats == 2 else [k, k + length]
-    return _rebuild(model, t, u, setting, signature, {j: cuts for j in where})
+    cycle = _like(model, t, half[:k] + pieces + half[k + 1 :])
+    return cut(cycle, t, u, setting, {j: cuts for j in _in_every_pass(t, k, length)})
+
+
+def _like(model: Model, t: Transcription, signature: Signature) -> Cycle:
+    """The cycle with another half cycle, closed as that of `t` is."""
+    return hunting_cycle(model, signature, half=t.cycle.repeats == 2)
+
+
+def _in_every_pass(t: Transcription, k: int, length: int) -> list[int]:
+    """Numbers of phase k of the half cycle in the cycle of `t`."""
+    return [k] if t.cycle.repeats == 2 else [k, k + length]
 
 
 def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> Array:
     """Fractions of the phase at which x2 changes sign strictly inside it."""
-    breaks = _breaks_of(t, setting, phase)
+    breaks = breaks_of(t, setting, phase)
     times = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, FINE)).ravel()
     x2 = evaluate_phase(t, u, setting.fractions, phase, times)[:, 1]
     sign = -1.0 if t.cycle.phases[phase].mode.name == "slide-" else 1.0
@@ -163,8 +155,8 @@ def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) 
     k = min(candidates, key=lambda j: durations[j])
     if durations[k] > 0.5 * float(np.median(durations[:length])):
         return None
-    signature = half[: k - 1] + (half[k + 1],) + half[k + 2 :]
-    return _rebuild_merged(model, t, u, setting, signature, k, length)
+    cycle = _like(model, t, half[: k - 1] + (half[k + 1],) + half[k + 2 :])
+    return merged(cycle, t, u, setting, _in_every_pass(t, k, length))
 
 
 def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None:
@@ -173,19 +165,15 @@ def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None
     durations = t.durations_of(u)
     if t.cycle.repeats != 2 or half[-1][0] != "stick" or durations[-1] > SHORT_STICK * np.sum(durations[:-1]):
         return None
-    slips = range(t.phases - 1)
-    parts = [(*_phase_data(t, u, setting, k, 0.0, 1.0), float(durations[k])) for k in slips]
-    return _assemble("switch", t, setting, half[:-1], parts, t.nodes_of(u)[-2])
+    slips = [piece(t, u, setting, k) for k in range(t.phases - 1)]
+    return assembled(_like("switch", t, half[:-1]), t, setting, slips, t.nodes_of(u)[-2])
 
 
 def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
     """The same unknowns for the sequence with the kink left unsplit in `phase` (hunting.softened)."""
     half = half_signature(t)
     softer = softened(half, phase % len(half))
-    if softer is None:
-        return None
-    cycle = hunting_cycle(model, softer, half=t.cycle.repeats == 2)
-    return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
+    return None if softer is None else relabelled(_like(model, t, softer), t, u, setting)
 
 
 def harden(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
@@ -198,75 +186,4 @@ def harden(model: Model, t: Transcription, u: Array, setting: Setting) -> Start 
     for k, (mode, event) in enumerate(half):
         forward = float(np.sum(w[t.phase_intervals(k), :, 1])) > 0
         signature.append((mode if mode != "slide" else ("slide+" if forward else "slide-"), event))
-    cycle = hunting_cycle(model, tuple(signature), half=t.cycle.repeats == 2)
-    return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
-
-
-# Rebuilding the unknowns for another sequence: every phase as (start, stages) of its intervals -----------
-
-
-def _breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
-    collocated = [k for k, count in enumerate(t.counts) if count]
-    return phase_breaks(t, setting.fractions)[collocated.index(phase)]
-
-
-def _phase_data(t: Transcription, u: Array, setting: Setting, phase: int, a: float, b: float) -> tuple[Array, Array]:
-    """(breaks in 0..1, w (N, R)) of the part a..b (fractions) of a phase, from its own polynomials."""
-    breaks = _breaks_of(t, setting, phase)
-    inner = breaks[(breaks > a + 1e-3 * (b - a)) & (breaks < b - 1e-3 * (b - a))]
-    part = np.concatenate([[a], inner, [b]])
-    times = part[:-1, None] + np.diff(part)[:, None] * t.scheme.points
-    w = evaluate_phase(t, u, setting.fractions, phase, times.ravel())
-    return (part - a) / (b - a), w.reshape(part.size - 1, -1)
-
-
-def _assemble(
-    model: Model,
-    t: Transcription,
-    setting: Setting,
-    signature: Signature,
-    parts: list[tuple[Array, Array, float]],
-    end: Array,
-) -> Start:
-    """Unknowns from (breaks, w, duration) of every phase, all scaled."""
-    cycle = hunting_cycle(model, signature, half=t.cycle.repeats == 2)
-    new = transcribe(cycle, tuple(len(w) for _, w, _ in parts), t.degree, t.kind)
-    w = np.vstack([w for _, w, _ in parts])
-    nodes = np.vstack([w[:, : t.n], end[None]])
-    u = new.pack(w, nodes, np.array([duration for _, _, duration in parts]))
-    fractions = np.concatenate([np.diff(breaks) for breaks, _, _ in parts])
-    return new, u, replace(setting, fractions=fractions)
-
-
-def _rebuild(
-    model: Model, t: Transcription, u: Array, setting: Setting, signature: Signature, cuts: dict[int, Array]
-) -> Start:
-    durations = t.durations_of(u)
-    parts = []
-    for k in range(t.phases):
-        edges = np.concatenate([[0.0], cuts.get(k, np.zeros(0)), [1.0]])
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
-            parts.append((*_phase_data(t, u, setting, k, a, b), float((b - a) * durations[k])))
-    return _assemble(model, t, setting, signature, parts, t.nodes_of(u)[-1])
-
-
-def _rebuild_merged(
-    model: Model, t: Transcription, u: Array, setting: Setting, signature: Signature, k: int, length: int
-) -> Start:
-    durations = t.durations_of(u)
-    parts = []
-    j = 0
-    while j < t.phases:
-        if j % length == k - 1:
-            spans = [max(float(durations[i]), 0.0) for i in (j, j + 1, j + 2)]
-            total = sum(spans)
-            pieces = [_phase_data(t, u, setting, i, 0.0, 1.0) for i in (j, j + 1, j + 2)]
-            # The middle piece may have a negative duration: its states are dropped, its time is nothing.
-            kept = [(p, s, o) for p, s, o in zip(pieces, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if s > 0]
-            breaks = np.concatenate([[0.0], *[(o + s * p[0][1:]) / total for p, s, o in kept]])
-            parts.append((breaks, np.vstack([p[1] for p, _, _ in kept]), total))
-            j += 3
-        else:
-            parts.append((*_phase_data(t, u, setting, j, 0.0, 1.0), float(durations[j])))
-            j += 1
-    return _assemble(model, t, setting, signature, parts, t.nodes_of(u)[-1])
+    return relabelled(_like(model, t, tuple(signature)), t, u, setting)
