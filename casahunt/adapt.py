@@ -48,8 +48,8 @@ MAX_SEQUENCES = 5
 ROUGH = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 MOTION = 0.1
-"""The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 Switch gains that takes an
-eighth off the time at 1e-6, and adds a sixteenth at 1e-8; elsewhere it makes no difference."""
+"""The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
+that takes an eighth off the time at 1e-6, and adds a sixteenth at 1e-8; elsewhere it makes no difference."""
 LEFT_OUT = 0.01
 """Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 

@@ -1,15 +1,15 @@
 """Is a root of the collocation equations a motion of the system?
 
 Solvers converge to wrong roots and call it success: a slip that runs backwards, a stick that holds more
-torque than friction can, a phase of negative duration.  Every mode states a condition that must not fall
+than it can, a phase of negative duration.  Every mode states a condition that must not fall
 below minus its slack all along its phase; it is evaluated at the nodes and stages of every interval and
 interpolated densely between them.
 Inside an interval the polynomial is known to a few times the last Legendre coefficient of the condition:
 a violation beyond that is a wrong root; a value that is not clear of zero by as much asks for a shorter
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.
 
-The same goes for an interval between whose points a feature of the field can hide, such as the Stribeck drop
-in a stop from a thousand vs: neither the equations nor the error estimate would ever see it (cycle.Mode).  The march
+The same goes for an interval between whose points a feature of the field can hide, such as a sudden drop
+at its very end: neither the equations nor the error estimate would ever see it (cycle.Mode).  The march
 uses the same look, more strictly.
 
 A phase begins and ends where its condition vanishes by definition.  There the condition is divided by the
@@ -146,7 +146,7 @@ def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
             slope = values[chosen][:, keep] / divisor
             unclear = slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
             if starts and s.degree == 2:
-                # A Switch slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
+                # A slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
                 # is no smaller on a finer mesh, that of v/t^2 is.
                 slope /= s.points[keep]
                 unclear &= slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)

@@ -16,14 +16,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from .errors import InputError
+from .problem import Kind
 
-Kind = Literal["gauss", "radau"]
 Array = np.ndarray
 
 MAX_DEGREE = 12

@@ -130,7 +130,7 @@ class Cycle:
 
     Attributes
     ----------
-    name : what it is, such as "switch half cycle".
+    name : what it is, such as "block on a belt, full cycle".
     states, parameters : names, in the order of x and p.
     phases : the P phases in order.
     closure : (n, n) matrix S with x(start) = S x(end); must be an involution-like symmetry, S^repeats = I.

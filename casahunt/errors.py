@@ -19,7 +19,7 @@ class Status(Enum):
     CONVERGED = "converged"
     NOT_CONVERGED = (
         "the collocation equations did not converge; start nearer to the orbit, take a smaller step "
-        "in the gain, or use a finer mesh"
+        "in the parameter, or use a finer mesh"
     )
     NOT_FINITE = (
         "the iteration met NaN or infinity; the starting guess is too far away or a parameter is extreme"
@@ -29,7 +29,7 @@ class Status(Enum):
         "in this parameter"
     )
     INADMISSIBLE = (
-        "the solution of the equations is no motion of the servo (its phases are not in this order); "
+        "the solution of the equations is no motion of the system (its phases are not in this order); "
         "search for another phase sequence"
     )
     FAR_FROM_GUESS = (
@@ -42,8 +42,8 @@ class Status(Enum):
     )
 
     NOT_FOUND = (
-        "no cycle was met, which does not prove that there is none; simulate the servo at this gain, or try gains near "
-        "it"
+        "no cycle was met, which does not prove that there is none; simulate the system at these parameters, or try "
+        "others near them"
     )
 
     @property

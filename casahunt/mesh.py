@@ -11,10 +11,10 @@ estimate (where its terms cancel, a part of their sizes: `CANCELLED`); its terms
 blame and place the next mesh.  An interval far up-stream of an unstable direction weighs exactly as much as
 it matters, which no local monitor can know.
 
-Two things can make that sum too small, both where the friction curve drops inside an interval.  Gauss collocation is
+Two things can make that sum too small, both where the field changes suddenly inside an interval.  Gauss collocation is
 far more accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside
-is, whose square may be larger.  And what happens between two points of the refined mesh, such as the drop in the first
-hundredth of an interval, none of its equations sees.  So an estimate that is about to be believed is compared with what
+is, whose square may be larger.  And what happens between two points of the refined mesh, such as a change in
+the first hundredth of an interval, none of its equations sees.  So an estimate that is about to be believed is compared with what
 a Newton step inside each interval leaves, psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
@@ -52,7 +52,7 @@ fast slips move about on their mesh a quarter fewer changes of it: 5 to 15 % les
 ROUNDING = 4 * np.finfo(float).eps
 CANCELLED = 0.1
 """No estimate is smaller than this part of the sum of its terms' sizes.  Where terms of both signs cancel, what is left
-is no better known than the refined mesh is accurate: met on an unstable LuGre cycle, where 4e-8 and -4e-8 left 3e-10 of
+is no better known than the refined mesh is accurate: met on an unstable stiff cycle, where 4e-8 and -4e-8 left 3e-10 of
 a true error of 4e-9."""
 
 FINE_POINTS, GRADED = 6, 0.125

@@ -21,14 +21,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from .collocation import Kind
 from .cycle import Cycle, Signature
 
 Array = np.ndarray
+
+Kind = Literal["gauss", "radau"]
+"""Collocation at Gauss points, for smooth fields, or at Radau IIA points, for stiff ones (scheme.py)."""
 
 
 class Problem(ABC):

@@ -359,7 +359,7 @@ def test_metadata_with_a_wrong_value(orbit_file, value):
     [
         (lambda r: r.update(status="WONDERFUL"), "WONDERFUL"),
         (lambda r: r.update(model="swich"), "swich"),
-        (lambda r: r.update(model="lugre"), "shape"),
+        (lambda r: r.update(model="lugre"), "no cycle with the phases"),
         (lambda r: r.update(scheme="lobatto"), "lobatto"),
         (lambda r: r.update(degree=99), "degree"),
         (lambda r: r.update(degree=r["degree"] - 1), "shape"),
