@@ -14,8 +14,8 @@ it matters, which no local monitor can know.
 Two things can make that sum too small, both where the field changes suddenly inside an interval.  Gauss collocation is
 far more accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside
 is, whose square may be larger.  And what happens between two points of the refined mesh, such as a change in
-the first hundredth of an interval, none of its equations sees.  So an estimate that is about to be believed is compared with what
-a Newton step inside each interval leaves, psi_e . r'_e with
+the first hundredth of an interval, none of its equations sees.  So an estimate that is about to be believed is compared
+with what a Newton step inside each interval leaves, psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
 
