@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from . import effort
 from .adapt import TOLERANCE_RANGE, Options, curve_border
 from .admissibility import judge
 from .branch import SpecialPoint
@@ -190,6 +191,8 @@ def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fo
     before, model = first, first.model
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
     while True:
+        gain = before.gain
+        effort.at(lambda gain=gain: f"on the way to the fold, at gain {gain:.6g}")
         try:
             after = next(steps)
         except StopIteration as end:
