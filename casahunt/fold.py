@@ -22,6 +22,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -191,8 +192,7 @@ def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fo
     before, model = first, first.model
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
     while True:
-        gain = before.gain
-        effort.at(lambda gain=gain: f"on the way to the fold, at gain {gain:.6g}")
+        effort.at(partial(_on_the_way, before))
         try:
             after = next(steps)
         except StopIteration as end:
@@ -211,6 +211,10 @@ def _walked_to(first: Orbit, way: Options, options: Options, began: float) -> Fo
                 if finer == FINER[-1]:
                     raise
         before = after
+
+
+def _on_the_way(orbit: Orbit) -> str:
+    return f"on the way to the fold, at gain {orbit.gain:.6g}"
 
 
 def _turns_back(before: Orbit, after: Orbit) -> bool:

@@ -77,6 +77,8 @@ def settled(found: Periods, blur: float) -> Marks:
     mean = found.waves[later].mean(axis=0)
     size = factors(found.waves, mean)
     power = float(mean @ mean)
+    if power == 0:  # two values, whose waves cancel: nothing repeats in the second half
+        return marks
     odd = np.sqrt(np.sum((found.waves - size[:, None] * mean) ** 2, axis=1) / power)
     resolution = float(np.median(marks.resolution)) / float(np.mean(found.lengths))
     away = np.zeros(k, bool)
@@ -130,7 +132,7 @@ def by_chance(found: Periods) -> float:
     """Expected number of places in a record of noise, as long as this one, where periods are as alike as these."""
     k, mean = found.lengths.size, found.waves.mean(axis=0)
     power = np.abs(np.fft.rfft(mean)[1:]) ** 2
-    values = 2 * float(np.sum(power)) ** 2 / float(np.sum(power**2))
+    values = 2 * float(np.sum(power)) ** 2 / max(float(np.sum(power**2)), 1e-300)
     x = 1.0
     for measured, sigma in ((found.sizes, NARROW_SIZES), (found.lengths, NARROW_LENGTHS)):
         scatter = deviation(measured) / float(np.mean(measured))
