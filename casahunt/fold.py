@@ -30,7 +30,7 @@ from . import effort
 from .adapt import TOLERANCE_RANGE, Options, curve_border
 from .admissibility import judge
 from .branch import SpecialPoint
-from .cold_start import check_problem, stable_at
+from .cold_start import check_problem, check_times, stable_at
 from .continuation import ends, secant, walk
 from .errors import InputError, NoOrbit, Status
 from .event_map import TYPICAL, near_stable, scan
@@ -110,6 +110,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> Orbit:
     if not np.isfinite(base):
         base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
     check_problem(servo, model, base)
+    check_times(servo, model)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
     failed: list[str] = []
     promised = False

@@ -131,7 +131,8 @@ def judge(found: Periods) -> tuple[Kind, str]:
 def by_chance(found: Periods) -> float:
     """Expected number of places in a record of noise, as long as this one, where periods are as alike as these."""
     k, mean = found.lengths.size, found.waves.mean(axis=0)
-    power = np.abs(np.fft.rfft(mean)[1:]) ** 2
+    harmonics = np.abs(np.fft.rfft(mean)[1:])
+    power = (harmonics / max(float(np.max(harmonics)), 1e-300)) ** 2
     values = 2 * float(np.sum(power)) ** 2 / max(float(np.sum(power**2)), 1e-300)
     x = 1.0
     for measured, sigma in ((found.sizes, NARROW_SIZES), (found.lengths, NARROW_LENGTHS)):

@@ -73,10 +73,10 @@ def test_the_library_is_not_watched():
 
 
 def test_a_motion_of_very_many_events_ends_early(capsys, monkeypatch):
-    monkeypatch.setattr(sys.modules["casahunt.simulate"], "MOST_EVENTS", 12)  # the name is the function's
+    monkeypatch.setattr(sys.modules["casahunt.simulate"], "MOST_EVENTS", 5)  # the name is the function's
     assert cli.main([*SIMULATE, "--json"]) == 1
     out, err = capsys.readouterr()
     found = json.loads(out)
-    assert found["ended"].startswith("12 events by") and found["time"] < 20
-    assert "the motion was followed only until 12 events by" in err and "not to 20 s" in err
+    assert found["ended"].startswith("5 events by") and found["time"] < 20
+    assert "the motion was followed only until 5 events by" in err and "not to 20 s" in err
     assert simulate(Servo(), "switch", 0.04, time=20).ended
