@@ -137,12 +137,12 @@ def by_chance(found: Periods) -> float:
     x = 1.0
     for measured, sigma in ((found.sizes, NARROW_SIZES), (found.lengths, NARROW_LENGTHS)):
         scatter = deviation(measured) / float(np.mean(measured))
-        x *= _chi_square(k - 1, (k - 1) * (scatter / sigma) ** 2)
+        x *= chi_square(k - 1, (k - 1) * (scatter / sigma) ** 2)
     lags = LONGEST * found.marks.whole.size * values
     return lags * (1 + len(SCALES)) * (1 + len(PARTS)) * (x * (1 - math.log(x)) if x > 0 else 0.0)
 
 
-def _chi_square(m: int, x: float) -> float:
+def chi_square(m: int, x: float) -> float:
     """Distribution function of chi-square with m degrees of freedom: the series of the incomplete gamma function."""
     a, z = m / 2, x / 2
     if z > a + 40 * math.sqrt(a):

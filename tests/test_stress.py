@@ -12,6 +12,7 @@ from casahunt import Options, Servo, find_orbit
 from scripts import stress
 
 
+@pytest.mark.slow
 def test_a_few_cases_and_the_files(tmp_path, capsys):
     code = stress.main(["--out", str(tmp_path), "--quick", "--rows", "Fs/Fc", "--limit", "2", "--jobs", "1",
                         "--no-extras"])  # fmt: skip
