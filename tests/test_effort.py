@@ -47,6 +47,7 @@ def test_what_takes_too_much_work_is_given_up(words, capsys, monkeypatch):
 
 def test_lines_come_after_a_silence(monkeypatch):
     clock, lines = [0.0], []
+    monkeypatch.setattr(effort, "EVERY", 2.0)
     monkeypatch.setattr(effort.time, "monotonic", lambda: clock[0])
     with watched(lines.append) as watch:
         for tenths in range(50):
