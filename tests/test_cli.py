@@ -667,6 +667,7 @@ def test_interrupt(tmp_path):
     assert set(contents(out)) == {"lugre.csv", "lugre.npz"}
 
 
+@pytest.mark.slow  # test_files.py kills a Switch diagram
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_crash(tmp_path):
     out = tmp_path / "out"
