@@ -58,8 +58,7 @@ SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve")
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""
 MOST_WORK = 1e7
-"""Work (effort.py) after which one thing is given up: four to five minutes, more than the hardest servos of
-scripts/random_servos.py take."""
+"""Work (effort.py) after which one thing is given up: four to five minutes of a processor."""
 
 
 class _Version(argparse.Action):

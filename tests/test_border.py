@@ -216,7 +216,7 @@ def test_names_that_the_output_cannot_show(tmp_path):
     t = np.arange(0, 60, 0.1)
     np.savetxt(tmp_path / "tü.csv", np.column_stack([t, np.sin(t)]), delimiter=",", header="time,position", comments="")
     done = process(["record", "tü.csv"], tmp_path, env={"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0 and done.stderr == "" and done.stdout.startswith("record t\\xfc.csv: hunting, 9 whole")
+    assert done.returncode == 0 and done.stderr == "" and done.stdout.startswith("record t\\xfc.csv: hunting, ")
 
 
 def test_warnings_of_numpy_are_not_for_the_user(tmp_path):
