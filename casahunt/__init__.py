@@ -1,7 +1,7 @@
 """casahunt: will this servo hunt, and which gain makes it stop?
 
 Limit cycles of a position servo with dry friction and integral action, computed as multi-phase collocation
-boundary value problems (CasADi, IPOPT), followed in the controller gain round the fold where hunting ends.
+boundary value problems (CasADi, Newton and IPOPT), followed in the controller gain round the fold where hunting ends.
 
     >>> from casahunt import Servo, find_orbit, find_fold
     >>> orbit = find_orbit(Servo(), "switch", 0.04)          # Table 1 of the report, gain K = 0.04

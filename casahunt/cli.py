@@ -10,6 +10,7 @@ Numbers that are not to be trusted are left out: null in JSON, nan or an empty f
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -29,10 +30,11 @@ from . import (
     command_simulate,
     command_tune,
     command_uncertainty,
+    effort,
     interrupts,
 )
 from .checks import known
-from .console import Parser, complain, own_process
+from .console import Parser, complain, own_process, progress, say
 from .errors import InputError, NoOrbit
 
 COMMANDS = {
@@ -49,6 +51,14 @@ COMMANDS = {
     "uncertainty": command_uncertainty,
     "tune": command_tune,
 }
+
+
+SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve")
+"""Commands with lines of their own about where they are."""
+ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
+"""Commands that compute one thing; the others go on as long as there is more, and keep what they have."""
+MOST_WORK = 1e7
+"""Work (effort.py) after which one thing is given up: four to five minutes of a processor."""
 
 
 class _Version(argparse.Action):
@@ -98,14 +108,17 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         if program:
             own_process()
         options = _parsed(words)
-        code = COMMANDS[options.command].run(options)
+        name, stream = options.command, progress(options.quiet)
+        tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
+        with effort.watched(tell, limit=MOST_WORK if name in ONE_ANSWER else math.inf):
+            code = COMMANDS[name].run(options)
         sys.stdout.flush()
         return code
     except InputError as error:
         interrupts.check()
         complain(command, error)
         return 2
-    except NoOrbit as error:
+    except (NoOrbit, effort.GivenUp) as error:
         interrupts.check()
         complain(command, error)
         return 1

@@ -9,12 +9,15 @@ a fold two fixed points fit between any two motions of a scan.  find.py has the 
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from .adapt import Options, finished, remeshed, solve_adaptively
 from .checks import COMPUTED, known, sensible
-from .errors import NoOrbit, Status
+from .errors import InputError, NoOrbit, Status
 from .event_map import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, Model
 from .hunting_problem import Hunting, HuntingOrbit
@@ -26,6 +29,8 @@ from .solve import Solver
 
 CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
+SPREAD = 1 / math.sqrt(np.finfo(float).eps)
+"""Largest ratio of the times of a servo: half of the digits of double arithmetic."""
 NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
 """Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
 
@@ -179,4 +184,43 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
             "drop in the friction curve the integral action cannot sustain an oscillation (Bisoffi et al.); at gain "
             f"{gain:g}, {seen.sentence()}"
         )
+
+
+def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
+    """Raise InputError where a time in which the servo moves is more than `SPREAD` times the controller's, or less.
+
+    Too fast may be the drop of the friction, J vs/(Fs - Fc), viscous friction, J/sigma2, and the LuGre bristle,
+    sqrt(J/sigma0), J/sigma1 and Fc/(sigma0 vs); too slow the drop, the bristle, and at a gain the controller itself,
+    sqrt(J/kp) and (kd + sigma2)/kp.  Without a gain the largest one that hunts is looked for, where both controller
+    times act.
+    """
+    J, f, c = servo.inertia, servo.friction, servo.controller
+    both, fast, slow = {}, {}, {}
+    if f.static > f.coulomb:
+        drop = J * f.stribeck_velocity / (f.static - f.coulomb)
+        both["the drop of the friction curve (inertia * stribeck_velocity/(static - coulomb))"] = drop
+    fast["viscous friction (inertia/viscous)"] = J / f.viscous if f.viscous else math.inf
+    if model == "lugre":
+        both["the bristle (coulomb/(stiffness * stribeck_velocity))"] = f.coulomb / (f.stiffness * f.stribeck_velocity)
+        fast["the bristle (square root of inertia/stiffness)"] = math.sqrt(J / f.stiffness)
+        fast["the damping of the bristle (inertia/damping)"] = J / f.damping if f.damping else math.inf
+    if math.isnan(gain):
+        fast["the shorter one alone"] = min(c.lead_time, c.integral_time) or math.inf
+    else:
+        kp, kd, _ = servo.torque_gains(gain)
+        slow[f"the controller at gain {gain:g}"] = max(math.sqrt(J / kp), (kd + f.viscous) / kp)
+    whole = c.lead_time + c.integral_time
+    early = [(what, t) for what, t in (both | fast).items() if t < whole / SPREAD]
+    for what, t in [*early, *((what, t) for what, t in (both | slow).items() if t > SPREAD * whole)]:
+        raise InputError(
+            f"the controller's times are {whole:.2g} s together, but {what} takes {t:.2g} s: cycles are computed up to "
+            f"a factor of {SPREAD:.2g} between them, because double arithmetic must have half of its digits left for "
+            "the answer; are all parameters meant?"
+        )
+
+
+def stiff_at(servo: Servo, gain: float) -> bool:
+    """The controller's damping acts so fast, in J/(kd + sigma2), that no motion can be computed."""
+    c, (_, kd, _) = servo.controller, servo.torque_gains(gain)
+    return SPREAD * servo.inertia < (kd + servo.friction.viscous) * (c.lead_time + c.integral_time)
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
+from . import effort
 from .adapt import Options
 from .branch import Branch
 from .checks import known
@@ -150,6 +151,7 @@ def _one_branch(
         for special in point.special:
             say(stream, f"{model:7s} {special.meaning}")
         say(stream, progress_line(point.orbit))
+        effort.heard()
 
 
 def _shortfall(branch: Branch, start: float, natural: bool) -> str:

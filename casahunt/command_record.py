@@ -18,17 +18,22 @@ import argparse
 import json
 import math
 import time
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from .adapt import Options
 from .checks import known, moderate
-from .console import add_common, complain, finite, positive, servo_of, writable
+from .console import add_common, complain, finite, positive, progress, say, servo_of, writable
 from .errors import InputError, NoOrbit
 from .find import find_orbit
 from .hunting import MODELS
 from .hunting_problem import HuntingOrbit
 from .record import Measurement, measure
 from .record_file import Record, read_record
+
+LARGE, MANY = 2e7, 1_000_000
+"""Bytes that take more than two seconds to read, and samples that take as long to measure."""
 
 
 def add(commands: Any) -> None:
@@ -55,11 +60,18 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
     began = time.perf_counter()
+    stream = progress(options.quiet)
+    with suppress(OSError):
+        size = Path(options.file).stat().st_size
+        if size >= LARGE:
+            say(stream, f"reading {size / 1e6:.0f} MB")
     record = read_record(options.file, time_unit=options.time_unit, position_unit=options.position_unit)
     if start is not None:
         record = record.after(start)
         if record.times.size == 0:
             raise InputError(f"from = {start:g}: must lie before the end of {record.name}")
+    if record.times.size >= MANY:
+        say(stream, f"{record.times.size} samples read, looking for the period")
     found = measure(record)
     orbit, failure = None, None
     if gain is not None:

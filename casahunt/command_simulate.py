@@ -103,7 +103,10 @@ def run(options: argparse.Namespace) -> int:
         print(f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
     if advice:
         complain("casahunt simulate", advice)
-    return 0 if found.status.ok else 1
+    cut = bool(found.ended) and verdict.kind != "growing"
+    if cut:
+        complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
+    return 0 if found.status.ok and not cut else 1
 
 
 def _size(key: str, text: Any) -> float:

@@ -12,12 +12,13 @@ optimum.  Where no fold can be located either, the sentence is "not found", and 
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
 from .adapt import Options, refined
 from .checks import known, to_error
-from .cold_start import Met, check_problem, stable_at, unstable_at
+from .cold_start import Met, check_problem, check_times, stable_at, stiff_at, unstable_at
 from .continuation import curve_point, walk
 from .errors import NoOrbit, Status
 from .fold import find_fold
@@ -71,12 +72,15 @@ def find_orbit(
     began = time.perf_counter()
     options = options or Options()
     check_problem(servo, model, gain)
+    check_times(servo, model, gain)
     known("branch", branch, BRANCHES)
     find = _stable if branch == "stable" else _unstable
     return replace(find(servo, model, gain, options), wall_s=time.perf_counter() - began)
 
 
 def _stable(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
+    if stiff_at(servo, gain):
+        return _beside_the_fold(servo, model, gain, "stable", options, Met(None, False, None))
     try:
         met = stable_at(servo, model, gain, options=options)
     except NoOrbit as error:  # close to a fold, or with too rough a start, the solver does not arrive
@@ -92,10 +96,10 @@ def _stable(servo: Servo, model: Model, gain: float, options: Options) -> Huntin
 def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
     """Multipliers of 1e5 and more leave no way that is sure but round the fold; else the inner fixed point."""
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    try:
-        met = stable_at(servo, model, gain, options=rough)
-    except NoOrbit:
-        met = Met(None, False, None)
+    met = Met(None, False, None)
+    if not stiff_at(servo, gain):
+        with suppress(NoOrbit):
+            met = stable_at(servo, model, gain, options=rough)
     orbit = None
     if met.orbit is not None:
         orbit = _round_the_fold(met.orbit, rough, options) or _inner_fixed_point(servo, model, gain, options)

@@ -11,11 +11,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from . import effort
 from .adapt import TOLERANCE_RANGE, Options
-from .cold_start import check_problem, stable_at
+from .cold_start import check_problem, check_times, stable_at
 from .continuation import walk
 from .errors import NoOrbit, Status
 from .event_map import TYPICAL, near_stable, scan
@@ -57,6 +59,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     if not np.isfinite(base):
         base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
     check_problem(servo, model, base)
+    check_times(servo, model)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
     failed: list[str] = []
     promised = False
@@ -141,6 +144,7 @@ def _walked_to(first: HuntingOrbit, way: Options, options: Options, began: float
     before, model = first, first.model
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
     while True:
+        effort.at(partial(_on_the_way, before))
         try:
             after = next(steps)
         except StopIteration as end:
@@ -159,3 +163,7 @@ def _walked_to(first: HuntingOrbit, way: Options, options: Options, began: float
                 if finer == FINER[-1]:
                     raise
         before = after
+
+
+def _on_the_way(orbit: HuntingOrbit) -> str:
+    return f"on the way to the fold, at gain {orbit.gain:.6g}"

@@ -20,6 +20,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from . import effort
 from .admissibility import hides
 from .collocation import Kind, Scheme, scheme
 from .compiled import caller, kept
@@ -125,6 +126,7 @@ def march(
     ------
     MarchFailure : NaN, a step size that vanishes, or too many intervals.
     """
+    effort.motion()
     s = scheme(degree, kind)
     segments: list[Segment] = []
     time, used = 0.0, 0
@@ -278,6 +280,7 @@ def _collocated(
             return Segment(mode, "", t, breaks / breaks[-1], w, start * scale), mode
         if len(pieces) >= max_intervals:
             raise MarchFailure(f"mode {mode!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
+        effort.interval()
         guess = _predict(s, previous, start, h)
         solved = stepper(start, guess, h, GOAL * tol)
         if solved is None and _reaches(previous, h):

@@ -4,6 +4,15 @@
     settled    periods at the start, up to the last one that differs from those of the second half, are a transient
     steady     neither amplitudes nor periods change steadily, in the whole and in the second half
     lasting    it does not end before the record does
+    no chance  noise, of which the search has looked at many lags, has so alike periods once in `CHANCE` records at most
+
+Chance.  Passages of narrow noise through a threshold follow each other at any distance that the marks allow, evenly
+spread over T (1 +- REACH), standard deviation REACH/sqrt(3); its amplitudes have Rayleigh's distribution, standard
+deviation sqrt(4/pi - 1) of their mean.  That k of them scatter by s or less has the probability
+p = P(chi2_{k-1} <= (k - 1) s^2/sigma^2); that the product x = p_1 p_2 of two such is as small, x (1 - ln x) (Fisher).
+Times the number of trials (Bonferroni): lags, of which a record of k periods, each of n independent values, has
+LONGEST k n, differences of moving averages, and parts of the record.  n = 2 (sum P_h)^2 / sum P_h^2, with the power P_h
+of the harmonics of the mean wave: 2 of a sine.
 
 Symbols: k periods.
 """
@@ -16,8 +25,8 @@ from typing import Literal
 
 import numpy as np
 
-from .record_marks import Marks
-from .record_period import FEWEST
+from .record_marks import REACH, Marks
+from .record_period import FEWEST, LONGEST, PARTS, SCALES
 from .record_shape import coherence, factors
 
 Array = np.ndarray
@@ -37,6 +46,10 @@ SURE = 5.0
 """Standard errors that a trend of the amplitudes, or a difference of the first periods, must have to count."""
 DIFFERENT = 0.01
 """Difference of a period from the later ones, relative, below which it is no transient."""
+CHANCE = 1e-3
+"""Share of records of noise that may be called hunting."""
+NARROW_SIZES, NARROW_LENGTHS = math.sqrt(4 / math.pi - 1), REACH / math.sqrt(3)
+"""Standard deviations, relative to their means, of the amplitudes and of the periods of narrow noise."""
 LASTING = 2.5
 """Periods at the end of the record without a whole one, from which on the oscillation is over."""
 
@@ -64,6 +77,8 @@ def settled(found: Periods, blur: float) -> Marks:
     mean = found.waves[later].mean(axis=0)
     size = factors(found.waves, mean)
     power = float(mean @ mean)
+    if power == 0:  # two values, whose waves cancel: nothing repeats in the second half
+        return marks
     odd = np.sqrt(np.sum((found.waves - size[:, None] * mean) ** 2, axis=1) / power)
     resolution = float(np.median(marks.resolution)) / float(np.mean(found.lengths))
     away = np.zeros(k, bool)
@@ -106,7 +121,39 @@ def judge(found: Periods) -> tuple[Kind, str]:
     scatter = deviation(amplitudes) / float(np.mean(amplitudes))
     if scatter > IRREGULAR and deviation(amplitudes[amplitudes.size // 2 :]) > IRREGULAR * float(np.mean(amplitudes)):
         return "irregular", f"the amplitudes scatter by {scatter:.0%} of their mean"
+    expected = by_chance(found)
+    if expected > CHANCE:
+        often = f"one of {1 / expected:.0f} such records" if expected < 0.5 else "most such records"
+        return "irregular", f"the {periods.size} periods are no more alike than those of noise, by chance, in {often}"
     return "hunting", ""
+
+
+def by_chance(found: Periods) -> float:
+    """Expected number of places in a record of noise, as long as this one, where periods are as alike as these."""
+    k, mean = found.lengths.size, found.waves.mean(axis=0)
+    harmonics = np.abs(np.fft.rfft(mean)[1:])
+    power = (harmonics / max(float(np.max(harmonics)), 1e-300)) ** 2
+    values = 2 * float(np.sum(power)) ** 2 / max(float(np.sum(power**2)), 1e-300)
+    x = 1.0
+    for measured, sigma in ((found.sizes, NARROW_SIZES), (found.lengths, NARROW_LENGTHS)):
+        scatter = deviation(measured) / float(np.mean(measured))
+        x *= chi_square(k - 1, (k - 1) * (scatter / sigma) ** 2)
+    lags = LONGEST * found.marks.whole.size * values
+    return lags * (1 + len(SCALES)) * (1 + len(PARTS)) * (x * (1 - math.log(x)) if x > 0 else 0.0)
+
+
+def chi_square(m: int, x: float) -> float:
+    """Distribution function of chi-square with m degrees of freedom: the series of the incomplete gamma function."""
+    a, z = m / 2, x / 2
+    if z > a + 40 * math.sqrt(a):
+        return 1.0
+    term = total = 1.0
+    n = 0
+    while term > 1e-17 * total:
+        n += 1
+        term *= z / (a + n)
+        total += term
+    return min(1.0, total * math.exp(a * math.log(z) - z - math.lgamma(a + 1))) if z > 0 else 0.0
 
 
 def lasting(t: Array, found: Periods) -> tuple[Kind, str]:

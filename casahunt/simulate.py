@@ -26,6 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import effort
 from . import regularised as band
 from .adapt import TOLERANCE_RANGE
 from .checks import COMPUTED, known, moderate, number, sensible
@@ -56,7 +57,8 @@ SPAN = 20.0
 """States may start at so many times the scale that their errors are measured in."""
 UNIT = 0.1
 """Expected size of the motion in units of Fs/kp, the error at which the proportional torque is static friction."""
-MOST_EVENTS = 100_000
+MOST_EVENTS = 20_000
+"""Events after which a motion is not followed further: some thousand periods."""
 THROWN_OUT = 100.0
 """A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
 CHATTER = 50
@@ -216,6 +218,7 @@ class _Run:
         after: list[str] = []
         ended, instant = "", 0
         limit = THROWN_OUT * max(abs(float(x[0])), self.unit)
+        effort.at(lambda: f"followed to {now:.4g} s of {self.time:.4g} s, to the march tolerance {tau:.0e}")
         while now < self.time * (1 - 1e-15):
             (segment,) = march(
                 self.system, mode, x, self.p, scale=self.scale, until=lambda _: True, tol=tau,

@@ -40,6 +40,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from . import effort
 from .collocation import Kind, scheme
 from .compiled import caller, kept
 from .cycle import Cycle, Field
@@ -185,6 +186,7 @@ class Transcription:
 
     def linearise(self, u: Array, setting: Setting) -> Linearisation:
         """Residual and condensed Jacobian at u."""
+        effort.problem(self.intervals)
         with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
             return self._linearise(u, setting)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt import InputError, Servo, cli, console, simulate
+from casahunt import InputError, Servo, cli, console, find_fold, find_orbit, simulate
 from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible, to_error
 from casahunt.fixed_points import fixed_points
 from casahunt.linear_loop import linear_loop
@@ -89,6 +89,50 @@ def test_hostile_input(capsys, tmp_path, monkeypatch, words, parts):
     assert {path.name for path in tmp_path.iterdir()} == set(FILES)
 
 
+APART = "cycles are computed up to a factor of 6.7e+07 between them"
+ENDS = [
+    *(
+        ([*command, "--set", f"{key}={value}"], 2, [part, APART])
+        for command in (["fold"], ["orbit", "--gain", "0.1"])
+        for key, value, part in (
+            ("servo.inertia", "1e-12", "takes 2.2e-13 s"),
+            ("servo.inertia", "1e12", "takes 2.2e+11 s"),
+            ("friction.stribeck_velocity", "1e-12", "the drop of the friction curve"),
+            ("friction.stribeck_velocity", "1e12", "the drop of the friction curve"),
+            ("friction.static", "0.44000000000044", "the drop of the friction curve"),
+            ("friction.viscous", "1e12", "viscous friction"),
+            ("controller.lead_time", "1e12", "the controller's times are 1e+12 s together"),
+        )
+    ),
+    (["fold", "--set", "controller.lead_time=1e-9"], 2, ["the shorter one alone takes 1e-09 s", APART]),
+    (["orbit", "--gain", "1e-12"], 2, ["the controller at gain 1e-12 takes 3.1e+09 s", APART]),
+    (["basin", "--gain", "0.1", "--set", "servo.motor_gain=1e-12"], 2, ["the controller at gain 0.1 takes", APART]),
+    (["fold", "--model", "lugre", "--set", "friction.stiffness=1e12"], 2, ["the bristle (coulomb/(stiff", APART]),
+    (["fold", "--model", "lugre", "--set", "friction.stiffness=1e-12"], 2, ["the bristle (coulomb/(stiff", APART]),
+    (["fold", "--model", "lugre", "--set", "friction.damping=1e12"], 2, ["the damping of the bristle", APART]),
+    # Far above the fold no motion has to be computed to say so.
+    (["orbit", "--gain", "1e12"], 1, ["no hunting limit cycle", "end at gain 0.64733908"]),
+    (["basin", "--gain", "1e12"], 1, ["no hunting limit cycle", "end at gain 0.64733908"]),
+]
+
+
+@pytest.mark.parametrize(("words", "code", "parts"), ENDS, ids=[" ".join(words) for words, *_ in ENDS])
+def test_ends_of_the_ranges(capsys, words, code, parts):
+    """Not products but times leave double arithmetic: one sentence, at once."""
+    began = time.process_time()
+    assert cli.main([*words, "--quiet"]) == code
+    assert time.process_time() - began < 1
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and all(part in err for part in parts), err
+
+
+def test_ranges_of_times_spare_what_can_be_computed():
+    """A lead time that does nothing, no lead time, next to no viscous friction, next to no Coulomb friction."""
+    for change in ({"controller.lead_time": 1e-12}, {"friction.viscous": 1e-12}, {"friction.coulomb": 1e-12}):
+        assert find_orbit(Servo().replace(**change), "switch", 0.1).status.ok
+    assert find_fold(Servo().replace(**{"controller.lead_time": 0}), "switch").gain > 0
+
+
 def test_library_has_the_same_border():
     servo = Servo()
     for call in (
@@ -163,15 +207,16 @@ def test_gains_that_a_computation_comes_upon_are_no_input(capsys):
 
 
 def test_backend_that_does_not_exist(tmp_path):
-    done = process(["loop", "--gain", "0.1", "--plot", "a.png"], tmp_path, env={"MPLBACKEND": "nonsense"})
-    assert (done.returncode, done.stderr) == (0, "") and (tmp_path / "a.png").stat().st_size > 10_000
+    surroundings = {"MPLBACKEND": "nonsense", "PYTHONIOENCODING": "ascii"}
+    done = process(["loop", "--gain", "0.1", "--plot", "tü.png"], tmp_path, env=surroundings)
+    assert (done.returncode, done.stderr) == (0, "") and (tmp_path / "tü.png").stat().st_size > 10_000
 
 
 def test_names_that_the_output_cannot_show(tmp_path):
-    words = ["diagram", "--model", "switch", "--from", "0.64", "--out", "tü", "--quiet"]
-    done = process(words, tmp_path, env={"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0 and done.stderr == "" and done.stdout.endswith("written to t\\xfc\n")
-    assert (tmp_path / "tü" / "switch.csv").exists()
+    t = np.arange(0, 60, 0.1)
+    np.savetxt(tmp_path / "tü.csv", np.column_stack([t, np.sin(t)]), delimiter=",", header="time,position", comments="")
+    done = process(["record", "tü.csv"], tmp_path, env={"PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0 and done.stderr == "" and done.stdout.startswith("record t\\xfc.csv: hunting, ")
 
 
 def test_warnings_of_numpy_are_not_for_the_user(tmp_path):

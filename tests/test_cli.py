@@ -333,7 +333,10 @@ def test_earlier_results_are_replaced(capsys, tmp_path):
     assert contents(tmp_path) == before
     # Between the two folds only the Switch servo hunts: the LuGre table of another servo is no longer called so.
     code, out, err = run(capsys, "diagram", "--from", 0.63, "--out", tmp_path, "--quiet")
-    assert code == 1 and "lugre.csv.old is of an earlier run" in err
+    assert code == 1 and out.startswith("switch: ")
+    denial, left = err.splitlines()
+    assert "no hunting limit cycle of the lugre servo at gain 0.63" in denial
+    assert "lugre.csv.old is of an earlier run" in left
     after = contents(tmp_path)
     assert set(after) == {*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv.old", "notes.txt"}
     assert {name for name, content in after.items() if content == b"old"} == {"lugre.csv.old", "notes.txt"}
@@ -594,14 +597,6 @@ def test_no_diagram_without_hunting(capsys, tmp_path, words, models):
     assert not contents(tmp_path)
 
 
-def test_diagram_of_the_model_that_hunts(capsys, tmp_path):
-    """Between the two folds the Switch servo hunts and the LuGre servo does not."""
-    code, out, err = run(capsys, "diagram", "--from", 0.63, "--out", tmp_path, "--quiet")
-    assert code == 1 and err.count("\n") == 1 and "no hunting limit cycle of the lugre servo at gain 0.63" in err
-    assert set(contents(tmp_path)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz"}
-    assert out.startswith("switch: ")
-
-
 # Processes ------------------------------------------------------------------------------------------------------
 
 
@@ -663,7 +658,7 @@ def test_interrupt(tmp_path):
         text, err = running.communicate(timeout=60)
     assert (running.returncode, text) == (130, "")
     *progress, last = err.splitlines()
-    assert all(PROGRESS.fullmatch(line) for line in progress)
+    assert all(PROGRESS.fullmatch(line) or re.match(r"\d+ s: ", line) for line in progress)  # where a busy machine is
     assert last == f"casahunt diagram: interrupted; the points computed so far are in {out}"
     rows, branch = rows_of(out / "lugre.csv"), load_branch(out / "lugre.npz")
     assert isinstance(branch, Branch) and branch.ended == "interrupted"
@@ -672,6 +667,7 @@ def test_interrupt(tmp_path):
     assert set(contents(out)) == {"lugre.csv", "lugre.npz"}
 
 
+@pytest.mark.slow  # test_files.py kills a Switch diagram
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_crash(tmp_path):
     out = tmp_path / "out"

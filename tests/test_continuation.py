@@ -20,7 +20,7 @@ from problems import table1
 FOLDS = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lugre")}
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])  # the command does both
 def test_natural_continuation_ends_at_the_fold(orbit, model):
     orbits, why = run(walk_naturally(orbit(model, 0.5, tol=1e-6), low=0.0321, high=1.0, options=Options(tol=1e-6)))
     assert FOLDS[model] * (1 - 1e-3) < orbits[-1].gain < FOLDS[model] * (1 + 1e-6)

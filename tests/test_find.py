@@ -73,8 +73,14 @@ def test_the_unstable_cycle_without_a_stable_one():
     assert refused.value.status is Status.NOT_FOUND or "turn back" in str(refused.value)
 
 
-@pytest.mark.parametrize("branch", ["stable", "unstable"])
-@pytest.mark.parametrize(("model", "gain"), [("switch", 0.9), ("switch", 0.65), ("lugre", 0.63)])
+LUGRE_TWICE = pytest.param("lugre", 0.63, "unstable", marks=pytest.mark.slow)  # the same fold once more
+
+
+@pytest.mark.parametrize(
+    ("model", "gain", "branch"),
+    [*(("switch", gain, branch) for gain in (0.9, 0.65) for branch in ("stable", "unstable"))]
+    + [("lugre", 0.63, "stable"), LUGRE_TWICE],
+)
 def test_a_denial_names_the_located_fold(model, gain, branch):
     """Whatever gain is asked for, the fold named is the one of the reference, to five units of its last digit."""
     with pytest.raises(NoOrbit, match="no hunting limit cycle .* its cycles end at gain") as refused:
@@ -84,7 +90,7 @@ def test_a_denial_names_the_located_fold(model, gain, branch):
     assert float(named) == pytest.approx(FOLD[model], abs=5.5 * 10.0 ** -(len(named) - 2)) and len(named) >= 7
 
 
-@pytest.mark.parametrize("distance", [1e-5, 1e-8])
+@pytest.mark.parametrize("distance", [pytest.param(1e-5, marks=pytest.mark.slow), 1e-8])
 def test_a_hair_on_either_side_of_the_fold(distance):
     fold = FOLD["switch"]
     for branch in ("stable", "unstable"):

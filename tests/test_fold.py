@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,10 +12,18 @@ import taylor
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
 from casahunt.fold import find_any_orbit
 from casahunt.fold_point import confirmed
+from casahunt.hunting import Model
+from casahunt.hunting_problem import HuntingFold
 from casahunt.linear_loop import routh_hurwitz_gain
 from casahunt.monitor import FOLD, GRAZING
 from casahunt.orbit import unknowns_of
 from problems import table1
+
+
+@cache
+def fold_of(model: Model, tol: float) -> HuntingFold:
+    """The fold of Table 1, for all tests that read it."""
+    return find_fold(table1.servo(), model, options=Options(tol=tol))
 
 
 @pytest.mark.parametrize(
@@ -29,7 +38,7 @@ from problems import table1
 )
 def test_reference_folds(model, tol, limit):
     row = table1.REFERENCE[model]["fold"]
-    fold = find_fold(table1.servo(), model, options=Options(tol=tol))
+    fold = fold_of(model, tol)
     assert fold.gain == pytest.approx(row["K"], rel=limit)
     assert fold.optimised_gain == pytest.approx(row["K"], rel=limit)
     assert fold.orbit.amplitude == pytest.approx(row["amplitude"], rel=1e-6)
@@ -46,7 +55,7 @@ def test_extended_system(model):
 
     from casahunt.nlp import graphs
 
-    fold = find_fold(table1.servo(), model, options=Options(tol=1e-9))
+    fold = fold_of(model, 1e-9)
     t, u, setting = unknowns_of(fold.orbit)
     setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
     g = graphs(t)
@@ -165,17 +174,19 @@ def test_large_multipliers_agree_between_half_and_full_cycle():
     assert full.multipliers.leading.real == pytest.approx(half.half_multiplier**2, rel=1e-6)
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+CHANGES = {
+    "friction.static": 0.7, "servo.inertia": 0.005, "controller.lead_time": 1.0, "friction.stribeck_velocity": 0.005,
+}  # fmt: skip
+SLOW = {("lugre", "servo.inertia"), ("lugre", "friction.stribeck_velocity")}
+
+
 @pytest.mark.parametrize(
-    "changes",
+    ("model", "changes"),
     [
-        {"friction.static": 0.7},
-        {"servo.inertia": 0.005},
-        {"controller.lead_time": 1.0},
-        {"friction.stribeck_velocity": 0.005},
+        pytest.param(m, {k: v}, id=f"{k.split('.')[1]}-{m}", marks=[pytest.mark.slow] * ((m, k) in SLOW))
+        for m in ("switch", "lugre") for k, v in CHANGES.items()
     ],
-    ids=["static", "inertia", "lead_time", "stribeck_velocity"],
-)
+)  # fmt: skip
 def test_folds_where_the_slip_nearly_stops_half_way(model, changes):
     """Next to these folds the motion changes altogether while amplitude and gain move by 1e-7."""
     fold = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-9))

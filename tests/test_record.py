@@ -282,3 +282,16 @@ def test_what_simulate_writes_record_reads(capsys, tmp_path):
     assert found["predicted"]["frequency_ratio"] == pytest.approx(1, abs=1e-4)
     code, _, err = run(capsys, table, "--from", 200)
     assert code == 2 and "from = 200: must lie before the end" in err
+
+
+def test_a_long_record_says_where_it_is(tmp_path, capsys, monkeypatch):
+    from casahunt import command_record
+
+    monkeypatch.setattr(command_record, "LARGE", 100)
+    monkeypatch.setattr(command_record, "MANY", 100)
+    t = np.arange(0, 60, 0.1)
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, np.sin(t)]), delimiter=",", header="time,position", comments="")
+    assert cli.main(["record", str(tmp_path / "a.csv")]) == 0
+    assert capsys.readouterr().err == "reading 0 MB\n600 samples read, looking for the period\n"
+    assert cli.main(["record", str(tmp_path / "a.csv"), "--quiet"]) == 0
+    assert capsys.readouterr().err == ""

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 
-from casahunt import Options, Servo, find_fold
+from casahunt import Fold, Options, Servo, find_fold
 from casahunt.sensitivity import NAMES, fold_sensitivities
 
 STEP = 2e-4
 """Relative step of the five-point difference: its own error is STEP^4, the folds' 1e-11/STEP."""
+
+
+@cache
+def fold_of(model: str) -> Fold:
+    """The fold of Table 1, for all tests that read it."""
+    return find_fold(Servo(), model, options=Options(tol=1e-10))
 
 
 def difference(model, name, value):
@@ -25,7 +33,7 @@ def difference(model, name, value):
     ("name", "value"),
     [
         ("friction.static", 0.53),
-        ("friction.stribeck_velocity", 0.02),
+        pytest.param("friction.stribeck_velocity", 0.02, marks=pytest.mark.slow),
         pytest.param("friction.coulomb", 0.44, marks=pytest.mark.slow),
         pytest.param("friction.viscous", 0.1, marks=pytest.mark.slow),
         pytest.param("controller.lead_time", Servo().controller.lead_time, marks=pytest.mark.slow),
@@ -33,13 +41,13 @@ def difference(model, name, value):
     ],
 )
 def test_against_finite_differences(model, name, value):
-    slopes = fold_sensitivities(find_fold(Servo(), model, options=Options(tol=1e-10)))
+    slopes = fold_sensitivities(fold_of(model))
     assert slopes.derivatives[name] == pytest.approx(difference(model, name, value), rel=1e-6)
 
 
 def test_exact_symmetries():
     servo = Servo()
-    slopes = fold_sensitivities(find_fold(servo, "switch", options=Options(tol=1e-10)))
+    slopes = fold_sensitivities(fold_of("switch"))
     d, f = slopes.derivatives, servo.friction
     assert set(d) == set(NAMES)
     assert slopes.elasticities["servo.motor_gain"] == pytest.approx(-1, rel=1e-8)
@@ -52,12 +60,11 @@ def test_exact_symmetries():
 def test_swapping_the_controller_times():
     """tau_i <-> tau_d leaves K/tau_i alone: at equal times the two elasticities differ by one, in sum they are -1."""
     for model in ("switch", "lugre"):
-        e = fold_sensitivities(find_fold(Servo(), model, options=Options(tol=1e-10))).elasticities
+        e = fold_sensitivities(fold_of(model)).elasticities
         assert e["controller.integral_time"] - e["controller.lead_time"] == pytest.approx(1, rel=1e-7)
 
 
 def test_linear_prediction():
-    fold = find_fold(Servo(), "switch", options=Options(tol=1e-10))
-    slopes = fold_sensitivities(fold)
+    slopes = fold_sensitivities(fold_of("switch"))
     near = find_fold(Servo().replace(**{"friction.static": 0.5301}), "switch", options=Options(tol=1e-10))
     assert slopes.linear({"friction.static": 1e-4}) == pytest.approx(near.gain, rel=1e-5)

@@ -12,6 +12,7 @@ from casahunt import Options, Servo, find_orbit
 from scripts import stress
 
 
+@pytest.mark.slow
 def test_a_few_cases_and_the_files(tmp_path, capsys):
     code = stress.main(["--out", str(tmp_path), "--quick", "--rows", "Fs/Fc", "--limit", "2", "--jobs", "1",
                         "--no-extras"])  # fmt: skip
@@ -25,7 +26,7 @@ def test_a_few_cases_and_the_files(tmp_path, capsys):
     assert "solved where a cycle exists" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_a_wrong_orbit_is_called_wrong(model, monkeypatch):
     """An answer that is off by 1e-4, with the estimate of a right one."""
 

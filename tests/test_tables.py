@@ -44,7 +44,7 @@ def columns_of(path: Path) -> dict[str, list]:
 
 
 def test_diagram(capsys, tmp_path):
-    run_json(capsys, "diagram", "--model", "switch", "--from", 0.5, "--out", tmp_path)
+    run_json(capsys, "diagram", "--model", "switch", "--from", 0.62, "--out", tmp_path)
     found, branch = columns_of(tmp_path / "switch.csv"), load_branch(tmp_path / "switch.npz")
     plain = [i for i, special in enumerate(found["special"]) if not special]
     assert [found["gain"][i] for i in plain] == branch.gains.tolist()

@@ -145,7 +145,8 @@ def test_threads(servo, fold, eleven):
 
 # Dask leaves sockets and loops to the garbage collector when its cluster closes.
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("threads", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", [1, 4])
 def test_dask(servo, fold, eleven, threads):
     distributed = pytest.importorskip("distributed")
     with (

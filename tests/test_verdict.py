@@ -250,6 +250,7 @@ def test_the_comparison_sees_a_wrong_verdict():
         assert verdicts.contradiction(claimed, hunts_on)
 
 
+@pytest.mark.slow
 def test_the_script_counts_what_is_contradicted(monkeypatch, capsys, tmp_path):
     case = verdicts.Case(TABLE_1, "switch", 0.8, 1.2358, 10.0, {})
     monkeypatch.setattr(verdicts, "cases", lambda *_: [case, case])

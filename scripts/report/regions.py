@@ -118,9 +118,9 @@ def caption13(study: Study) -> str:
             for x1, x2, part in parts
         )
         words.append(
-            f"At K = {gain} a servo stuck nearer than {inner:.4g} rad, the amplitude of the unstable cycle, comes to "
-            f"rest, and one stuck between {outer[0]:.4g} and {outer[1]:.4g} rad hunts; of the states drawn {shares} "
-            "come to rest"
+            f"At K = {gain} a servo stuck within {inner:.4g} rad of the set point, the amplitude of the unstable "
+            f"cycle, comes to rest, and one stuck between {outer[0]:.4g} and {outer[1]:.4g} rad hunts; "
+            f"of the states drawn {shares} come to rest"
         )
     undecided = sum(int(np.sum(~(part.found.rests | part.found.hunts))) for part in _parts(study))
     total = sum(part.found.rests.size for part in _parts(study))

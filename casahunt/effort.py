@@ -1,0 +1,124 @@
+"""How far a computation has come: who is told where it is, and where one without an end in sight is given up.
+
+    work   collocation intervals linearised: N for a boundary value problem of N intervals (transcription.py); an
+           interval that a motion tries (march.py) takes as long as `MARCHED` of those, being solved alone
+
+That makes some 4e4 a second, whatever is computed, and their number depends on nothing but the problem: what is given
+up is given up at the same place on every machine.  Only the command line watches (cli.py); for a call from Python
+nothing is counted, in worker threads and processes neither.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+EVERY = 2.0
+"""Seconds between two lines."""
+MARCHED = 20
+"""Work of an interval of a motion."""
+
+
+class GivenUp(Exception):
+    """The work that was allowed is done; the message says how far it has led.
+
+    No NoOrbit: whoever catches that goes another way to the same end, and none is to be gone any more.
+    """
+
+
+class Watch:
+    """What has been done since a computation began, and what may be.
+
+    Attributes
+    ----------
+    work, motions, problems : what was done in all, motions begun, boundary value problems linearised.
+    """
+
+    def __init__(self, tell: Callable[[str], None] | None, limit: float) -> None:
+        self.work = self.motions = self.problems = 0
+        self._tell, self._limit = tell, limit
+        self._place: Callable[[], str] | None = None
+        self._began = self._last = time.monotonic()
+
+    def sentence(self) -> str:
+        """Where the computation is."""
+        counts = f"{self.motions} motions and {self.problems} Newton steps of cycles so far"
+        return counts if self._place is None else f"{self._place()} ({counts})"
+
+    def add(self, work: int) -> None:
+        """Count; tell where it is, if it is time to; GivenUp beyond the limit."""
+        self.work += work
+        if self.work > self._limit:
+            raise GivenUp(
+                f"given up, because no answer came after the work of {self.work:.1e} collocation intervals: "
+                f"{self.sentence()}; are all parameters and the gain meant?"
+            )
+        now = time.monotonic()
+        if self._tell is not None and now - self._last >= EVERY:
+            self._last = now
+            self._tell(f"{now - self._began:.0f} s: {self.sentence()}")
+
+    def stand_at(self, place: Callable[[], str]) -> None:
+        """Let `place` say from here on where the computation is."""
+        self._place = place
+
+    def heard(self) -> None:
+        """Something was said that tells as much."""
+        self._last = time.monotonic()
+
+
+_watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
+
+
+@contextmanager
+def watched(tell: Callable[[str], None] | None, *, limit: float = float("inf")) -> Iterator[Watch]:
+    """Count what is computed inside: `tell` hears every `EVERY` seconds where it is.
+
+    Raises
+    ------
+    GivenUp : beyond `limit` collocation intervals.
+    """
+    watch = Watch(tell, limit)
+    token = _watch.set(watch)
+    try:
+        yield watch
+    finally:
+        _watch.reset(token)
+
+
+def motion() -> None:
+    """A motion begins."""
+    watch = _watch.get()
+    if watch is not None:
+        watch.motions += 1
+
+
+def interval() -> None:
+    """An interval of a motion is tried."""
+    watch = _watch.get()
+    if watch is not None:
+        watch.add(MARCHED)
+
+
+def problem(intervals: int) -> None:
+    """A boundary value problem is linearised."""
+    watch = _watch.get()
+    if watch is not None:
+        watch.problems += 1
+        watch.add(intervals)
+
+
+def at(place: Callable[[], str]) -> None:
+    """The computation that begins now says where it is."""
+    watch = _watch.get()
+    if watch is not None:
+        watch.stand_at(place)
+
+
+def heard() -> None:
+    """The command has said something itself."""
+    watch = _watch.get()
+    if watch is not None:
+        watch.heard()
