@@ -37,10 +37,10 @@ import numpy as np
 
 from .adapt import Options
 from .checks import LARGEST, SMALLEST, known, number, quoted, require, shown
+from .cold_start import stable_at
 from .errors import InputError, NoOrbit, Status
 from .event_map import scan
-from .find import WALK_TOLERANCE, find_orbit
-from .fold import Fold, find_fold
+from .fold import WALK_TOLERANCE, Fold, find_fold
 from .hunting import MODELS, Model
 from .sensitivity import NAMES, fold_sensitivities
 from .servo import Servo, flatten, read_toml
@@ -283,7 +283,9 @@ def _fold_near(servo: Servo, model: Model, expected: float, options: Options) ->
     if np.isfinite(expected):
         try:
             rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-            start = find_orbit(servo, model, BELOW * expected, options=rough)
+            met = stable_at(servo, model, BELOW * expected, options=rough)  # where it meets none, that proves nothing
+            if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
+                start = met.orbit
         except NoOrbit:
             pass  # the prediction was too far off: search from nothing
     try:
