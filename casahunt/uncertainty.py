@@ -546,6 +546,31 @@ def fold_gains(
     return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
 
 
+def fold_beside(servo: Servo, model: Model, known: Fold, *, options: Options | None = None) -> Fold | None:
+    """The fold of a servo, looked for where that of a servo nearby lets it be expected.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    known
+        the fold of a servo nearby.
+    options
+        tolerance.
+
+    Returns
+    -------
+    The fold; None where the search finds no cycle at any gain.
+
+    Raises
+    ------
+    NoOrbit : it was not computed.
+    """
+    names = tuple(fold_sensitivities(known).elasticities)
+    expected = _prediction(known.orbit.servo, known, names)(values_of(servo, names)[None, :])
+    return _fold_near(servo, model, float(expected[0]), options or Options())
+
+
 # The worst corner
 
 
