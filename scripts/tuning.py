@@ -125,7 +125,7 @@ def stick_ratio(row: Array, gain: float, a: float) -> float:
         else:
             return math.nan
         x0, m = x0 + u, m + Fs
-        if abs(m) <= Fs:
+        if m >= -Fs:  # at a stop more than Fs is rounding: the speed has fallen to nothing
             return abs(x0)
         if abs(x0) > FARTHER:
             return math.inf
