@@ -168,11 +168,19 @@ def teller(stream: IO[str] | None) -> Callable[[str], None]:
     return tell
 
 
-def complex_text(value: complex) -> str:
-    """A multiplier as the user reads it."""
-    if abs(value.imag) <= 1e-12 * abs(value):
-        return f"{value.real:.8g}" if abs(value) > 1e-12 else "0"
-    return f"{value.real:.8g}{value.imag:+.8g}j"
+def complex_text(value: complex, error: float) -> str:
+    """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
+
+    `error` is that of the multiplier that must be 1: relative for larger ones, absolute for smaller ones.
+    """
+    error = max(error, 1e-12) * max(1.0, abs(value))
+
+    def part(x: float) -> str:
+        return to_error(x, error / abs(x), most=8) if abs(x) > error else "0"
+
+    if abs(value.imag) <= error:
+        return part(value.real)
+    return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"
 
 
 def complain(command: str, what: object) -> None:
