@@ -27,7 +27,7 @@ from typing import Any
 
 from .adapt import Options
 from .checks import known, to_error
-from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, teller
+from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
 from .files import whole_text
@@ -81,10 +81,11 @@ def run(options: argparse.Namespace) -> int:
     stream = progress(options.quiet)
 
     def tuned() -> Tuning:
-        return tune(
-            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost, options=how,  # type: ignore[arg-type]
-            report=teller(stream),
-        )  # fmt: skip
+        with telling(stream) as tell:
+            return tune(
+                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,  # type: ignore[arg-type]
+                options=how, report=tell,
+            )  # fmt: skip
 
     trouble: OSError | None = None
     if options.out is None:

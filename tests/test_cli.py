@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import io
 import json
 import math
 import os
@@ -27,6 +28,7 @@ from casahunt import (
     command_diagram,
     command_fold,
     command_orbit,
+    console,
     find_orbit,
 )
 from casahunt.archive import load_branch, load_orbit
@@ -762,3 +764,22 @@ def test_digits_of_a_tuning_a_fold_curve_and_samples_are_digits_known(capsys, tm
     ]:
         said = run(capsys, *words, "--tol", tol, "--quiet")[1]
         assert_known(re.search(pattern, said)[1], truth)
+
+
+def test_a_long_step_is_named_again(monkeypatch):
+    monkeypatch.setattr(console, "REMIND_EVERY", 0.02)
+    stream = io.StringIO()
+    with console.telling(stream) as tell:
+        tell("computing fold 3")  # not said: the first line comes after `TELL_EVERY`
+        deadline = time.monotonic() + 5
+        while stream.getvalue().count("computing fold 3 (for ") < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert stream.getvalue().count("computing fold 3 (for ") >= 2
+    time.sleep(0.05)
+    length = len(stream.getvalue())
+    time.sleep(0.1)
+    assert len(stream.getvalue()) == length
+    with console.telling(stream) as tell:  # a reader that is gone ends nothing
+        tell("computing fold 4")
+        stream.close()
+        time.sleep(0.1)
