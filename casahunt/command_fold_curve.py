@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .adapt import Options
-from .checks import known
+from .checks import known, to_error
 from .console import add_common, complain, finite, progress, say, servo_of, writable
 from .errors import InputError, NoOrbit, Status
 from .files import whole_text
@@ -129,8 +129,10 @@ def run(options: argparse.Namespace) -> int:
         print(f"  {curve.vary:>26s}  {heads}")
         for point in curve.points:
             print(
-                f"  {point.value:26.9g}  {point.gain:13.9g}  {point.orbit.amplitude:13.7g}  "
-                f"{point.orbit.period:11.7g}  {point.elasticity:+10.4f}" + ("  cusp" if point in curve.cusps else "")
+                f"  {point.value:26.9g}  {to_error(point.gain, point.error_estimate, most=9):>13s}  "
+                f"{to_error(point.orbit.amplitude, point.error_estimate, most=7):>13s}  "
+                f"{to_error(point.orbit.period, point.error_estimate, most=7):>11s}  {point.elasticity:+10.4f}"
+                + ("  cusp" if point in curve.cusps else "")
             )
         print(f"  {curve.wall_s:.2f} s")
     return 1 if failures else 0
@@ -146,9 +148,13 @@ def _count(text: Any) -> int:
 
 def _line(vary: str, point: FoldPoint) -> str:
     """A line of progress."""
+    gain, amplitude, period = (
+        to_error(value, point.error_estimate, most=most)
+        for value, most in ((point.gain, 8), (point.orbit.amplitude, 6), (point.orbit.period, 6))
+    )
     return (
-        f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {point.gain:.8g}  "
-        f"amplitude = {point.orbit.amplitude:.6g} rad  period = {point.orbit.period:.6g} s"
+        f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {gain}  amplitude = {amplitude} rad  "
+        f"period = {period} s"
     )
 
 

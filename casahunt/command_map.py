@@ -7,6 +7,7 @@ import json
 import math
 from typing import Any
 
+from .checks import to_error
 from .console import add_common, positive, progress, servo_of, teller, writable
 from .errors import InputError, NoOrbit, Status
 from .fixed_points import POINTS, fixed_points
@@ -72,8 +73,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"event map of the Switch servo at gain {gain:.10g}")
     print(f"  {seen.sentence()}")
     for f in seen.fixed:
-        print(f"  fixed point  a = {f.amplitude:.12g} rad  mu = P' = {f.multiplier:.8g} "
-              f"({'stable' if f.stable else 'unstable'})  period = {f.period:.10g} s")  # fmt: skip
+        print(f"  fixed point  a = {to_error(f.amplitude, f.error)} rad  mu = P' = {f.multiplier:.8g} "
+              f"({'stable' if f.stable else 'unstable'})  period = {to_error(f.period, f.period_error)} s")  # fmt: skip
     for j in seen.jumps:
         print(f"  jump         a = {j.start:.8g} rad, P from {j.below:.6g} to {j.above:.6g} rad"
               f"{', across P = a' if j.crosses else ''}")  # fmt: skip

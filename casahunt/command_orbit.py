@@ -90,8 +90,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"  period           {to_error(orbit.period, orbit.period_error)} s")
     if m.trusted:
         name = "half multiplier" if orbit.half else "multiplier"
-        print(f"  {name:15}  {complex_text(m.leading)}  (log10 of its size: {m.log10_leading:.4f})")
-        print(f"  multipliers      {', '.join(complex_text(value) for value in m.full)}")
+        print(f"  {name:15}  {complex_text(m.leading, m.trivial_error)}  (log10 of its size: {m.log10_leading:.4f})")
+        print(f"  multipliers      {', '.join(complex_text(value, m.trivial_error) for value in m.full)}")
         print(f"  {CHECK} {m.trivial_error:.1e}")
     else:
         print(f"  multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
@@ -124,8 +124,8 @@ def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
     if not m.trusted:
         print(f"    multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
         return
-    print(f"    {'half multiplier' if orbit.half else 'multiplier':15}  {complex_text(m.leading)}")
-    print(f"    multipliers      {', '.join(complex_text(value) for value in m.full)}")
+    print(f"    {'half multiplier' if orbit.half else 'multiplier':15}  {complex_text(m.leading, m.trivial_error)}")
+    print(f"    multipliers      {', '.join(complex_text(value, m.trivial_error) for value in m.full)}")
     print(f"    {CHECK} {m.trivial_error:.1e}")
     if orbit.multipliers.trusted:
         off = _difference(orbit.multipliers, m)

@@ -26,8 +26,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from .adapt import Options
-from .checks import known
-from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, teller
+from .checks import known, to_error
+from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
 from .files import whole_text
@@ -81,10 +81,11 @@ def run(options: argparse.Namespace) -> int:
     stream = progress(options.quiet)
 
     def tuned() -> Tuning:
-        return tune(
-            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost, options=how,  # type: ignore[arg-type]
-            report=teller(stream),
-        )  # fmt: skip
+        with telling(stream) as tell:
+            return tune(
+                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,  # type: ignore[arg-type]
+                options=how, report=tell,
+            )  # fmt: skip
 
     trouble: OSError | None = None
     if options.out is None:
@@ -109,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(record))
     else:
-        _print(record)
+        _print(record, how.tol)
         if options.out is not None and trouble is None:
             print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
     for sentence in tuning.verification.unverified:
@@ -135,32 +136,42 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _print(record: dict[str, Any]) -> None:
+def _print(record: dict[str, Any], tol: float) -> None:
+    """The answer as text; `tol` is the error of what is computed to the tolerance and has no estimate of its own."""
     check, fold = record["verification"], record["fold"]
-    print(f"{record['model']} servo: recommended gain {record['gain']:.10g} V/rad")
+    error = tol  # of the fold gain: what is estimated, and what two computations differ by
+    if check["fold_gain"]:
+        error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
+    known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
+    print(f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad")
     if record["free"]:
-        lead, integral = record["lead_time"], record["integral_time"]
-        print(f"  controller times lead_time {lead:.8g} s, integral_time {integral:.8g} s")
+        lead, integral = (to_error(record[name], tol) for name in ("lead_time", "integral_time"))
+        print(f"  controller times lead_time {lead} s, integral_time {integral} s")
     only = record["cost_gain_only"]
     print(
-        f"  cost             {record['cost']}: {record['cost_value']:.8g} {record['cost_unit']}"
-        + (f" ({only:.8g} with the times as given)" if only is not None else "")
+        f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
+        + (f" ({to_error(only, tol)} with the times as given)" if only is not None else "")
     )
     if record["fold_gain"]:
         where = ", ".join(f"{name} = {value:.6g}" for name, value in record["worst"]["corner"].items())
-        print(f"  hunting          possible up to gain {record['fold_gain']:.10g}" + (f" at {where}" if where else ""))
+        largest = to_error(record["fold_gain"], error)
+        print(f"  hunting          possible up to gain {largest}" + (f" at {where}" if where else ""))
         if where and fold["nominal"] is not None:
-            print(f"                   up to {fold['nominal']:.10g} at the nominal friction")
+            print(f"                   up to {to_error(fold['nominal'], fold['error'])} at the nominal friction")
     else:
         print("  hunting          possible at no gain")
     print(f"  binding          {', '.join(record['binding']) or 'nothing'}")
     print(f"checked apart from the optimisation: {check['result']}")
     if check["fold_gain"] is not None:
-        print(f"  fold once more   {check['fold_gain']:.10g}; the gain is {100 * check['margin']:.6g} % above it")
+        again = to_error(check["fold_gain"], error)
+        # K/K_fold - 1 has the error of K_fold.
+        part = 1 + 1 / check["margin"] if check["margin"] else 1.0
+        above = to_error(100 * check["margin"], abs(part) * error, most=6)
+        print(f"  fold once more   {again}; the gain is {above} % above it")
     print(f"  event map        {check['scan']}")
     if check["set"]:
         number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
-        print(f"  folds of the set {number} corners and samples, the largest {largest:.8g}")
+        print(f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)}")
     for name, loop in check["loops"].items():
         if name == "nominal" or loop != check["loops"]["nominal"]:
             at = ", ".join(f"{key} = {value:.6g}" for key, value in check["loop_corners"].get(name, {}).items())

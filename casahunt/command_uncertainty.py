@@ -11,7 +11,7 @@ from typing import Any
 
 from . import interrupts
 from .adapt import Options
-from .checks import known, quoted
+from .checks import known, quoted, to_error
 from .console import add_common, finite, progress, progress_line, say, servo_of, teller, writable
 from .errors import InputError, NoOrbit, Status
 from .fold import find_fold
@@ -89,13 +89,15 @@ def run(options: argparse.Namespace) -> int:
         }
         print(json.dumps(record))
     else:
-        print(f"{model} servo: hunting is possible up to gain {fold.gain:.8g}; with the uncertainty")
-        low_text, high_text = (f"{value:.6g}" for value in seen.linear)
+        error = fold.gain_error
+        print(f"{model} servo: hunting is possible up to gain {to_error(fold.gain, error)}; with the uncertainty")
+        low_text, high_text = (to_error(value, error, most=6) for value in seen.linear)
         print(f"  linearised       {low_text} to {high_text} ({seen.range_name}; standard deviation {seen.std:.3g})")
         if seen.quantiles:
-            shown = ", ".join(f"{key} {value:.6g}" for key, value in seen.quantiles.items())
+            shown = ", ".join(f"{key} {to_error(value, how.tol, most=6)}" for key, value in seen.quantiles.items())
             print(f"  {n} samples      {shown}")
-        print(f"  worst corner     {worst.gain:.8g} ({worst.evaluations} folds computed), at")
+        largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
+        print(f"  worst corner     {largest} ({worst.evaluations} folds computed), at")
         for name, value in worst.corner.items():
             print(f"    {name:28s} {value:.8g}")
         print(f"  {seen.misleading}")

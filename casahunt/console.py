@@ -10,6 +10,7 @@ import errno
 import math
 import os
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -24,8 +25,8 @@ from .files import alone_in, unmake
 from .hunting_problem import HuntingOrbit
 from .servo import Servo, load, with_overrides
 
-TELL_EVERY = 2.0
-"""Seconds between two lines of progress."""
+TELL_EVERY, REMIND_EVERY = 2.0, 10.0
+"""Seconds between two lines of progress, and after which a long step is named again."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -168,11 +169,49 @@ def teller(stream: IO[str] | None) -> Callable[[str], None]:
     return tell
 
 
-def complex_text(value: complex) -> str:
-    """A multiplier as the user reads it."""
-    if abs(value.imag) <= 1e-12 * abs(value):
-        return f"{value.real:.8g}" if abs(value) > 1e-12 else "0"
-    return f"{value.real:.8g}{value.imag:+.8g}j"
+@contextmanager
+def telling(stream: IO[str] | None) -> Iterator[Callable[[str], None]]:
+    """As `teller`; a step that takes longer than `REMIND_EVERY` seconds is named again and again, with its time."""
+    tell = teller(stream)
+    at, since = "", time.monotonic()
+    done = threading.Event()
+
+    def note(text: str) -> None:
+        nonlocal at, since
+        at, since = text, time.monotonic()
+        tell(text)
+
+    def remind() -> None:
+        while not done.wait(REMIND_EVERY):
+            text, long = at, time.monotonic() - since
+            if not text or long < REMIND_EVERY:
+                continue
+            try:
+                say(stream, f"{text} (for {long:.0f} s now)")
+            except (OSError, ValueError):  # nobody reads it any more; the computation is not to end for that
+                return
+
+    if stream is not None:
+        threading.Thread(target=remind, daemon=True).start()
+    try:
+        yield note
+    finally:
+        done.set()
+
+
+def complex_text(value: complex, error: float) -> str:
+    """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
+
+    `error` is that of the multiplier that must be 1: relative for larger ones, absolute for smaller ones.
+    """
+    error = max(error, 1e-12) * max(1.0, abs(value))
+
+    def part(x: float) -> str:
+        return to_error(x, error / abs(x), most=8) if abs(x) > error else "0"
+
+    if abs(value.imag) <= error:
+        return part(value.real)
+    return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"
 
 
 def complain(command: str, what: object) -> None:

@@ -3,7 +3,7 @@
 The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below
 which the frictionless linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section
 2), goes up and down from there in factors of two to the first cycle, and then up as far as the event map
-finds one.
+finds one.  Where motions go farther out at one of these gains, and not at the next, cycles are looked for in between.
 """
 
 from __future__ import annotations
@@ -20,15 +20,18 @@ from .adapt import TOLERANCE_RANGE, Options
 from .cold_start import check_problem, check_times, stable_at
 from .continuation import walk
 from .errors import NoOrbit, Status
-from .event_map import TYPICAL, near_stable, scan
+from .event_map import TYPICAL, HalfCycle, half_cycle, near_stable, scan
 from .fold_point import WALK_TOLERANCE, confirmed, located, turns_back
 from .hunting import Model
 from .hunting_problem import HuntingFold, HuntingOrbit
 from .linear_loop import routh_hurwitz_gain
+from .march import MarchFailure
 from .servo import Servo
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
+HALVINGS = 8
+"""Gains searched between one at which motions go farther out and twice that, at which they do not."""
 LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
@@ -88,13 +91,47 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
 
 def _gains_to_try(servo: Servo, model: Model, gains: list[float]) -> Iterator[tuple[float, bool]]:
     """(gain, True) where the Switch servo hunts, the highest of each climb first; then, for LuGre, (gain, False)."""
+    farther: dict[float, bool | None] = {}
     for gain in gains:
-        unit = servo.friction.static / servo.torque_gains(gain)[0]
-        rigid = near_stable("switch", servo, gain, TYPICAL * unit) or scan("switch", servo, gain).upper
+        rigid, farther[gain] = _rigid_cycle(servo, gain)
         if rigid is not None:
             yield from ((higher, True) for higher in reversed(_climb(servo, gain, rigid.start)))
+            continue
+        for low in (gain / 2, gain):  # where this turns within a factor of two, cycles may be in between
+            if farther.get(low) is True and farther.get(2 * low) is False:
+                between = _between(servo, low, 2 * low)
+                yield from ((higher, True) for higher in reversed(_climb(servo, *between) if between else ()))
     if model != "switch":
         yield from ((gain, False) for gain in gains[:LUGRE_SEARCHES])
+
+
+def _rigid_cycle(servo: Servo, gain: float) -> tuple[HalfCycle | None, bool | None]:
+    """(the Switch servo's stable cycle or None; without one: does the motion from a = Fs/kp go farther out?)."""
+    unit = servo.friction.static / servo.torque_gains(gain)[0]
+    near = near_stable("switch", servo, gain, TYPICAL * unit) or scan("switch", servo, gain).upper
+    if near is not None:
+        return near, None
+    try:
+        return None, half_cycle("switch", servo, gain, unit).ratio >= 1
+    except MarchFailure:
+        return None, None
+
+
+def _between(servo: Servo, low: float, high: float) -> tuple[float, float] | None:
+    """(gain, stick position) of a cycle between a gain at which motions go farther out and one at which they do not.
+
+    With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
+    of going on for ever to the fold: that range may be narrow.
+    """
+    for _ in range(HALVINGS):
+        gain = float(np.sqrt(low * high))
+        rigid, farther = _rigid_cycle(servo, gain)
+        if rigid is not None:
+            return gain, rigid.start
+        if farther is None:
+            return None
+        low, high = (gain, high) if farther else (low, gain)
+    return None
 
 
 def _climb(servo: Servo, gain: float, a: float) -> list[float]:

@@ -29,7 +29,7 @@ from .servo import Servo
 from .tune_demands import TIMES, Demands, cost_of, log_times, silent, with_times
 from .tune_problem import Cut
 from .tune_refusal import Nearest
-from .uncertainty import Uncertainty, WorstCase, worst_corner
+from .uncertainty import Uncertainty, WorstCase, fold_beside, worst_corner
 
 Array = np.ndarray
 
@@ -228,7 +228,12 @@ class Given:
     def _fold(self, servo: Servo) -> HuntingFold | None:
         if servo not in self.folds:
             self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
-            self.folds[servo] = fold_of(servo, self.model, self.options)
+            known = [fold for fold in self.folds.values() if fold is not None]
+            near = min(known, key=lambda fold: _distance(fold.orbit.servo, servo), default=None)
+            self.folds[servo] = (
+                fold_of(servo, self.model, self.options) if near is None
+                else fold_beside(servo, self.model, near, options=self.options)
+            )  # fmt: skip
         return self.folds[servo]
 
     def folds_at(self, q: Array) -> list[HuntingFold]:
@@ -299,6 +304,14 @@ def crossover_gain(servo: Servo) -> float:
 
 def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:
     return bool(np.allclose(a.parameters(1.0), b.parameters(1.0), rtol=rtol, atol=0.0))
+
+
+def _distance(a: Servo, b: Servo) -> float:
+    """How far apart two servos are in the logarithms of their parameters (1 for one that is 0 in one of them)."""
+    x, y = a.parameters(1.0), b.parameters(1.0)
+    both = (x > 0) & (y > 0)
+    far = np.where(both, np.log(np.where(both, x, 1.0) / np.where(both, y, 1.0)), x != y)
+    return float(np.linalg.norm(far))
 
 
 def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:

@@ -37,10 +37,11 @@ import numpy as np
 
 from .adapt import Options
 from .checks import LARGEST, SMALLEST, known, number, quoted, require, shown
+from .cold_start import stable_at
 from .errors import InputError, NoOrbit, Status
 from .event_map import scan
-from .find import WALK_TOLERANCE, find_orbit
 from .fold import find_fold
+from .fold_point import WALK_TOLERANCE
 from .hunting import MODELS, Model
 from .hunting_problem import HuntingFold
 from .sensitivity import NAMES, fold_sensitivities
@@ -284,7 +285,9 @@ def _fold_near(servo: Servo, model: Model, expected: float, options: Options) ->
     if np.isfinite(expected):
         try:
             rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-            start = find_orbit(servo, model, BELOW * expected, options=rough)
+            met = stable_at(servo, model, BELOW * expected, options=rough)  # where it meets none, that proves nothing
+            if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
+                start = met.orbit
         except NoOrbit:
             pass  # the prediction was too far off: search from nothing
     try:
@@ -543,6 +546,32 @@ def fold_gains(
     expected = _prediction(near, fold, names)(rows)
     results = _work(_Task(servo, model, options or Options(), names, rows, expected), report)
     return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
+
+
+def fold_beside(servo: Servo, model: Model, known: HuntingFold, *, options: Options | None = None
+) -> HuntingFold | None:
+    """The fold of a servo, looked for where that of a servo nearby lets it be expected.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    known
+        the fold of a servo nearby.
+    options
+        tolerance.
+
+    Returns
+    -------
+    The fold; None where the search finds no cycle at any gain.
+
+    Raises
+    ------
+    NoOrbit : it was not computed.
+    """
+    names = tuple(fold_sensitivities(known).elasticities)
+    expected = _prediction(known.orbit.servo, known, names)(values_of(servo, names)[None, :])
+    return _fold_near(servo, model, float(expected[0]), options or Options())
 
 
 # The worst corner

@@ -4,7 +4,7 @@
 
 An answer is wrong where a corner or one of 200 samples of the set misses a demand: its linear loop by python-control
 (poles, crossovers, margins; the delay exact on the frequency axis, and as a Pade approximation in the poles), its
-cycles by an event map that integrates many motions at once with an explicit Runge-Kutta pair.  A refusal is wrong where
+cycles by an event map of Taylor series with events (heyoka; both are in the extra `bench`).  A refusal is wrong where
 a grid search of its own over times and gains finds a feasible point.  Nothing of casahunt takes part in the judging but
 the record of the servo.
 """
@@ -17,7 +17,9 @@ import json
 import math
 import sys
 import time
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +40,19 @@ GAIN_SLACK = 1e-4
 """Relative tolerance of a fold gain: that of the event map on its grid of stick positions."""
 PHASE_SLACK = 0.02
 """Tolerance of a phase margin [deg]."""
-MOST_STEPS = 6000
-"""Steps after which a motion has crept for long enough to be no swing."""
+POINTS = 30
+"""Stick positions of the first grid."""
+MOST_SLIPS, MOST_STEPS, CHUNK = 40, 20_000, 50
+"""Most slips of a motion, most steps of a slip, and how many are made between two looks at where it is."""
+FAR = 7.0
+"""Speed in vs from which exp(-(v/vs)^2) is below the last digit."""
+AT_REST = 1e-4
+"""A slip this near to the set point, at a torque this near to static friction, has no swing left: in parts of a, of
+kp a, and of the least of vs and a sqrt(kp/J)."""
+FARTHER, THROWN_OUT = 30.0, 1e3
+"""A motion is thrown out that reverses this many a away without a stick, or slips this many in one go."""
+TRIED, FINEST = 8, 0.02
+"""Gains tried at a pair of times, and the smallest step in the logarithm of a time."""
 CLEAR = 0.01
 """A grid point counts as feasible where every demand is kept with this relative room in gain."""
 TIMES = ("controller.lead_time", "controller.integral_time")
@@ -51,124 +64,118 @@ FIELDS = (
 
 # The event map ------------------------------------------------------------------------------------------------
 
-# Dormand and Prince, 5(4).
-C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-A = [
-    [],
-    [1 / 5],
-    [3 / 40, 9 / 40],
-    [44 / 45, -56 / 15, 32 / 9],
-    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729],
-    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656],
-    [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-]
-E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+@lru_cache(maxsize=1)
+def _slips() -> tuple[Any, Any]:
+    """Integrators of a slip: without an eye on the speed, and one that ends at v = 0.
+
+    With u from where the slip begins, in units of a, time in sqrt(J/kp), torques in kp a (names as in the servo's
+    equations, so scaled), and m0 the torque beyond static friction at the beginning:
+
+        u' = v,   v' = m0 - u - kd v - ki w + (Fs - Fc)(1 - exp(-(v/vs)^2)) - s2 v,   w' = u + x0.
+    """
+    import heyoka as hy
+
+    u, v, w = hy.make_vars("u", "v", "w")
+    kd, ki, drop, vs, s2, m0, x0 = (hy.par[i] for i in range(7))
+    system = [
+        (u, v), (v, m0 - (u + kd * v + ki * w) + drop * (1.0 - hy.exp(-(v / vs) * (v / vs))) - s2 * v), (w, u + x0),
+    ]  # fmt: skip
+    down = hy.event_direction.negative
+    # From far above vs a step would not see the drop: it begins anew where the exponential can be seen.
+    events = [hy.t_event(v, direction=down), hy.t_event(v - FAR * vs, direction=down, callback=lambda *_: True)]
+    first, ta = (
+        hy.taylor_adaptive(system, state=[0.0] * 3, pars=[1.0] * 7, tol=1e-15, t_events=seen) for seen in ([], events)
+    )
+    return first, ta
 
 
-class Flow:
-    """Slips of many servos at once: parameters (m,), states (3, m)."""
+def stick_ratio(row: Array, gain: float, a: float) -> float:
+    """P(a)/a of one servo: from breakaway at x1 = -a to the next stick.
 
-    def __init__(self, rows: Array, gain: Array | float) -> None:
-        J, cm, lead, integral, Fs, Fc, vs, viscous = rows.T
-        factor = np.asarray(gain) * cm
-        self.J, self.Fs, self.Fc, self.vs, self.viscous = J, Fs, Fc, vs, viscous
-        self.kp, self.kd, self.ki = factor * (1 + lead / integral), factor * lead, factor / integral
-
-    def torque(self, x: Array) -> Array:
-        return -(self.kp * x[0] + self.kd * x[1] + self.ki * x[2])
-
-    def __call__(self, x: Array, sign: Array) -> Array:
-        friction = sign * (self.Fc + (self.Fs - self.Fc) * np.exp(-((x[1] / self.vs) ** 2))) + self.viscous * x[1]
-        return np.array([x[1], (self.torque(x) - friction) / self.J, x[0]])
-
-    def at(self, where: Array) -> Flow:
-        part = object.__new__(Flow)
-        for name, value in vars(self).items():
-            setattr(part, name, np.broadcast_to(value, self.J.shape)[where])
-        return part
-
-
-def _step(flow: Flow, x: Array, sign: Array, h: Array) -> tuple[Array, Array, Array]:
-    """(new state, error, field at the end)."""
-    k = [flow(x, sign)]
-    for row in A[1:]:
-        k.append(flow(x + h * sum(a * f for a, f in zip(row, k, strict=True) if a), sign))
-    new = x + h * sum(a * f for a, f in zip(A[6], k[:6], strict=True) if a)
-    return new, h * sum(e * f for e, f in zip(E, k, strict=True) if e), k[-1]
-
-
-def event_map(rows: Array, gain: Array | float, a: Array, *, tol: float = 1e-8, most_slips: int = 12) -> Array:
-    """P(a)/a (m,) of many servos (m, 8): from breakaway at x1 = -a to the next stick; inf where it swings on."""
-    flow = Flow(rows, gain)
-    m = a.size
-    x = np.array([-a, np.zeros(m), (flow.kp * a - flow.Fs) / flow.ki])
-    sign, ratio = np.ones(m), np.full(m, np.nan)
-    rate = np.sqrt(flow.kp / flow.J)
-    scale = np.array([a, np.minimum(a * rate, np.maximum(flow.vs, 1e-3 * a * rate)), flow.Fs / flow.ki])
-    h = 1e-3 / rate
-    slips, alive = np.zeros(m, int), np.arange(m)
-    begun = np.zeros(m, bool)
-    for _ in range(MOST_STEPS):
-        if not alive.size:
-            break
-        f, s, here, dt = flow.at(alive), sign[alive], x[:, alive], h[alive]
-        new, error, _ = _step(f, here, s, dt)
-        e = np.max(np.abs(error) / (tol * scale[:, alive]), axis=0)
-        good = e <= 1
-        h[alive] = dt * np.clip(0.9 * np.maximum(e, 1e-12) ** -0.2, 0.2, 4.0)
-        stop = good & begun[alive] & (s * new[1] < 0)
-        move = good & ~stop
-        x[:, alive[move]] = new[:, move]
-        begun[alive[move]] |= (s * new[1] > 0)[move]
-        # A servo that creeps up to its set point, and could not coast past it, comes no nearer to a again.
-        coasts = np.abs(x[1, alive]) * f.J / (f.kd + f.viscous)
-        creeps = move & (np.abs(x[0, alive]) < 0.01 * a[alive]) & (coasts < 0.01 * a[alive])
-        ratio[alive[creeps]] = 0.0
-        ended = alive[creeps]
-        if stop.any():
-            i = alive[stop]
-            part, si, xi, hi = flow.at(i), sign[i], x[:, i], dt[stop]
-            low, high = np.zeros(i.size), np.ones(i.size)
-            for _ in range(45):
-                middle = (low + high) / 2
-                back = si * _step(part, xi, si, hi * middle)[0][1] < 0
-                low, high = np.where(back, low, middle), np.where(back, middle, high)
-            x[:, i] = _step(part, xi, si, hi * low)[0]
-            x[1, i] = 0.0
-            torque = part.torque(x[:, i])
-            stuck = np.abs(torque) <= part.Fs
-            ratio[i[stuck]] = x[0, i[stuck]] / a[i[stuck]]
-            slips[i] += 1
-            wild = ~stuck & ((slips[i] >= most_slips) | (np.abs(x[0, i]) > 3 * a[i]))
-            ratio[i[wild]] = np.inf
-            on = ~stuck & ~wild
-            sign[i[on]] = np.sign(torque[on])
-            begun[i[on]] = False
-            h[i] = 1e-3 / rate[i]
-            ended = np.concatenate([ended, i[stuck | wild]])
-        slow = h[alive] * rate[alive] > 1e6  # it creeps for ever
-        ratio[alive[slow]] = 0.0
-        alive = np.setdiff1d(alive, np.concatenate([ended, alive[slow]]))
-    return np.abs(ratio)
+    inf where it is thrown out; 0 where it comes to rest at the set point without a stop; nan where it was not followed
+    to its end.
+    """
+    first, ta = _slips()
+    J, cm, lead, integral, Fs, Fc, vs, s2 = row
+    kp, kd, ki = gain * cm * (1 + lead / integral), gain * cm * lead, gain * cm / integral
+    unit = math.sqrt(J / kp)
+    kd, ki, s2, vs = kd * unit / J, ki * unit / kp, s2 * unit / J, vs * unit / a
+    drop, Fs = (Fs - Fc) / (kp * a), Fs / (kp * a)
+    x0, m0 = -1.0, 0.0
+    for _ in range(MOST_SLIPS):
+        for flow in (first, ta):
+            flow.pars[:] = kd, ki, drop, vs, s2, m0, x0
+        first.time, first.state[:] = 0.0, 0.0
+        first.step(1e-2 / (1 + kd + s2 + ki))  # v = 0 at the start is no stop
+        ta.time, ta.state[:] = 0.0, first.state
+        ta.reset_cooldowns()
+        if not ta.state[1] > 0:
+            return math.nan
+        for _ in range(MOST_STEPS // CHUNK):
+            stopped = int(ta.propagate_until(1e300, max_steps=CHUNK)[0]) == -1
+            u, v, w = ta.state
+            m = m0 - (u + ki * w)
+            if stopped:
+                break
+            if abs(x0 + u) < AT_REST and abs(v) < AT_REST * min(1, vs) and abs(m) < AT_REST:
+                return 0.0
+            if not abs(u) < THROWN_OUT:
+                return math.inf
+        else:
+            return math.nan
+        x0, m = x0 + u, m + Fs
+        if m >= -Fs:  # at a stop more than Fs is rounding: the speed has fallen to nothing
+            return abs(x0)
+        if abs(x0) > FARTHER:
+            return math.inf
+        x0, m0 = -x0, -m - Fs
+    return math.inf
 
 
-def largest_ratio(rows: Array, gain: Array | float, *, points: int = 30, rounds: int = 5) -> Array:
-    """(m,) max over a of |P(a)|/a: below one no cycle with sticking exists."""
+def event_map(rows: Array, gain: Array | float, a: Array) -> Array:
+    """P(a)/a (m,) of many servos (m, 8)."""
+    gains = np.broadcast_to(np.asarray(gain, float), a.shape)
+    return np.array([stick_ratio(*task) for task in zip(rows, gains.tolist(), a.tolist(), strict=True)])
+
+
+def stick_positions(rows: Array, gain: float) -> Array:
+    """(m, POINTS) stick positions at which the map is looked at, in view of Fs/kp."""
+    kp = gain * rows[:, 1] * (1 + rows[:, 2] / rows[:, 3])
+    return np.geomspace(3e-4, 10.0, POINTS) * (rows[:, 4] / kp)[:, None]
+
+
+def largest_ratio(rows: Array, gain: float, *, rounds: int = 5) -> Array:
+    """(m,) max over a of |P(a)|/a: below one no cycle with sticking exists; nan where a motion was not followed."""
     m = len(rows)
-    gain = np.broadcast_to(np.asarray(gain, float), (m,))
-    flow = Flow(rows, gain)
-    grid = np.tile(np.geomspace(3e-4, 10.0, points), (m, 1)) * (flow.Fs / flow.kp)[:, None]
+    grid = stick_positions(rows, gain)
     best = np.zeros(m)
     for k in range(rounds):
         n = grid.shape[1]
-        values = event_map(np.repeat(rows, n, axis=0), np.repeat(gain, n), grid.ravel()).reshape(m, n)
-        values = np.nan_to_num(values, nan=0.0, posinf=np.inf)
-        i = np.argmax(values, axis=1)
+        values = event_map(np.repeat(rows, n, axis=0), gain, grid.ravel()).reshape(m, n)
+        i = np.argmax(values, axis=1)  # the first nan, if there is one
         best = np.maximum(best, values[np.arange(m), i])
         if k < rounds - 1:
             low, high = grid[np.arange(m), np.maximum(i - 1, 0)], grid[np.arange(m), np.minimum(i + 1, n - 1)]
             grid = np.geomspace(low, high, 9).T
     return best
+
+
+class Hunts:
+    """Whether a servo of a set may hunt at a gain: one |P(a)| >= a will do, looked for first where the last one was."""
+
+    def __init__(self) -> None:
+        self.servo, self.point = 0, POINTS // 2
+
+    def __call__(self, rows: Array, gain: float) -> bool:
+        self.servo = min(self.servo, len(rows) - 1)
+        grid = stick_positions(rows, gain)
+        for i in np.argsort(np.arange(len(rows)) != self.servo, kind="stable"):
+            for j in np.argsort(np.abs(np.arange(POINTS) - self.point), kind="stable"):
+                if not stick_ratio(rows[i], gain, float(grid[i, j])) < 1:
+                    self.servo, self.point = int(i), int(j)
+                    return True
+        return not (largest_ratio(rows, gain) < 1).all()
 
 
 # The linear loop ----------------------------------------------------------------------------------------------
@@ -305,40 +312,73 @@ def judge_answer(tuning: Tuning, seed: int, samples: int) -> list[str]:
     lowest = tuning.gain / (1 + tuning.demands.margin) * (1 + GAIN_SLACK)
     for gain in (lowest, tuning.gain):
         ratio = largest_ratio(rows, gain, rounds=5 if gain == lowest else 1)
-        if (ratio >= 1).any():
+        if not (ratio < 1).all():
             i = int(np.argmax(ratio))
             faults.append(f"hunts at {gain / tuning.gain:.6g} K: ratio {ratio[i]:.8g} at {rows[i].tolist()}")
     return faults
 
 
 def grid_search(servo: Servo, arguments: dict, seed: int, points: int) -> str:
-    """A feasible point of a refused task, in words; "" where the grid has none."""
-    demands, uncertainty, free = arguments["demands"], arguments["uncertainty"], arguments["free"]
-    axes = [
-        np.geomspace(t / 2, 2 * t, points) if name in free else [t]
-        for name, t in (("lead_time", servo.controller.lead_time), ("integral_time", servo.controller.integral_time))
-    ]
-    for lead, integral in itertools.product(*axes):
-        here = servo.replace(**{TIMES[0]: float(lead), TIMES[1]: float(integral)}) if free else servo
-        rows = set_rows(here, uncertainty, 12, seed)
-        unit = here.inertia / (here.motor_gain * lead * (lead + integral))
-        gains = unit * np.geomspace(1e-2, 1e4, 1200)
-        kept = kept_gains(rows, demands, gains)
-        inner = np.flatnonzero(kept[:-2] & kept[1:-1] & kept[2:]) + 1  # a hair's breadth is nobody's fault
-        if not inner.size:
-            continue
-        tried = gains[inner[np.linspace(0, inner.size - 1, 8).astype(int)]]
-        corners = rows[: 1 + 2 ** len(uncertainty.parameters)]
-        part = (1 + demands.margin) * (1 + CLEAR)
-        # Feasible: no servo hunts at K/(1 + margin), and one does at a gain not too far below, the default bound.
-        hunts = [
-            (largest_ratio(np.repeat(corners, 8, axis=0), np.tile(tried / p, len(corners))).reshape(-1, 8) >= 1).any(0)
-            for p in (part, 9 * part)
-        ]
-        good = np.flatnonzero(~hunts[0] & hunts[1])
-        if good.size:
-            return f"lead_time {lead:.6g}, integral_time {integral:.6g}, gain {tried[good[0]]:.6g}"
+    """A feasible point of a refused task, in words; "" where the search finds none.
+
+    Pairs of times on a grid, then from the nearest of them downhill in the largest |P(a)|/a of the set at the largest
+    gain that its loops allow.
+    """
+    free, hunts = arguments["free"], Hunts()
+    given = np.log([servo.controller.lead_time, servo.controller.integral_time])
+    width = [math.log(2) if name in free else 0.0 for name in ("lead_time", "integral_time")]
+    axes = [np.linspace(-w, w, points if len(free) == 2 else 2 * points - 1) if w else [0.0] for w in width]
+    compass = [np.array(m) for m in itertools.product((-1, 0, 1), repeat=2)]
+    near: list[tuple[float, Array]] = []
+    for move in itertools.product(*axes):
+        gain, missed = _feasible(servo, arguments, seed, given + move, hunts)
+        if gain:
+            return _said(given + move, gain)
+        near.append((missed, np.array(move)))
+    least, here = min(near, key=lambda pair: pair[0])
+    step = math.log(2) / (points - 1) if free and math.isfinite(least) else 0.0
+    while step > FINEST:
+        moves = np.unique([np.clip(here + step * m, np.negative(width), width) for m in compass], axis=0)
+        moves = [m for m in moves if (m != here).any()]
+        tried = [(*_feasible(servo, arguments, seed, given + m, hunts), m) for m in moves]
+        gain, _, move = max(tried, key=lambda t: t[0])
+        if gain:
+            return _said(given + move, gain)
+        _, missed, move = min(tried, key=lambda t: t[1])
+        least, here, step = (missed, move, step) if missed < least else (least, here, step / 2)
     return ""
+
+
+def _said(q: Array, gain: float) -> str:
+    return f"lead_time {math.exp(q[0]):.6g}, integral_time {math.exp(q[1]):.6g}, gain {gain:.6g}"
+
+
+def _feasible(servo: Servo, arguments: dict, seed: int, q: Array, hunts: Hunts) -> tuple[float, float]:
+    """(a feasible gain at the times exp(q), or 0; the largest |P(a)|/a at the largest gain that the loops allow)."""
+    demands, uncertainty = arguments["demands"], arguments["uncertainty"]
+    times = {name: math.exp(v) for name, v in zip(TIMES, q, strict=True)}
+    here = servo.replace(**times) if arguments["free"] else servo
+    rows = set_rows(here, uncertainty, 12, seed)
+    lead, integral = here.controller.lead_time, here.controller.integral_time
+    gains = here.inertia / (here.motor_gain * lead * (lead + integral)) * np.geomspace(1e-2, 1e4, 1200)
+    kept = kept_gains(rows, demands, gains)
+    inner = np.flatnonzero(kept[:-2] & kept[1:-1] & kept[2:]) + 1  # a hair's breadth is nobody's fault
+    if not inner.size:
+        return 0.0, math.inf
+    corners = rows[: 1 + 2 ** len(uncertainty.parameters)]
+    part = (1 + demands.margin) * (1 + CLEAR)
+    # Feasible: no servo hunts at K/(1 + margin), and one does at a gain not too far below, the default bound.
+    ends = inner[np.flatnonzero(np.diff(inner, append=inner[-1] + 2) > 1)]
+    tried = np.union1d(inner[np.linspace(0, inner.size - 1, TRIED).astype(int)], ends)
+    for gain in gains[tried].tolist():
+        if not hunts(corners, gain / part):
+            if hunts(corners, gain / part / 9):
+                return gain, 0.0
+            break  # so does none at higher gains
+    if not arguments["free"]:
+        return 0.0, math.inf
+    worst = [hunts.servo, 0]
+    return 0.0, float(np.max(largest_ratio(corners[worst], float(gains[inner[-1]]) / part, rounds=1)))
 
 
 def one(seed: int, quick: bool, limit: int) -> dict:

@@ -165,6 +165,20 @@ def test_sharp_fold_of_stronger_friction():
     assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-6)
 
 
+@pytest.mark.slow
+def test_a_servo_whose_cycles_exist_in_a_narrow_range_of_gains():
+    """The loop is unstable without dry friction up to gain 7.8; cycles exist from about 3.9 to the fold, less than a
+    factor of two.  The fold by the event map of scripts/tuning.py: the peak of P(a)/a, bisected in the gain."""
+    servo = Servo().replace(**{
+        "servo.inertia": 0.19764950539205736, "servo.motor_gain": 1.9805829914128932,
+        "controller.lead_time": 0.049815533087248086, "controller.integral_time": 0.12751686526427994,
+        "friction.static": 0.10159275269823816, "friction.coulomb": 0.0514265195985105,
+        "friction.stribeck_velocity": 0.04042218005192416, "friction.viscous": 0.34532947296876604,
+    })  # fmt: skip
+    fold = find_fold(servo, "switch")
+    assert fold.gain == pytest.approx(4.66243113482, rel=1e-6)
+
+
 def test_large_multipliers_agree_between_half_and_full_cycle():
     """mu = 2.3249402192253e14 in 50-digit arithmetic (finite differences of the event map, four widths)."""
     servo = Servo().replace(**{"friction.static": 0.7})

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt import InputError, Options, Servo, cli, find_fold
+from casahunt import InputError, Options, Servo, cli, find_fold, uncertainty
+from casahunt import fold as fold_module
 from casahunt.sensitivity import fold_sensitivities
 from casahunt.uncertainty import (
     Uncertainty,
     WorstCase,
     draw,
+    fold_beside,
     linear_gains,
     linear_interval,
     linear_moments,
@@ -368,3 +370,21 @@ def test_command(tmp_path, capsys, fold):
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert cli.main([*words[:3], "--samples", "2", "--jobs", "2"]) == 0
     assert "worst corner" in capsys.readouterr().out
+
+
+def test_a_fold_beside_another_is_the_fold(servo, fold):
+    """Table 1 with a longer lead time, and at the end of the way back: the fold from nothing, and the reference."""
+    there = servo.replace(**{"controller.lead_time": 0.24})
+    beside = fold_beside(there, "switch", fold)
+    assert beside.gain == pytest.approx(find_fold(there, "switch").gain, rel=2e-6)
+    assert fold_beside(servo, "switch", beside).gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)
+
+
+def test_nearby_folds_are_not_computed_twice_where_the_expected_gain_is_too_high(servo, monkeypatch):
+    """A cycle expected above the fold is met by nobody; that takes no proof, which would be the whole search."""
+    searched = []
+    honest = fold_module.find_any_orbit
+    monkeypatch.setattr(fold_module, "find_any_orbit", lambda *a, **k: searched.append(1) or honest(*a, **k))
+    fold = uncertainty._fold_near(servo, "switch", 2.0, Options())
+    assert fold.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)
+    assert len(searched) == 1
