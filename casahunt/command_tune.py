@@ -30,7 +30,7 @@ from .checks import known
 from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, teller
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
-from .files import whole_text
+from .files import together, whole_text
 from .hunting import MODELS
 from .tune import Tuning, tune
 from .tune_demands import COSTS, FREE, Demands
@@ -99,11 +99,12 @@ def run(options: argparse.Namespace) -> int:
             from . import pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
-            # Both are on the disk before the first takes its place: they belong to the same tuning.
             try:
-                with whole_text(out / FILES[0]) as html, whole_text(out / FILES[1]) as data:
-                    html.write(page(record, images))
-                    data.write(json.dumps(record, indent=1) + "\n")
+                with together():  # they belong to the same tuning
+                    with whole_text(out / FILES[0]) as html:
+                        html.write(page(record, images))
+                    with whole_text(out / FILES[1]) as data:
+                        data.write(json.dumps(record, indent=1) + "\n")
             except OSError as error:  # a full disk: the tuning is still said
                 trouble = error
     if options.json:

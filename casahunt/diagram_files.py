@@ -17,7 +17,7 @@ from .archive import load_branch, load_run, save_branch
 from .branch import Branch, SpecialPoint
 from .diagram import DiagramPoint
 from .errors import InputError
-from .files import whole_text
+from .files import together, whole_text
 from .hunting import Model
 from .monitor import FOLD
 from .orbit import Orbit
@@ -72,13 +72,14 @@ def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, o
     """
     special = [(found, i) for i, point in enumerate(points) for found in point.special]
     branch = Branch(model, task.servo, tuple(p.orbit for p in points), ended, tuple(found for found, _ in special))
-    save_branch(branch, out / f"{model}.npz", run={**task.settings, "special_before": [i for _, i in special]})
-    with whole_text(out / f"{model}.csv") as stream:
-        write = table(stream, CSV_COLUMNS)
-        for point in points:
-            write(csv_row(found.orbit, found.kind) for found in point.special)
-            if not point.is_special:
-                write([csv_row(point.orbit, "")])
+    with together():
+        save_branch(branch, out / f"{model}.npz", run={**task.settings, "special_before": [i for _, i in special]})
+        with whole_text(out / f"{model}.csv") as stream:
+            write = table(stream, CSV_COLUMNS)
+            for point in points:
+                write(csv_row(found.orbit, found.kind) for found in point.special)
+                if not point.is_special:
+                    write([csv_row(point.orbit, "")])
     return branch
 
 
