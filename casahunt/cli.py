@@ -32,7 +32,7 @@ from . import (
     interrupts,
 )
 from .checks import known
-from .console import Parser, complain, own_process
+from .console import Outputs, Parser, complain, own_process
 from .errors import InputError, NoOrbit
 
 COMMANDS = {
@@ -98,9 +98,8 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         if program:
             own_process()
         options = _parsed(words)
-        code = COMMANDS[options.command].run(options)
-        sys.stdout.flush()
-        return code
+        with Outputs() as options.outputs:
+            return COMMANDS[options.command].run(options)
     except InputError as error:
         interrupts.check()
         complain(command, error)

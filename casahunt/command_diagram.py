@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
                     failures.append(failure)
                     complain("casahunt diagram", failure)
             if branches:
-                _pictures(branches, out)
+                options.outputs.write(_pictures, branches, out)
                 for aside in drop_replaced(moved):
                     complain("casahunt diagram", f"{aside} is of an earlier run, which this one has not replaced")
         except KeyboardInterrupt:
@@ -113,7 +113,8 @@ def run(options: argparse.Namespace) -> int:
             print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
             for special in branch.special:
                 print(f"  {special.meaning}")
-        print(f"written to {out}")
+        if not options.outputs.troubles:
+            print(f"written to {out}")
     return 1 if failures else 0
 
 

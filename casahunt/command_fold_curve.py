@@ -119,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_fold_curve, plotting
 
-        plotting.save(pictures_fold_curve.regions(curves), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_fold_curve.regions(curves), plot))
     if options.json:
         records = [_record(curve) for curve in curves]
         print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - began}))
