@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from .branch import Branch, SpecialPoint
+from .branch import Branch, Missed, SpecialPoint
 from .checks import require
 from .collocation import scheme
 from .errors import InputError, Status
@@ -115,6 +115,7 @@ def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | No
         "special": [
             {"kind": s.kind, "meaning": s.meaning, "orbit": _orbit_record(s.orbit, writer)} for s in branch.special
         ],
+        "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
         "run": dict(run or {}),
     }
     _write(path, "branch", content, writer)
@@ -232,6 +233,7 @@ def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
         special=tuple(
             SpecialPoint(str(s["kind"]), _orbit(s["orbit"], numbers), str(s["meaning"])) for s in metadata["special"]
         ),
+        missed=tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in metadata.get("missed", [])),
     )
     others = [orbit.model for orbit in (*branch.orbits, *(s.orbit for s in branch.special))]
     if any(model != branch.model for model in others):

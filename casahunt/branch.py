@@ -29,6 +29,20 @@ class SpecialPoint:
     meaning: str
 
 
+@dataclass(frozen=True)
+class Missed:
+    """A special point that the branch has, but that was not located.
+
+    Attributes
+    ----------
+    kind : as of a `SpecialPoint`.
+    meaning : one sentence for the user, with the values of the parameter that it lies between.
+    """
+
+    kind: str
+    meaning: str
+
+
 @dataclass(frozen=True, eq=False)
 class Branch:
     """Hunting cycles of one servo along a varied parameter.
@@ -39,6 +53,7 @@ class Branch:
     orbits : in the order of computation.
     special : located special points.
     ended : one sentence that says why the branch ends where it does.
+    missed : special points that were not located.
     """
 
     model: Model
@@ -46,6 +61,7 @@ class Branch:
     orbits: tuple[Orbit, ...]
     ended: str
     special: tuple[SpecialPoint, ...] = ()
+    missed: tuple[Missed, ...] = ()
 
     @property
     def gains(self) -> Array:

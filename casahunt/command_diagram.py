@@ -31,6 +31,7 @@ from .errors import InputError, NoOrbit
 from .files import drop_replaced, set_aside
 from .hunting import MODELS
 from .interrupts import held, word
+from .monitor import FOLD
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
@@ -90,6 +91,10 @@ def run(options: argparse.Namespace) -> int:
                 if failure:
                     failures.append(failure)
                     complain("casahunt diagram", failure)
+                for gap in branches[-1].missed if branches and branches[-1].model == model else ():
+                    complain("casahunt diagram", f"{model}: {gap.meaning}")
+                    if gap.kind == FOLD.kind:  # what the diagram is there for
+                        failures.append(gap.meaning)
             if branches:
                 options.outputs.write(_pictures, branches, out)
                 for aside in drop_replaced(moved):
@@ -190,6 +195,7 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
             }
             for s in branch.special
         ],
+        "missed": [{"kind": gap.kind, "meaning": gap.meaning} for gap in branch.missed],
     }
 
 

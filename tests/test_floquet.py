@@ -89,7 +89,8 @@ def test_integrators_where_one_start_per_phase_is_lost():
 
 
 @pytest.mark.parametrize(
-    ("model", "what"), [("switch", "erk failed in the phase 'slip+'"), ("lugre", "rosenbrock failed in the phase 'slide+'")]
+    ("model", "what"),
+    [("switch", "erk failed in the phase 'slip+'"), ("lugre", "rosenbrock failed in the phase 'slide+'")],
 )
 def test_an_integrator_that_fails_says_so(orbit, monkeypatch, model, what):
     """CasADi's own integrator, with a field that is no number from the start."""
