@@ -8,6 +8,7 @@ import errno
 import itertools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -450,6 +451,16 @@ def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeypatc
     assert run(capsys, *command, "--resume")[0] == 0
     assert table.read_bytes() == done and set(contents(tmp_path)) == {"switch.csv", "switch.npz"}
 
+    # In one go: other steps behind the interruption, the same branch; what is located does not depend on the steps.
+    assert run(capsys, *command, "--out", tmp_path / "whole")[0] == 0
+    with (tmp_path / "whole" / "switch.csv").open(newline="") as stream:
+        whole = list(csv.DictReader(stream))
+    assert rows[: stops[0]] == whole[: stops[0]]
+    for name in ("gain", "amplitude_rad", "period_s"):
+        located, again = ({r["special"]: float(r[name]) for r in run_ if r["special"]} for run_ in (rows, whole))
+        assert located == pytest.approx(again, rel=1e-9 if name == "gain" else 2e-6)
+    shutil.rmtree(tmp_path / "whole")
+
     save_branch(load_branch(tmp_path / "switch.npz"), tmp_path / "switch.npz")  # as Python users write one
     code, _, err = run(capsys, *command, "--resume")
     assert code == 2 and "it does not say how it was computed" in err
@@ -542,3 +553,31 @@ def test_a_signal_ends_a_process_with_its_points(tmp_path):
     rows = (out / "switch.csv").read_text().splitlines()
     assert len(rows) >= 3 and len({row.count(",") for row in rows}) == 1
     assert len(load_branch(out / "switch.npz").orbits) >= 2
+
+
+@posix
+@pytest.mark.slow
+def test_two_runs_after_a_kill(tmp_path):
+    """The lock of a killed run holds nobody up; of two that take it up at once one is refused, and nothing is mixed."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "casahunt", "diagram", "--model", "switch", "--from", "0.6", "--out", str(out)]
+
+    def started(*more: str) -> subprocess.Popen[str]:
+        return subprocess.Popen([*command, *more], cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    first = started()
+    try:
+        assert first.stderr is not None and first.stderr.readline()
+    finally:
+        first.kill()
+        first.communicate()
+    before = (out / "switch.csv").read_text()
+    runs = [started("--resume") for _ in range(2)]
+    ends = sorted((child.wait(), *child.communicate()) for child in runs)
+    # The second may have come when the first was done: then it has found nothing left to do.
+    assert [code for code, *_ in ends] in ([0, 2], [0, 0])
+    if ends[1][0] == 2:
+        assert ends[1][1] == "" and "another run is writing into this folder" in ends[1][2]
+    table = (out / "switch.csv").read_text()
+    assert table.startswith(before) and table.count(",fold\n") == 1
+    assert set(contents(out)) == {"switch.csv", "switch.npz", *command_diagram.PICTURES}
