@@ -19,6 +19,7 @@ from __future__ import annotations
 import _signal  # type: ignore[import-not-found]  # what `signal` wraps in enumerations, which cost fifty times as much
 import threading
 import traceback
+import weakref
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache, update_wrapper
@@ -43,6 +44,7 @@ class _Memory:
 
     def __init__(self) -> None:
         self.before: Callable[..., Any] = _signal.default_int_handler
+        self.owner: Callable[[], Heard | None] = lambda: None
         self.times = 0
         self.kind: type[BaseException] = KeyboardInterrupt
         self.args: tuple[Any, ...] = ()
@@ -64,7 +66,8 @@ class Heard:
 
     Of the main thread, which alone receives signals, and where a handler of Python's raises something: the handler of
     the command line or of another program is asked as ever, and stands in its place again behind the block.
-    A handler that an interrupt on the way in or out leaves behind does what the one that it stands for does.
+    A handler that an interrupt on the way in or out leaves behind does what the one that it stands for does, and goes
+    with the next block.
     """
 
     def __enter__(self) -> None:
@@ -73,10 +76,14 @@ class Heard:
             return
         before = _signal.getsignal(_signal.SIGINT)
         self.times = _MEMORY.times
-        if callable(before) and before is not _MEMORY:
+        if before is _MEMORY:
+            self.installed = _MEMORY.owner() is None
+        elif callable(before):
             _MEMORY.before = before
             _signal.signal(_signal.SIGINT, _MEMORY)
             self.installed = True
+        if self.installed:
+            _MEMORY.owner = weakref.ref(self)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
