@@ -388,6 +388,38 @@ def test_idle_workers_end_with_a_killed_parent():
         process.stdout.close()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SIGNALS)
+def test_workers_that_still_import_end_with_their_parent(tmp_path, kind):
+    slow = "import sys\nif '--multiprocessing-fork' in sys.orig_argv:\n" + textwrap.indent(
+        SLOW_IMPORT.replace('print("ready", flush=True)', 'open(f"ready-{time.time_ns()}", "w").close()'), "    "
+    )
+    (tmp_path / "sitecustomize.py").write_text(slow)
+    (tmp_path / "uncertain.toml").write_text('[interval]\n"friction.static" = [0.47, 0.53]\n')
+    words = "uncertainty --uncertainty uncertain.toml --samples 4 --jobs 2 --quiet"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "casahunt", *words.split()],
+        cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    try:
+        end = time.monotonic() + PATIENCE
+        while len(list(tmp_path.glob("ready-*"))) < 2:
+            assert process.poll() is None and time.monotonic() < end
+            time.sleep(0.02)
+        number, code = SIGNALS[kind]
+        process.send_signal(number)
+        assert process.wait(PATIENCE) == code
+        while session(process.pid):
+            assert time.monotonic() < end + PATIENCE
+            time.sleep(0.02)
+    finally:
+        for pid in session(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
 @pytest.mark.parametrize("path", [*ROOT.glob("casahunt/*.py"), *ROOT.glob("scripts/*.py")], ids=lambda path: path.name)
 def test_every_pool_ends_with_its_parent(path: Path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
