@@ -97,8 +97,8 @@ def _end_children() -> None:
     """End the worker processes, which may still be importing and see nothing of what becomes of this one."""
     process = sys.modules.get("multiprocessing.process")
     if process is not None:
-        for child in process.active_children():
-            with suppress(Exception):
+        with suppress(Exception):
+            for child in process.active_children():
                 child.kill()
 
 
@@ -150,8 +150,7 @@ def _insist(number: int) -> None:
         else:
             _thread.interrupt_main(signal.Signals(number))
     _say_so()
-    with suppress(Exception):
-        _end_children()
+    _end_children()
     os._exit(_code())
 
 
