@@ -8,7 +8,7 @@ import numpy as np
 
 from .hunting import Model
 from .hunting_problem import HuntingOrbit
-from .monitor import SpecialPoint
+from .monitor import Missed, SpecialPoint
 from .servo import Servo
 
 Array = np.ndarray
@@ -24,6 +24,7 @@ class Branch:
     orbits : in the order of computation.
     special : located special points.
     ended : one sentence that says why the branch ends where it does.
+    missed : special points that were not located.
     """
 
     model: Model
@@ -31,6 +32,7 @@ class Branch:
     orbits: tuple[HuntingOrbit, ...]
     ended: str
     special: tuple[SpecialPoint[HuntingOrbit], ...] = ()
+    missed: tuple[Missed, ...] = ()
 
     @property
     def gains(self) -> Array:

@@ -34,7 +34,7 @@ from . import (
     interrupts,
 )
 from .checks import known
-from .console import Parser, complain, own_process, progress, say
+from .console import Outputs, Parser, complain, own_process, progress, say
 from .errors import InputError, NoOrbit
 
 COMMANDS = {
@@ -110,10 +110,9 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         options = _parsed(words)
         name, stream = options.command, progress(options.quiet)
         tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
-        with effort.watched(tell, limit=MOST_WORK if name in ONE_ANSWER else math.inf):
-            code = COMMANDS[name].run(options)
-        sys.stdout.flush()
-        return code
+        limit = MOST_WORK if name in ONE_ANSWER else math.inf
+        with Outputs() as options.outputs, effort.watched(tell, limit=limit):
+            return COMMANDS[name].run(options)
     except InputError as error:
         interrupts.check()
         complain(command, error)

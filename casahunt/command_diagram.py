@@ -32,6 +32,7 @@ from .errors import InputError, NoOrbit
 from .files import drop_replaced, set_aside
 from .hunting import MODELS
 from .interrupts import held, word
+from .monitor import FOLD
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
@@ -91,8 +92,12 @@ def run(options: argparse.Namespace) -> int:
                 if failure:
                     failures.append(failure)
                     complain("casahunt diagram", failure)
+                for gap in branches[-1].missed if branches and branches[-1].model == model else ():
+                    complain("casahunt diagram", f"{model}: {gap.meaning}")
+                    if gap.kind == FOLD.kind:  # what the diagram is there for
+                        failures.append(gap.meaning)
             if branches:
-                _pictures(branches, out)
+                options.outputs.write(_pictures, branches, out)
                 for aside in drop_replaced(moved):
                     complain("casahunt diagram", f"{aside} is of an earlier run, which this one has not replaced")
         except KeyboardInterrupt:
@@ -114,7 +119,8 @@ def run(options: argparse.Namespace) -> int:
             print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
             for special in branch.special:
                 print(f"  {special.meaning}")
-        print(f"written to {out}")
+        if not options.outputs.troubles:
+            print(f"written to {out}")
     return 1 if failures else 0
 
 
@@ -191,6 +197,7 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
             }
             for s in branch.special
         ],
+        "missed": [{"kind": gap.kind, "meaning": gap.meaning} for gap in branch.missed],
     }
 
 

@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_equilibria, plotting
 
-        plotting.save(pictures_equilibria.picture(found), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_equilibria.picture(found), plot))
     if options.json:
         print(json.dumps(record_of(found)))
         return 0

@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_fold, plotting
 
-        plotting.save(pictures_fold.elasticities([fold], [slopes]), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_fold.elasticities([fold], [slopes]), plot))
     record = {
         "model": model,
         "gain": fold.gain,

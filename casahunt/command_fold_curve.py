@@ -13,7 +13,7 @@ from .adapt import Options
 from .checks import known, to_error
 from .console import add_common, complain, finite, progress, say, servo_of, writable
 from .errors import InputError, NoOrbit, Status
-from .files import whole_text
+from .files import together, whole_text
 from .fold_curve import POINTS, FoldCurve, FoldPoint, as_found, check_range, fold_curve
 from .fold_curve_files import INTERRUPTED, begun, save_curve
 from .hunting import MODELS
@@ -79,10 +79,11 @@ def run(options: argparse.Namespace) -> int:
     there: list[FoldPoint] = as_found(before.points, start) if before else []
 
     def keep(curve: FoldCurve) -> None:
-        if save:
-            save_curve(curve, save, settings)
-        if table:
-            _write([point for part in (*curves, curve) for point in part.points], options.vary, table)
+        with together():
+            if save:
+                save_curve(curve, save, settings)
+            if table:
+                _write([point for part in (*curves, curve) for point in part.points], options.vary, table)
 
     def arrived(point: FoldPoint) -> None:
         """The files are whole after every point, as they would be if it were the last."""
@@ -118,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_fold_curve, plotting
 
-        plotting.save(pictures_fold_curve.regions(curves), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_fold_curve.regions(curves), plot))
     if options.json:
         records = [_record(curve) for curve in curves]
         print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - began}))

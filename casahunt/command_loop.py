@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_loop, plotting
 
-        plotting.save(pictures_loop.bode(servo, loops), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_loop.bode(servo, loops), plot))
     frictionless, viscous = routh_hurwitz_gain(servo), lowest_stable_gain(servo)
     if options.json:
         record = {

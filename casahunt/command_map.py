@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_map, plotting
 
-        plotting.save(pictures_map.cobweb(seen), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_map.cobweb(seen), plot))
     if options.json:
         record = {
             "gain": gain,

@@ -73,11 +73,11 @@ def run(options: argparse.Namespace) -> int:
     record["wall_s"] = time.perf_counter() - began
     say(progress(options.quiet), progress_line(orbit))
     if save:
-        save_orbit(orbit, save)
+        options.outputs.write(save_orbit, orbit, save)
     if plot:
         from . import plotting
 
-        plotting.save(plotting.time_traces([orbit]), plot)
+        options.outputs.draw(lambda: plotting.save(plotting.time_traces([orbit]), plot))
     if options.json:
         print(json.dumps(record))
         return 0

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     if plot and found.periods.size:
         from . import pictures_simulation, plotting
 
-        plotting.save(pictures_simulation.folded(record, found, orbit), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_simulation.folded(record, found, orbit), plot))
     if options.json:
         print(json.dumps(_record(options.file, record, found, orbit, failure, set_point, wall_s)))
     else:

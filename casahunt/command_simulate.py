@@ -75,11 +75,11 @@ def run(options: argparse.Namespace) -> int:
     verdict = found.verdict
     wall_s = time.perf_counter() - began
     if table:
-        _write(found, table, step)
+        options.outputs.write(_write, found, table, step)
     if plot:
         from . import pictures_simulation, plotting
 
-        plotting.save(pictures_simulation.motion(found), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_simulation.motion(found), plot))
     advice = None if found.status.ok else _advice(found)
     if options.json:
         print(json.dumps(_record(found, advice, wall_s)))

@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from .adapt import Options
@@ -30,7 +30,7 @@ from .checks import known, to_error
 from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
 from .errors import InputError
 from .evidence import before_tasks, page, record_of
-from .files import whole_text
+from .files import together, whole_text
 from .hunting import MODELS
 from .tune import Tuning, tune
 from .tune_demands import COSTS, FREE, Demands
@@ -87,7 +87,6 @@ def run(options: argparse.Namespace) -> int:
                 options=how, report=tell,
             )  # fmt: skip
 
-    trouble: OSError | None = None
     if options.out is None:
         tuning = tuned()
         record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
@@ -100,28 +99,28 @@ def run(options: argparse.Namespace) -> int:
             from . import pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
-            # Both are on the disk before the first takes its place: they belong to the same tuning.
-            try:
-                with whole_text(out / FILES[0]) as html, whole_text(out / FILES[1]) as data:
-                    html.write(page(record, images))
-                    data.write(json.dumps(record, indent=1) + "\n")
-            except OSError as error:  # a full disk: the tuning is still said
-                trouble = error
+            options.outputs.write(_write, out, page(record, images), record)
     if options.json:
         print(json.dumps(record))
     else:
         _print(record, how.tol)
-        if options.out is not None and trouble is None:
+        if options.out is not None and not options.outputs.troubles:
             print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
         reasons = "; ".join(tuning.verification.against)
         complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
-    if trouble is not None:
-        sys.stdout.flush()
-        raise trouble
     return 1 if tuning.verification.against else 0
+
+
+def _write(out: Path, html: str, record: dict[str, Any]) -> None:
+    """The evidence; both files are of the same tuning."""
+    with together():
+        with whole_text(out / FILES[0]) as stream:
+            stream.write(html)
+        with whole_text(out / FILES[1]) as stream:
+            stream.write(json.dumps(record, indent=1) + "\n")
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:

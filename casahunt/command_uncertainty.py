@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     if plot:
         from . import pictures_uncertainty, plotting
 
-        plotting.save(pictures_uncertainty.histogram(fold, samples, worst, seen), plot)
+        options.outputs.draw(lambda: plotting.save(pictures_uncertainty.histogram(fold, samples, worst, seen), plot))
     complete = not samples.failures and not worst.failures
     status = Status.CONVERGED if complete else Status.NOT_CONVERGED
     wall = time.perf_counter() - began

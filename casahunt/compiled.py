@@ -7,15 +7,23 @@ a lock, those to shared constants too; MUMPS under IPOPT keeps global state.  He
     2. A compiled function is called without that lock through a `Caller`, whose buffers every thread has for itself.
 
 Results do not depend on the threads: nothing that one writes is read by another.
+
+And CasADi swallows Ctrl-C: to convert an argument it calls Python (`shape`, `__array__`, `DM_from_array`), and takes
+whatever is raised there for an argument of another type; IPOPT has "failed".  Hence a third:
+
+    3. What a Ctrl-C has raised is raised again where the work inside CasADi ends without it: `Heard`.
 """
 
 from __future__ import annotations
 
+import _signal  # type: ignore[import-not-found]  # what `signal` wraps in enumerations, which cost fifty times as much
 import threading
 import traceback
+import weakref
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache, update_wrapper
+from types import TracebackType
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import casadi as ca
@@ -31,6 +39,64 @@ _DROPPED: deque[dict[str, Any]] = deque()
 """What was given up while another thread was inside CasADi; dropped by whoever enters next."""
 
 
+class _Memory:
+    """The handler of Ctrl-C that was there, with a memory for what it raises."""
+
+    def __init__(self) -> None:
+        self.before: Callable[..., Any] = _signal.default_int_handler
+        self.owner: Callable[[], Heard | None] = lambda: None
+        self.times = 0
+        self.kind: type[BaseException] = KeyboardInterrupt
+        self.args: tuple[Any, ...] = ()
+
+    def __call__(self, number: int, frame: Any) -> None:
+        try:
+            self.before(number, frame)
+        except BaseException as error:  # not the error itself, which would keep the frames it came through alive
+            self.times, self.kind, self.args = self.times + 1, type(error), error.args
+            raise
+
+
+_MEMORY = _Memory()
+_MAIN = threading.main_thread().ident
+
+
+class Heard:
+    """A block of code at whose end a Ctrl-C that something inside has swallowed is raised again.
+
+    Of the main thread, which alone receives signals, and where a handler of Python's raises something: the handler of
+    the command line or of another program is asked as ever, and stands in its place again behind the block.
+    A handler that an interrupt on the way in or out leaves behind does what the one that it stands for does, and goes
+    with the next block.
+    """
+
+    def __enter__(self) -> None:
+        self.installed = False
+        if threading.get_ident() != _MAIN:
+            return
+        before = _signal.getsignal(_signal.SIGINT)
+        self.times = _MEMORY.times
+        if before is _MEMORY:
+            self.installed = _MEMORY.owner() is None
+        elif callable(before):
+            _MEMORY.before = before
+            _signal.signal(_signal.SIGINT, _MEMORY)
+            self.installed = True
+        if self.installed:
+            _MEMORY.owner = weakref.ref(self)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if threading.get_ident() != _MAIN:
+            return
+        if self.installed:
+            _signal.signal(_signal.SIGINT, _MEMORY.before)
+        if _MEMORY.times != self.times and not (kind and issubclass(kind, _MEMORY.kind)):
+            traceback.clear_frames(trace)
+            raise _MEMORY.kind(*_MEMORY.args) from None
+
+
 def alone(function: Callable[P, R]) -> Callable[P, R]:
     """`function`, run by one thread at a time; what it built and does not return is dropped before the next enters.
 
@@ -42,7 +108,8 @@ def alone(function: Callable[P, R]) -> Callable[P, R]:
         with CASADI:
             _DROPPED.clear()
             try:
-                return function(*args, **kwargs)
+                with Heard():
+                    return function(*args, **kwargs)
             except BaseException as error:
                 traceback.clear_frames(error.__traceback__)  # which would keep graphs alive beyond the lock
                 raise
@@ -91,7 +158,7 @@ class Buffers(_Owner):
     """Arrays of one thread: fill `inputs`, call `trigger()`, read `outputs`, which the next call overwrites."""
 
     def __init__(self, function: _Function) -> None:
-        with CASADI:
+        with CASADI, Heard():
             self._buffer, self.trigger = function.casadi.buffer()
             self.inputs = tuple(np.zeros(shape) for shape in function.inputs)
             self.outputs = tuple(np.zeros(shape) for shape in function.outputs)

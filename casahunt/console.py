@@ -214,6 +214,45 @@ def complex_text(value: complex, error: float) -> str:
     return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"
 
 
+class Outputs:
+    """What a command leaves beside its printed result: data files, then the result, then pictures, which take longest.
+
+    None of them takes anything from the others: where one cannot be written, because the disk is full or nobody reads
+    the output any more, the others are, and the block ends with an exception that says what is missing.
+    """
+
+    def __init__(self) -> None:
+        self.troubles: list[OSError | InputError] = []
+        self._pictures: list[Callable[[], object]] = []
+
+    def write(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Write a file now."""
+        try:
+            function(*arguments)
+        except (OSError, InputError) as error:
+            self.troubles.append(error)
+
+    def draw(self, function: Callable[[], object]) -> None:
+        """Draw a picture when the result has been printed."""
+        self._pictures.append(function)
+
+    def __enter__(self) -> Outputs:
+        """The block runs the command, which prints its result."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None and not issubclass(kind, OSError):
+            return
+        if kind is None:
+            self.write(sys.stdout.flush)
+        for draw in self._pictures:
+            self.write(draw)
+        if kind is None and self.troubles:
+            said = "; ".join(str(getattr(e, "strerror", None) or e) for e in self.troubles)
+            first = self.troubles[0]
+            raise OSError(first.errno, said) if isinstance(first, OSError) else InputError(said)
+
+
 def complain(command: str, what: object) -> None:
     """An error message."""
     print(f"{command}: {what}", file=sys.stderr)

@@ -19,7 +19,7 @@ from .find import find_orbit
 from .fold_point import next_fold
 from .hunting import Model
 from .hunting_problem import HuntingOrbit
-from .monitor import STANDARD, Monitor, SpecialPoint, crossings
+from .monitor import STANDARD, Missed, Monitor, SpecialPoint, crossings
 from .servo import Servo
 
 DEFAULT_START = 0.0321
@@ -31,10 +31,14 @@ HIGHEST = 1e9
 
 @dataclass(frozen=True, eq=False)
 class DiagramPoint:
-    """An orbit of a diagram with the special points between the one before and this one; it may be one itself."""
+    """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
+
+    `missed` are those that were not located.
+    """
 
     orbit: HuntingOrbit
     special: tuple[SpecialPoint[HuntingOrbit], ...]
+    missed: tuple[Missed, ...] = ()
 
     @property
     def is_special(self) -> bool:
@@ -99,8 +103,8 @@ def diagram(
         except StopIteration as end:
             ended = str(end.value)
             break
-        found = crossings(before, after, vary="gain", monitors=monitors, options=options)
-        yield DiagramPoint(after, tuple(found))
+        found, missed = crossings(before, after, vary="gain", monitors=monitors, options=options)
+        yield DiagramPoint(after, tuple(found), tuple(missed))
         before = after
     if not natural:
         return ended
@@ -120,6 +124,7 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     """Run a diagram to its end."""
     orbits: list[HuntingOrbit] = []
     special: list[SpecialPoint[HuntingOrbit]] = []
+    missed: list[Missed] = []
     ended = ""
     while True:
         try:
@@ -129,6 +134,7 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
             break
         orbits.append(point.orbit)
         special += point.special
-    return Branch(model, servo, tuple(orbits), ended, tuple(special))
+        missed += point.missed
+    return Branch(model, servo, tuple(orbits), ended, tuple(special), tuple(missed))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from .adapt import Options
 from .branch import Branch
 from .diagram import DiagramPoint
 from .errors import InputError
-from .files import whole_text
+from .files import together, whole_text
 from .hunting import Model
 from .hunting_files import load_branch, load_run, save_branch
 from .hunting_problem import HuntingOrbit
@@ -71,14 +71,17 @@ def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, o
     InputError, OSError : as `save_branch`.
     """
     special = [(found, i) for i, point in enumerate(points) for found in point.special]
-    branch = Branch(model, task.servo, tuple(p.orbit for p in points), ended, tuple(found for found, _ in special))
-    save_branch(branch, out / f"{model}.npz", run={**task.settings, "special_before": [i for _, i in special]})
-    with whole_text(out / f"{model}.csv") as stream:
-        write = table(stream, CSV_COLUMNS)
-        for point in points:
-            write(csv_row(found.orbit, found.kind) for found in point.special)
-            if not point.is_special:
-                write([csv_row(point.orbit, "")])
+    missed = tuple(gap for point in points for gap in point.missed)
+    orbits = tuple(point.orbit for point in points)
+    branch = Branch(model, task.servo, orbits, ended, tuple(found for found, _ in special), missed)
+    with together():
+        save_branch(branch, out / f"{model}.npz", run={**task.settings, "special_before": [i for _, i in special]})
+        with whole_text(out / f"{model}.csv") as stream:
+            write = table(stream, CSV_COLUMNS)
+            for point in points:
+                write(csv_row(found.orbit, found.kind) for found in point.special)
+                if not point.is_special:
+                    write([csv_row(point.orbit, "")])
     return branch
 
 
@@ -109,7 +112,9 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
     special: dict[int, list[SpecialPoint[HuntingOrbit]]] = {}
     for point, i in zip(branch.special, before, strict=True):
         special.setdefault(i, []).append(point)
-    return [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)], branch.ended
+    points = [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)]
+    points[-1] = replace(points[-1], missed=branch.missed)  # behind which of them is not written, and tells nothing
+    return points, branch.ended
 
 
 def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> DiagramPoint:

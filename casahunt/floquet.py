@@ -143,7 +143,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
         at = np.concatenate([[0.0], np.cumsum(lengths)]) / np.sum(lengths) * durations[k]
         try:
             factors = _sensitivities(phase.mode, setting, tol, nodes[starts[k] + cuts[:-1]], np.diff(at[cuts]))
-        except RuntimeError as error:
+        except _IntegratorFailed as error:
             raise NoOrbit(
                 f"the multipliers by the integrators were not computed: CasADi's {_integrator_of(phase.mode)} failed "
                 f"in the phase {phase.mode.name!r}, which lasts {durations[k]:.6g} s; collocation does not need it",
@@ -164,13 +164,22 @@ def _cuts(maps: Array) -> Array:
     return np.array([*cuts, len(maps)])
 
 
+class _IntegratorFailed(Exception):
+    """CasADi's integrator did not reach the end."""
+
+
 def _integrator_of(mode: Mode) -> str:
     return "rosenbrock" if mode.stiff else "erk"
 
 
 @alone
 def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, durations: Array) -> list[Array]:
-    """(n, n) sensitivity of the end to the start of each way (m, n), (m,), states scaled."""
+    """(n, n) sensitivity of the end to the start of each way (m, n), (m,), states scaled.
+
+    Raises
+    ------
+    _IntegratorFailed : it gave up, or came to no number.
+    """
     n = setting.scale.size
     x, p, T = ca.SX.sym("x", n), ca.SX.sym("p", setting.p.size), ca.SX.sym("T")
     scale = ca.DM(setting.scale)
@@ -182,8 +191,16 @@ def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, dura
     x0, parameters = ca.MX.sym("x0", n), ca.MX.sym("p", setting.p.size + 1)
     end = flow(x0=x0, p=parameters)["xf"]
     sensitivity = ca.Function("sensitivity", [x0, parameters], [ca.jacobian(end, x0)])
-    ways = zip(starts, durations, strict=True)
-    return [np.array(sensitivity(start, np.append(setting.p, duration))) for start, duration in ways]
+    found = []
+    for start, duration in zip(starts, durations, strict=True):
+        try:
+            found.append(np.array(sensitivity(start, np.append(setting.p, duration))))
+        except RuntimeError as error:
+            # NotImplementedError, arguments that do not fit, is one too; and CasADi words an interrupt like a failure.
+            if type(error) is not RuntimeError or "KeyboardInterrupt" in str(error):
+                raise
+            raise _IntegratorFailed from error
+    return found
 
 
 def _closed(pieces: list[tuple[list[Array], Array]], h_x: Array, closure: Array) -> MapChain:

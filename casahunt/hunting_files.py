@@ -14,7 +14,7 @@ from .branch import Branch
 from .checks import known, require
 from .hunting import MODELS
 from .hunting_problem import Hunting, HuntingOrbit
-from .monitor import SpecialPoint
+from .monitor import Missed, SpecialPoint
 from .servo import flatten, unflatten
 
 Array = np.ndarray
@@ -56,6 +56,7 @@ def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | No
         "special": [
             {"kind": s.kind, "meaning": s.meaning, "orbit": orbit_record(s.orbit, writer)} for s in branch.special
         ],
+        "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
         "run": dict(run or {}),
     }
     write(path, "branch", content, writer)
@@ -83,6 +84,7 @@ def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
             SpecialPoint(str(s["kind"]), orbit_from(s["orbit"], numbers, _pose), str(s["meaning"]))
             for s in metadata["special"]
         ),
+        missed=tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in metadata.get("missed", [])),
     )
     others = [orbit.model for orbit in (*branch.orbits, *(s.orbit for s in branch.special))]
     if any(model != branch.model for model in others):

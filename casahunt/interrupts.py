@@ -85,11 +85,21 @@ def leave() -> int:
     """
     code = _code()
     if _State.installed:
+        _end_children()
         for stream in (sys.stdout, sys.stderr):
             with suppress(Exception):
                 stream.flush()
         os._exit(code)
     return code
+
+
+def _end_children() -> None:
+    """End the worker processes, which may still be importing and see nothing of what becomes of this one."""
+    process = sys.modules.get("multiprocessing.process")
+    if process is not None:
+        with suppress(Exception):
+            for child in process.active_children():
+                child.kill()
 
 
 def _code() -> int:
@@ -140,6 +150,7 @@ def _insist(number: int) -> None:
         else:
             _thread.interrupt_main(signal.Signals(number))
     _say_so()
+    _end_children()
     os._exit(_code())
 
 
@@ -198,5 +209,23 @@ def _is_command_line() -> bool:
     return (asked or script in ("casahunt", "casahunt.exe")) and "--multiprocessing-fork" not in sys.orig_argv
 
 
+def _is_worker() -> bool:
+    """Whether this process works for a command line: it is started with the arguments of that one."""
+    script = sys.argv[0] if getattr(sys, "argv", None) else ""
+    folder, name = os.path.split(script)
+    asked = name in ("casahunt", "casahunt.exe") or (os.path.basename(folder), name) == ("casahunt", "__main__.py")
+    return asked and "--multiprocessing-fork" in sys.orig_argv
+
+
+def _end_with_parent_while_importing() -> None:
+    """End this process when it has got another parent; `end_with_parent` can begin only when all is imported."""
+    parent = os.getppid()
+    while os.getppid() == parent:
+        time.sleep(AGAIN)
+    os._exit(1)
+
+
 if _is_command_line():
     install()
+elif _is_worker():
+    _thread.start_new_thread(_end_with_parent_while_importing, ())

@@ -19,7 +19,6 @@ The parameter value of a fold is second order in the place on the curve: it come
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -69,6 +68,20 @@ class SpecialPoint(Generic[AnyOrbit]):
 
     kind: str
     orbit: AnyOrbit
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Missed:
+    """A special point that the branch has, but that was not located.
+
+    Attributes
+    ----------
+    kind : as of a `SpecialPoint`.
+    meaning : one sentence for the user, with the values of the parameter that it lies between.
+    """
+
+    kind: str
     meaning: str
 
 
@@ -125,9 +138,9 @@ def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0
 
 def crossings(
     before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
-) -> list[SpecialPoint[AnyOrbit]]:
-    """The special points between two successive orbits of a walk."""
-    found = []
+) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:
+    """The special points between two successive orbits of a walk, and those that are there and were not located."""
+    found, missed = [], []
     start: Point | None = None
     end: Point | None = None
     for monitor in monitors:
@@ -147,14 +160,13 @@ def crossings(
             # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
             orbit = max(before, after, key=lambda o: parameter_value(o, vary))
         if orbit is None:
-            warnings.warn(
-                f"a special point ({monitor.kind}) lies between {vary} = {parameter_value(before, vary):.8g} and "
-                f"{parameter_value(after, vary):.8g}, but could not be located",
-                stacklevel=2,
-            )
+            bounds = f"{vary} = {parameter_value(before, vary):.8g} and {parameter_value(after, vary):.8g}"
+            advice = "the steps towards it did not converge; another tolerance may lead there"
+            missed.append(Missed(monitor.kind, f"a {monitor.kind} point between {bounds} was not located: {advice}"))
             continue
         found.append(special_point(monitor, orbit, vary))
-    return sorted(found, key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
+    found.sort(key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
+    return found, missed
 
 
 def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:

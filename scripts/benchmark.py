@@ -264,7 +264,7 @@ def whole_diagram(first: Any, tol: float, fold_tol: float) -> tuple[int, float]:
     fold = float("nan")
     for before, after in ((top - 1, top), (top, top + 1)):
         options = Options(tol=fold_tol)
-        found = crossings(orbits[before], orbits[after], vary="gain", monitors=(FOLD,), options=options)
+        found, _ = crossings(orbits[before], orbits[after], vary="gain", monitors=(FOLD,), options=options)
         fold = found[0].orbit.gain if found else fold
     return len(orbits) + 1, fold
 

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -30,9 +31,10 @@ from casahunt import (
     command_orbit,
     console,
     find_orbit,
+    monitor,
 )
 from casahunt.console import complex_text
-from casahunt.diagram import DiagramPoint
+from casahunt.diagram import DiagramPoint, diagram
 from casahunt.diagram_files import CSV_COLUMNS, csv_row
 from casahunt.hunting_files import load_branch, load_orbit
 from casahunt.servo import dump
@@ -369,6 +371,33 @@ def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
     assert "no step converged: try this" in err and "--tol" in err
     assert len(rows_of(tmp_path / "switch.csv")) == len(load_branch(tmp_path / "switch.npz").orbits) == 2
     assert is_picture(tmp_path / "diagram.png")
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("fold", 1), ("symmetry breaking", 0)])
+def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, kind, expected):
+    """Said, and kept with the branch, also by a run that is taken up; a diagram without its fold has failed."""
+    # The multiplier falls through 0.5 next to the fold, where it is 1.
+    passed = replace(monitor.SYMMETRY_BREAKING, value=lambda orbit, point: orbit.half_multiplier - 0.5)
+    monitors = (monitor.FOLD if kind == "fold" else passed,)
+    locate = monitor.locate
+    monkeypatch.setattr(monitor, "locate", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k))
+    monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
+    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
+    command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]
+    code, out, err = run(capsys, *command)
+    assert code == expected
+    (branch,) = one_json(out)["branches"]
+    gaps = branch["missed"]
+    assert branch["special"] == [] and gaps and all(gap["kind"] == kind for gap in gaps)
+    assert err == "".join(f"casahunt diagram: switch: {gap['meaning']}\n" for gap in gaps)
+    bounds = [float(bound) for bound in re.findall(r"between gain = (\S+) and (\S+) was not located", err)[0]]
+    assert all(0.6 <= bound < table1.REFERENCE["switch"]["fold"]["K"] for bound in bounds) and bounds[0] != bounds[1]
+    assert one_json(out)["failures"] == [gap["meaning"] for gap in gaps if kind == "fold"]
+    assert [(m.kind, m.meaning) for m in load_branch(tmp_path / "switch.npz").missed] == [
+        (gap["kind"], gap["meaning"]) for gap in gaps
+    ]
+    again = run(capsys, *command, "--resume")
+    assert (again[0], again[2]) == (code, err) and one_json(again[1])["branches"] == [branch]
 
 
 @pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ZeroDivisionError()], ids=repr)

@@ -156,7 +156,7 @@ def test_a_fold_takes_few_corrections(model, monkeypatch):
     found = []
     monkeypatch.setattr("casahunt.monitor.step_along", counting)
     for before, after in ((orbits[top - 1], orbits[top]), (orbits[top], orbits[top + 1])):
-        found += crossings(before, after, vary="gain", monitors=(FOLD,), options=Options(tol=1e-10))
+        found += crossings(before, after, vary="gain", monitors=(FOLD,), options=Options(tol=1e-10))[0]
     (fold,) = found
     assert fold.orbit.gain == pytest.approx(FOLDS[model], rel=1e-10)
     assert 2 <= len(steps) <= 6  # three by cubics; where the sequence of phases changes on the way, a few more
@@ -187,7 +187,7 @@ def test_user_monitor_is_located(orbit):
     found = [
         s
         for first, second in itertools.pairwise([before, *points])
-        for s in crossings(first, second, vary="gain", monitors=(monitor,), options=Options(tol=1e-9))
+        for s in crossings(first, second, vary="gain", monitors=(monitor,), options=Options(tol=1e-9))[0]
     ]
     assert len(found) == 1
     assert found[0].orbit.period == pytest.approx(15, abs=1e-8)

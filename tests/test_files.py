@@ -5,12 +5,15 @@ from __future__ import annotations
 import ast
 import csv
 import errno
+import itertools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -50,13 +53,16 @@ def run(capsys, *words: object) -> tuple[int, str, str]:
     return code, *capsys.readouterr()
 
 
-def full_disk(monkeypatch) -> None:
-    """What is written gets as far as the disk and no further."""
+def full_disk(monkeypatch, *, numbers: Sequence[int] = range(1000)) -> None:
+    """What is written gets as far as the disk and no further; of the files those with these numbers."""
+    count, fsync = itertools.count(), os.fsync
 
-    def fsync(handle: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    def full(handle: int) -> None:
+        if next(count) in numbers:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        fsync(handle)
 
-    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(os, "fsync", full)
 
 
 # Whole files -------------------------------------------------------------------------------------------------
@@ -121,9 +127,8 @@ def test_a_device_is_written_and_not_replaced(tmp_path, capsys):
     path = tmp_path / "a.csv"
     path.symlink_to("/dev/full")
     code, out, err = run(capsys, "simulate", "--gain", 0.1, "--time", 1, "--csv", path)
-    assert (code, out, err) == (
-        1, "", f"casahunt simulate: the output could not be written: {str(path)!r}: the disk is full\n"
-    )  # fmt: skip
+    assert code == 1 and out.startswith("switch servo at gain 0.1, ")
+    assert err == f"casahunt simulate: the output could not be written: {str(path)!r}: the disk is full\n"
     assert Path("/dev/full").is_char_device() and path.is_symlink()
 
 
@@ -197,7 +202,8 @@ WRITERS = {
     "npz": (["orbit", "--gain", 0.1, "--save", "a.npz"], ["a.npz"]),
     "csv": (["simulate", "--gain", 0.1, "--time", 1, "--csv", "a.csv"], ["a.csv"]),
     "points": (["fold-curve", *VARY, "--csv", "a.csv"], ["a.csv"]),
-    "html": (["tune", "--out", ".", "--json"], ["tune.html", "tune.json"]),
+    "html": (["tune", "--out", "."], ["tune.html", "tune.json"]),
+    "picture": (["loop", "--gain", 0.1, "--plot", "a.png"], ["a.png"]),
 }
 
 
@@ -210,13 +216,84 @@ def test_a_full_disk_says_so_and_leaves_what_was_there(capsys, tmp_path, monkeyp
         Path(name).write_text("old")
     with monkeypatch.context() as patch:
         full_disk(patch)
-        code, out, err = run(capsys, *words, "--quiet")
-    # Of a tuning, minutes of computing, the result is said all the same.
-    assert (code, out) == (1, '{"gain": 1.0}\n' if what == "html" else "") and err.count("\n") == 1
+        code, out, err = run(capsys, *words, "--quiet", "--json")
+    # What was computed is said all the same; a curve ends with its first point that cannot be kept.
+    assert code == 1 and err.count("\n") == 1
+    assert out == "" if what == "points" else isinstance(json.loads(out), dict)
     assert "could not be written" in err and "the disk is full" in err
     assert contents(tmp_path) == {name: b"old" for name in names}
-    assert run(capsys, *words, "--quiet")[0] == 0
+    assert run(capsys, *words, "--quiet", "--json")[0] == 0
     assert set(contents(tmp_path)) == set(names) and b"old" not in contents(tmp_path).values()
+
+
+@pytest.mark.parametrize("full", [[0], [1], [0, 1]])
+def test_the_result_and_every_file_stand_for_themselves(capsys, tmp_path, monkeypatch, full):
+    """The archive and the picture of an orbit, each on a disk of its own."""
+    paths = [tmp_path / "a.npz", tmp_path / "a.png"]
+    command = ["orbit", "--gain", 0.1, "--save", paths[0], "--plot", paths[1], "--quiet"]
+    full_disk(monkeypatch, numbers=full)
+    code, out, err = run(capsys, *command)
+    assert code == 1 and out.startswith("switch servo at gain 0.1: stable hunting cycle") and "status" in out
+    said = "; ".join(f"{str(paths[i])!r}: the disk is full" for i in full)
+    assert err == f"casahunt orbit: the output could not be written: {said}\n"
+    assert set(contents(tmp_path)) == {path.name for i, path in enumerate(paths) if i not in full}
+
+
+@posix
+@pytest.mark.slow
+def test_who_reads_nothing_gets_the_files(tmp_path):
+    """Nobody reads the output any more (`| head -0`), or it goes to a full disk."""
+    words = "orbit --gain 0.1 --save a.npz --plot a.png --quiet"
+    for where in ("| true", "> /dev/full"):
+        command = f"{sys.executable} -m casahunt {words} {where}; exit ${{PIPESTATUS[0]}}"
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 1 and done.stderr.startswith("casahunt orbit: the output could not be written: ")
+        assert set(contents(tmp_path)) == {"a.npz", "a.png"}
+        for path in tmp_path.iterdir():
+            path.unlink()
+
+
+@pytest.mark.parametrize("numbers", [[0], [1], [2], [3]])
+def test_files_that_belong_together_have_the_same_points(capsys, tmp_path, monkeypatch, numbers):
+    """Archive and table of a diagram, the disk being full at either file of either point."""
+    full_disk(monkeypatch, numbers=numbers)
+    code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet")
+    assert code == 1 and "the disk is full" in err
+    if numbers[0] < 2:
+        assert not contents(tmp_path)
+    else:
+        assert set(contents(tmp_path)) == {"switch.csv", "switch.npz"}
+        rows = (tmp_path / "switch.csv").read_text().splitlines()[1:]
+        assert len(rows) == len(load_branch(tmp_path / "switch.npz").orbits) == 1
+
+
+def test_files_take_their_places_together(tmp_path, monkeypatch):
+    """All are whole, with the content on the disk, before the first is renamed; none where the block fails."""
+    paths = [tmp_path / "a", tmp_path / "b"]
+    synced, seen, replace, fsync = [], [], os.replace, os.fsync
+
+    def watched(source, target):
+        seen.append((len(synced), sorted(len(path.read_bytes()) for path in tmp_path.iterdir())))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(handle), fsync(handle)))
+    monkeypatch.setattr(os, "replace", watched)
+    for text, trouble in (("old", None), ("newer", ZeroDivisionError), ("newer", None)):
+        try:
+            with files.together():
+                for path in paths:
+                    with files.whole_text(path) as stream:
+                        stream.write(text)
+                if trouble:
+                    raise trouble
+        except ZeroDivisionError:
+            pass
+        assert contents(tmp_path) == {path.name: b"old" if trouble else text.encode() for path in paths}
+    assert seen == [(2, [3, 3]), (2, [3, 3]), (6, [3, 3, 5, 5]), (6, [3, 5, 5])]
+    with files.whole_text(paths[0]) as stream:  # by itself again
+        stream.write("latest")
+    assert paths[0].read_text() == "latest"
 
 
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
@@ -374,6 +451,16 @@ def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeypatc
     assert run(capsys, *command, "--resume")[0] == 0
     assert table.read_bytes() == done and set(contents(tmp_path)) == {"switch.csv", "switch.npz"}
 
+    # In one go: other steps behind the interruption, the same branch; what is located does not depend on the steps.
+    assert run(capsys, *command, "--out", tmp_path / "whole")[0] == 0
+    with (tmp_path / "whole" / "switch.csv").open(newline="") as stream:
+        whole = list(csv.DictReader(stream))
+    assert rows[: stops[0]] == whole[: stops[0]]
+    for name in ("gain", "amplitude_rad", "period_s"):
+        located, again = ({r["special"]: float(r[name]) for r in run_ if r["special"]} for run_ in (rows, whole))
+        assert located == pytest.approx(again, rel=1e-9 if name == "gain" else 2e-6)
+    shutil.rmtree(tmp_path / "whole")
+
     save_branch(load_branch(tmp_path / "switch.npz"), tmp_path / "switch.npz")  # as Python users write one
     code, _, err = run(capsys, *command, "--resume")
     assert code == 2 and "it does not say how it was computed" in err
@@ -468,3 +555,31 @@ def test_a_signal_ends_a_process_with_its_points(tmp_path):
     rows = (out / "switch.csv").read_text().splitlines()
     assert len(rows) >= 3 and len({row.count(",") for row in rows}) == 1
     assert len(load_branch(out / "switch.npz").orbits) >= 2
+
+
+@posix
+@pytest.mark.slow
+def test_two_runs_after_a_kill(tmp_path):
+    """The lock of a killed run holds nobody up; of two that take it up at once one is refused, and nothing is mixed."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "casahunt", "diagram", "--model", "switch", "--from", "0.6", "--out", str(out)]
+
+    def started(*more: str) -> subprocess.Popen[str]:
+        return subprocess.Popen([*command, *more], cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    first = started()
+    try:
+        assert first.stderr is not None and first.stderr.readline()
+    finally:
+        first.kill()
+        first.communicate()
+    before = (out / "switch.csv").read_text()
+    runs = [started("--resume") for _ in range(2)]
+    ends = sorted((child.wait(), *child.communicate()) for child in runs)
+    # The second may have come when the first was done: then it has found nothing left to do.
+    assert [code for code, *_ in ends] in ([0, 2], [0, 0])
+    if ends[1][0] == 2:
+        assert ends[1][1] == "" and "another run is writing into this folder" in ends[1][2]
+    table = (out / "switch.csv").read_text()
+    assert table.startswith(before) and table.count(",fold\n") == 1
+    assert set(contents(out)) == {"switch.csv", "switch.npz", *command_diagram.PICTURES}

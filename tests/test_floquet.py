@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -85,13 +88,34 @@ def test_integrators_where_one_start_per_phase_is_lost():
     assert found.trusted and found.leading.real == pytest.approx(2.3249402192253e14, rel=1e-6)
 
 
-def test_an_integrator_that_fails_says_so(orbit, monkeypatch):
-    def failing(*_arguments):
-        raise RuntimeError("rosenbrock: max_num_steps reached")
+@pytest.mark.parametrize(
+    ("model", "what"),
+    [("switch", "erk failed in the phase 'slip+'"), ("lugre", "rosenbrock failed in the phase 'slide+'")],
+)
+def test_an_integrator_that_fails_says_so(orbit, monkeypatch, model, what):
+    """CasADi's own integrator, with a field that is no number from the start."""
+    t, u, setting = unknowns_of(orbit(model, 0.3))
+    true = floquet._sensitivities
 
-    monkeypatch.setattr(floquet, "_sensitivities", failing)
-    with pytest.raises(NoOrbit, match="erk failed in the phase 'slip\\+'"):
-        _ = orbit("switch", 0.3).integrator_multipliers
+    def broken(mode, *others):
+        return true(replace(mode, field=lambda x, p, sign: ca.sqrt(-1 - x * x)), *others)
+
+    monkeypatch.setattr(floquet, "_sensitivities", broken)
+    with pytest.raises(NoOrbit, match=re.escape(what)):
+        floquet.integrator_chain(t, u, setting)
+
+
+@pytest.mark.parametrize("wrong", [
+    lambda x, p, sign: ca.SX.sym("never given", x.shape),  # RuntimeError while the graph is built
+    lambda x, p, sign: ca.vertcat(x, object()),  # NotImplementedError, which is a RuntimeError
+])  # fmt: skip
+def test_a_mistake_is_not_taken_for_an_integrator_that_fails(orbit, monkeypatch, wrong):
+    t, u, setting = unknowns_of(orbit("switch", 0.3))
+    true = floquet._sensitivities
+    monkeypatch.setattr(floquet, "_sensitivities", lambda mode, *others: true(replace(mode, field=wrong), *others))
+    with pytest.raises(RuntimeError) as caught:
+        floquet.integrator_chain(t, u, setting)
+    assert not isinstance(caught.value, NoOrbit)
 
 
 @pytest.mark.parametrize(("model", "branch"), [("switch", "stable"), ("switch", "unstable"), ("lugre", "stable")])

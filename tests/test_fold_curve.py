@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.errors import Status
-from casahunt.fold_curve import FoldCurve, fold_curve, hermite, unfed
+from casahunt.fold_curve import Axis, FoldCurve, FoldPoint, as_found, fold_curve, hermite, unfed
+from casahunt.fold_curve_files import INTERRUPTED, load_curve, save_curve
 from casahunt.plane_curve import Place, Reading, follow
 
 TOL = 1e-8
@@ -303,3 +308,79 @@ def test_command(capsys, tmp_path):
 def test_command_refuses(words, capsys):
     assert cli.main(["fold-curve", *words]) == 2
     assert capsys.readouterr().out == ""
+
+
+# Taken up behind an interruption, round a cusp
+
+
+@pytest.mark.parametrize("first", [0.0, 1.0], ids=["from the start", "from the end"])
+def test_a_curve_round_a_cusp_goes_on_where_it_was_interrupted(monkeypatch, first):
+    """Behind every point: on along c = cusp -+ 3 s^2, the cusp once, and back to the end where it began."""
+    axis, cusp = Axis("friction.static", 0.5, 0.6), abs(first - 0.8)
+    sign = 1 - 2 * first
+
+    def phi(s: float, c: float) -> float:
+        return sign * (c - cusp) + 3 * s**2
+
+    class Turning(Known):
+        """Charts that carry the fold there, as those of a servo do."""
+
+        steepness = 0.0
+
+        @property
+        def fold(self) -> FoldPoint:
+            orbit: Any = SimpleNamespace(s=self.s)
+            return FoldPoint(
+                axis.value(self.position), 1 + self.s / 10, 0.0, orbit, 1e-9, 6 * self.s, Status.CONVERGED
+            )
+
+    def again(problem: object, orbit: Any, position: float, *, like: object) -> Turning:
+        return Turning(orbit.s, position, phi)
+
+    monkeypatch.setattr("casahunt.fold_curve._chart", again)
+    monkeypatch.setattr("casahunt.fold_curve._first_chart", lambda _: Turning(-np.sqrt(0.8 / 3), first, phi))
+
+    def computed(begun: Sequence[FoldPoint], most: int = 1000) -> tuple[list[FoldPoint], FoldCurve | None]:
+        seen: list[FoldPoint] = []
+
+        def report(point: FoldPoint) -> None:
+            seen.append(point)
+            if len(seen) == most:
+                raise KeyboardInterrupt
+
+        found = None
+        with suppress(KeyboardInterrupt):
+            found = fold_curve(
+                Servo(), "switch", vary=axis.vary, start=axis.start, end=axis.end, report=report,
+                begun=begun if first == 0 else begun[::-1],
+            )  # fmt: skip
+        return seen, found
+
+    whole, _ = computed([])
+    (k,) = [i for i, point in enumerate(whole) if point.turns]
+    assert 2 < k < len(whole) - 2
+    for number in range(1, len(whole)):
+        before, _ = computed([], number)
+        assert [point.value for point in before] == [point.value for point in whole[:number]]
+        _, found = computed(before)
+        assert found is not None and found.status is Status.CONVERGED and "where it began, after a cusp" in found.ended
+        points = found.points if first == 0 else found.points[::-1]
+        kept = before[:-1] if before[-1].turns else before
+        assert list(points[: len(kept)]) == kept
+        (at,) = found.cusps
+        assert at.value == pytest.approx(axis.value(cusp)) and at.orbit.s == pytest.approx(0, abs=1e-6)
+        s = np.array([point.orbit.s for point in points])
+        assert (np.diff(s) > 0).all() and s[-1] == pytest.approx(-s[0])
+        assert all(abs(phi(p.orbit.s, axis.place(p.value))) <= 1e-8 for p in points)
+        done, finished = computed(points)
+        assert done == [] and finished is not None and len(finished.points) == len(points)
+
+
+def test_a_cusp_is_kept_in_the_file(tmp_path, orbit):
+    numbers: Any = (0.3, 0.1, orbit("switch", 0.3), 1e-9, 0.0, Status.CONVERGED)
+    points = (FoldPoint(0.54, *numbers), FoldPoint(0.55, *numbers, turns=True))
+    saved = FoldCurve("switch", Servo(), "friction.static", points, points[1:], INTERRUPTED, Status.NOT_CONVERGED, 1.0)
+    save_curve(saved, tmp_path / "curve.npz", {})
+    curve, _ = load_curve(tmp_path / "curve.npz")
+    assert [point.value for point in curve.cusps] == [0.55] and [point.turns for point in curve.points] == [False, True]
+    assert as_found(curve.points, 0.54) == [curve.points[0]]
