@@ -37,6 +37,8 @@ farther out may not come closer than this and a bit, for the exponential has no 
 MOST_STEPS, MOST_SLIPS = 1_500, 30
 LOOKS = 16
 """Places in a step at which the sign of the velocity is looked at."""
+FLAT = "1e-8"
+"""|P' - P/a| that counts as zero at a peak of P(a)/a, whose height is known to the square of it or better."""
 THROWN_OUT = 30
 """A motion whose turning points grow by more than this has no stick to come."""
 
@@ -225,11 +227,16 @@ class SwitchMap:
         """The symmetric cycle nearest to a stick position, at most `within` away (relative).
 
         Newton on P(a) = a in a bracket that grows around the guess from its presumed `error`: where mu is 1e8, Newton
-        by itself jumps over the nearest fixed point to another one.
+        by itself jumps over the nearest fixed point to another one.  Before that, between the guess and a place twice
+        as far as the first Newton step: next to a sharp fold P = a at two places closer to each other than the error.
         """
         with decimal.localcontext(self.context):
             a, limit = Decimal(guess), Decimal(within)
             width, found = Decimal(3 * error), None
+            half = self._half(a)
+            far = a + 2 * (half.position - a) / (1 - half.slope)
+            if abs(far / a - 1) < 2 * width and (self._excess(far) > 0) != (half.position > a):
+                found = self._newton(a, min(a, far), max(a, far))
             while found is None and width < 10 * limit:
                 width = min(width, limit)
                 low, high = a * (1 - width), a * (1 + width)
@@ -268,7 +275,14 @@ def _value(c: Sequence[Decimal], h: Decimal) -> Decimal:
 def fold(
     servo: Servo, gain: float, a: float, *, digits: int = DIGITS, within: float = 1e-3
 ) -> Truth:
-    """The fold next to a guess: P(a) = a and P'(a) = 1, by Newton with differences."""
+    """The fold next to a guess: P(a) = a and P'(a) = 1, by Newton with differences; failing that, by its peaks."""
+    try:
+        return _fold_by_newton(servo, gain, a, digits, within)
+    except (Lost, ArithmeticError):
+        return _fold_by_peaks(servo, gain, a, 3 * digits // 2, within)
+
+
+def _fold_by_newton(servo: Servo, gain: float, a: float, digits: int, within: float) -> Truth:
     with decimal.localcontext(decimal.Context(prec=digits, Emin=-(10**6), Emax=10**6)):
         K, a_, K0 = Decimal(gain), Decimal(a), Decimal(gain)
         delta = Decimal(10) ** (-digits // 3)
@@ -300,3 +314,51 @@ def fold(
                 slopes = None  # of a place too far away to be of use again
             last = moved
         raise Lost("Newton on the fold does not converge")
+
+
+def _fold_by_peaks(servo: Servo, gain: float, a: float, digits: int, within: float) -> Truth:
+    """The gain at which the largest P(a)/a next to a guess is 1, by secants, however narrow the peak is."""
+    with decimal.localcontext(decimal.Context(prec=digits, Emin=-(10**6), Emax=10**6)):
+        K, before = Decimal(gain), None
+        small, place = Decimal(FLAT) ** 2, Decimal(a)
+        for _ in range(16):
+            place, top = _peak(SwitchMap(servo, K, digits), place)
+            excess = top.position / place - 1
+            if abs(excess) < small:
+                return Truth(K, place, top.largest, 2 * top.duration, top.slope)
+            slope = -1 / K if before is None else (excess - before[1]) / (K - before[0])
+            before = (K, excess)
+            K -= excess / slope
+            if abs(K / Decimal(gain) - 1) > Decimal(within):
+                raise Lost(f"no fold within {within:g} of the gain {gain:.6g}")
+        raise Lost("the gains of the peaks do not converge")
+
+
+def _peak(the_map: SwitchMap, a: Decimal) -> tuple[Decimal, Half]:
+    """(place, motion) of the largest P(a)/a next to a, where a P' - P changes its sign."""
+
+    def tilt(a: Decimal) -> tuple[Decimal, Half]:
+        half = the_map.half(a)
+        return a * half.slope - half.position, half
+
+    first, half = tilt(a)
+    way, step = (1 if first > 0 else -1), Decimal("1e-14")
+    near, far = a, a
+    while True:  # outwards in growing steps
+        near, far = far, a * (1 + way * step)
+        if (tilt(far)[0] > 0) != (first > 0):
+            break
+        step *= 30
+        if step > Decimal("0.03"):
+            raise Lost("P(a)/a has no peak next to the guess")
+    low, high = min(near, far), max(near, far)
+    below, above = tilt(low)[0], tilt(high)[0]
+    for k in range(400):
+        # In turn by halves and by the secant, which is no good before the ends are of one size.
+        share = below / (below - above) if k % 3 and 0 < below and above < 0 else Decimal("0.5")
+        middle = low + (high - low) * min(max(share, Decimal("1e-4")), 1 - Decimal("1e-4"))
+        value, half = tilt(middle)
+        if abs(value) < Decimal(FLAT) * middle or not low < middle < high:
+            return middle, half
+        low, high, below, above = (middle, high, value, above) if value > 0 else (low, middle, below, value)
+    raise Lost("the peak of P(a)/a is too narrow")
