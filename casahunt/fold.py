@@ -177,8 +177,8 @@ def _most(seen: list[tuple[float, Scan]]) -> str:
     growing = [k[1] for k in known if k[0] > GROWING]
     if growing:
         return (
-            f"; at gains from {min(growing):.3g} to {max(growing):.3g} motions grow and no stable cycle bounds them, as "
-            "with an unstable linear loop"
+            f"; at gains from {min(growing):.3g} to {max(growing):.3g} motions grow and no stable cycle bounds them, "
+            "as with an unstable linear loop"
         )
     return f" with the Switch servo; the farthest back it comes at gain {gain:.3g}: {s.sentence()}"
 

@@ -198,7 +198,7 @@ def test_a_motion_that_passes_by_an_unstable_outer_cycle_has_not_arrived():
 
 @pytest.mark.slow
 def test_an_unstable_cycle_that_shrinks_to_nothing_is_not_said_to_turn_back():
-    """Rounding makes its gain go up and down there; P(a) > a for small a below that gain, not above, shows what it does."""
+    """Rounding makes its gain go up and down there; small motions grow below that gain, and not above."""
     servo = Servo().replace(**SHRINKS)
     with pytest.raises(NoOrbit, match="shrinks to nothing") as refused:
         find_orbit(servo, "switch", 0.49452051160029964, branch="unstable")
