@@ -69,13 +69,15 @@ class Half:
 
 @dataclass(frozen=True)
 class Truth:
-    """A symmetric cycle to nearly all digits: gain, stick position a, amplitude, full period, half multiplier."""
+    """A symmetric cycle to nearly all digits: gain, stick position a, amplitude, full period, half multiplier; relative
+    error of amplitude and period where the engine's digits are too few, else 0."""
 
     gain: Decimal
     a: Decimal
     amplitude: Decimal
     period: Decimal
     mu: Decimal
+    noise: float = 0.0
 
 
 class SwitchMap:
