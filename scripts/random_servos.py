@@ -70,7 +70,7 @@ SHARES = (0.05, 0.5, 0.95, 0.995, 0.999)
 BRANCHES = ("stable", "unstable")
 HONEST = 10.0
 TIME_LIMIT, ENGINE_LIMIT = 60.0, 300.0
-"""For one answer [s], beyond which it counts as refused; for one answer of the engine, beyond which it has none."""
+"""Processor time [s] of one answer, beyond which it counts as refused; of one of the engine's, which then has none."""
 RANGES: dict[str, tuple[float, float]] = {
     "friction.static": (0.1, 5.0),
     "friction.coulomb": (1.02, 2.5),  # static over coulomb
@@ -116,8 +116,8 @@ def command(parameters: dict[str, float], row: dict[str, Any]) -> str:
 
 
 def answer(model: str, servo: Servo, gain: float | None, branch: str, tol: float) -> tuple[Any, str, bool, float]:
-    """(answer or None, reason, whether the reason denies that there is one, seconds)."""
-    began = time.perf_counter()
+    """(answer or None, reason, whether the reason denies that there is one, seconds of processor time)."""
+    began = time.process_time()
     found, reason, denies = None, "", False
     try:
         with within(TIME_LIMIT):
@@ -130,7 +130,7 @@ def answer(model: str, servo: Servo, gain: float | None, branch: str, tol: float
         reason, denies = str(error), error.status is None
     except TooSlow:
         reason = f"no answer within {TIME_LIMIT:g} s"
-    return found, reason, denies, time.perf_counter() - began
+    return found, reason, denies, time.process_time() - began
 
 
 # What the engine says, for the Switch servo.

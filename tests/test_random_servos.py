@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from decimal import Decimal
 
@@ -136,6 +137,15 @@ def test_a_cycle_whose_neighbour_is_nearer_than_the_error():
     asked = {"branch": "stable", "tol": 1e-8}
     assert random_servos.judge(asked, found, truth, "", False)["verdict"] == "solved"
     assert abs(found.half_multiplier / float(truth.mu) - 1) < 1e-6
+
+
+def test_a_busy_machine_refuses_no_more():
+    """The limit is one of processor time."""
+    with random_servos.within(0.05):
+        time.sleep(0.2)
+    with pytest.raises(random_servos.TooSlow), random_servos.within(0.05):
+        while True:
+            pass
 
 
 def test_what_denies(monkeypatch):

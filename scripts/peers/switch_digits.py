@@ -37,6 +37,8 @@ farther out may not come closer than this and a bit, for the exponential has no 
 MOST_STEPS, MOST_SLIPS = 1_500, 30
 LOOKS = 16
 """Places in a step at which the sign of the velocity is looked at."""
+FIRST_STEPS = 20
+"""Newton steps from the guess: where P falls like an exponential each gains a factor e."""
 FLAT = "1e-8"
 """|P' - P/a| that counts as zero at a peak of P(a)/a, whose height is known to the square of it or better."""
 THROWN_OUT = 30
@@ -230,15 +232,22 @@ class SwitchMap:
 
         Newton on P(a) = a in a bracket that grows around the guess from its presumed `error`: where mu is 1e8, Newton
         by itself jumps over the nearest fixed point to another one.  Before that, between the guess and a place twice
-        as far as the first Newton step: next to a sharp fold P = a at two places closer to each other than the error.
+        as far as a Newton step: next to a sharp fold P = a at two places closer to each other than the error.
         """
         with decimal.localcontext(self.context):
             a, limit = Decimal(guess), Decimal(within)
             width, found = Decimal(3 * error), None
-            half = self._half(a)
-            far = a + 2 * (half.position - a) / (1 - half.slope)
-            if abs(far / a - 1) < 2 * width and (self._excess(far) > 0) != (half.position > a):
-                found = self._newton(a, min(a, far), max(a, far))
+            for _ in range(FIRST_STEPS):
+                half = self._half(a)
+                step = (half.position - a) / (1 - half.slope)
+                far = a + 2 * step
+                if abs(far / Decimal(guess) - 1) > 2 * width:
+                    break
+                if (self._excess(far) > 0) != (half.position > a):
+                    found = self._newton(a, min(a, far), max(a, far))
+                    break
+                a += step
+            a = Decimal(guess)
             while found is None and width < 10 * limit:
                 width = min(width, limit)
                 low, high = a * (1 - width), a * (1 + width)
