@@ -10,6 +10,7 @@ from taylor import switch_half_cycle
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt import fixed_points as module
+from casahunt.event_map import _fixed_point, half_cycle
 from casahunt.fixed_points import fixed_points, map_at, map_error, map_fold, rounding
 from problems import table1
 
@@ -81,6 +82,16 @@ def test_jumps_are_not_fixed_points():
     assert not jump.crosses and jump.below < 3e-3 < 0.02 < jump.above
     low, high = (switch_half_cycle(Servo(), 0.1, jump.start * (1 + s))[0] for s in (-1e-6, 1e-6))
     assert low < 3e-3 < 0.02 < high
+
+
+def test_a_wall_across_the_diagonal_is_no_fixed_point_of_the_scan():
+    """Fs = 0.9: P leaps from below a to 25 a between two doubles, and the scan's bracket ends in mid-air, at 1.3 a."""
+    servo = Servo().replace(**{"friction.static": 0.9})
+    jump = 4.15186e-4
+    low, high = (switch_half_cycle(servo, 1.0, jump * (1 + s))[0] for s in (-2e-6, 2e-6))
+    assert low < jump and high > 20 * jump
+    below, above = (half_cycle("switch", servo, 1.0, jump * s) for s in (0.95, 1.05))
+    assert _fixed_point(lambda a: half_cycle("switch", servo, 1.0, a), above, below, tight=True) is None
 
 
 def test_a_map_of_jumps_without_end_is_given_up(monkeypatch):
