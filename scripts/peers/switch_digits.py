@@ -251,12 +251,25 @@ class SwitchMap:
             while found is None and width < 10 * limit:
                 width = min(width, limit)
                 low, high = a * (1 - width), a * (1 + width)
-                if (self._excess(low) > 0) != (self._excess(high) > 0):
-                    found = self._newton(a, low, high)
+                try:
+                    if (self._excess(low) > 0) != (self._excess(high) > 0):
+                        found = self._newton(a, low, high)
+                except (Lost, ArithmeticError):  # so far out motions may come to a stop in another way
+                    break
                 width *= 10
+            found = found or self._beside_the_peak(a, Decimal(3 * error))
             if found is None:
                 raise Lost(f"no fixed point of the map within {within:g} of {float(a):.6g}")
             return found
+
+    def _beside_the_peak(self, a: Decimal, error: Decimal) -> Truth | None:
+        """The fixed point within `error` of a, on the same side of a peak of P(a)/a that is narrower than the error."""
+        place, top = _peak(self, a)
+        side = 1 if self._half(a).slope < 1 else -1
+        end = place * (1 + side * error)
+        if top.position <= place or self._excess(end) > 0 or abs(place / a - 1) > error:
+            return None
+        return self._newton((place + end) / 2, min(place, end), max(place, end))
 
     def _excess(self, a: Decimal) -> Decimal:
         return self._half(a).position - a
