@@ -173,6 +173,23 @@ def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
     assert refused.value.status is Status.NOT_CONVERGED
 
 
+def test_the_solver_may_slip_to_the_other_side_of_the_fold():
+    """From a motion on the stable side the solver arrives at the unstable cycle: its multiplier, 2.06, tells."""
+    servo = Servo().replace(
+        **{
+            "friction.static": 3.1179566968299746, "friction.coulomb": 2.6869745139311845,
+            "friction.stribeck_velocity": 0.1765778356790582, "friction.viscous": 0.836277343761565,
+            "servo.inertia": 0.02632471655649212, "servo.motor_gain": 26.788301389159834,
+            "controller.integral_time": 0.1996925326256266, "controller.lead_time": 0.04363973395698024,
+        }
+    )  # fmt: skip
+    gain = 0.2671081771664363
+    stable = find_orbit(servo, "switch", gain, options=Options(tol=1e-8))
+    amplitude, _ = switch_cycle(servo, gain, stable.amplitude)
+    assert stable.amplitude == pytest.approx(amplitude, rel=1e-8)
+    assert stable.amplitude > 0.016 and slope(servo, gain, amplitude) < 1
+
+
 @pytest.mark.slow
 def test_a_motion_that_passes_by_an_unstable_outer_cycle_has_not_arrived():
     """Half multiplier -1.54: the outer motion comes within a fifth of the way to that cycle, and then settles."""
