@@ -320,7 +320,8 @@ def near_stable(
     """A half cycle close to a stable fixed point next to a, or None; a short cut that replaces no scan.
 
     Secant steps in (log a, log P/a); the fixed point is taken for the stable one only where the ratio
-    falls with a, as it does at P'(a) < 1.
+    falls with a, as it does at P'(a) < 1, and falls so steeply that the next step would reach the fixed point: at tiny
+    gains P(a)/a is next to one over decades of a, and crosses it nowhere.
     """
     close = close or CLOSE[model]
     x, previous = float(np.log(a)), None
@@ -334,7 +335,7 @@ def near_stable(
         y = float(np.log(run.ratio))
         slope = -1.5 if previous is None or previous[0] == x else (y - previous[1]) / (x - previous[0])
         if abs(y) < close and previous is not None:
-            return replace(run, slope=slope) if slope < 0 else None
+            return replace(run, slope=slope) if abs(y) < -slope * LARGEST_SECANT else None
         if slope >= -0.1:
             return None
         previous = (x, y)

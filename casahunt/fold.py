@@ -20,7 +20,8 @@ from .adapt import TOLERANCE_RANGE, Options
 from .cold_start import check_problem, check_times, stable_at
 from .continuation import walk
 from .errors import NoOrbit, Status
-from .event_map import TYPICAL, HalfCycle, half_cycle, near_stable, scan
+from .event_map import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
+from .fixed_points import fixed_points
 from .fold_point import WALK_TOLERANCE, confirmed, located, turns_back
 from .hunting import Model
 from .hunting_problem import HuntingFold, HuntingOrbit
@@ -36,6 +37,8 @@ LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
 """Cycles that may turn out not to be computable before the search is given up."""
+BESIDE, BESIDE_POINTS = 3.0, 5
+"""Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
 CLIMB = (4.0, 2.0, 1.4)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
@@ -64,10 +67,11 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     check_problem(servo, model, base)
     check_times(servo, model)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
+    seen: list[tuple[float, Scan]] = []
+    promised: list[tuple[float, float]] = []
     failed: list[str] = []
-    promised = False
-    for gain, shown in _gains_to_try(servo, model, gains):
-        promised |= shown
+    for gain, a in _gains_to_try(servo, model, gains, seen):
+        promised += [(gain, a)] if a is not None else []
         try:
             met = stable_at(servo, model, gain, options=options)
         except NoOrbit as error:
@@ -77,38 +81,51 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
             continue
         if met.orbit is not None:
             return met.orbit
-    if failed or promised:
+    tried = f"{len(failed)} of them were tried: {failed[-1]}" if failed else "none of them led to one"
+    if any(_has_fixed_point(servo, gain, a) for gain, a in promised):
         raise NoOrbit(
             f"no hunting limit cycle of the {model} servo was computed, though the event map of the Switch servo shows "
-            f"some: {len(failed)} of them were tried{': ' + failed[-1] if failed else ''}",
+            f"some: {tried}",
             Status.NOT_CONVERGED if failed else Status.NOT_FOUND,
         )
+    evidence = f"{len(gains)} gains from {min(gains):.3g} to {max(gains):.3g} were scanned{_most(seen)}"
+    if failed:
+        evidence += f"; at some, motions come back so close to where they started that cycles were sought, and {tried}"
     raise NoOrbit(
-        f"no hunting limit cycle of the {model} servo was found: {len(gains)} gains from {min(gains):.3g} to "
-        f"{max(gains):.3g} were scanned"
+        f"no hunting limit cycle of the {model} servo was found: {evidence}", Status.NOT_FOUND if failed else None
     )
 
 
-def _gains_to_try(servo: Servo, model: Model, gains: list[float]) -> Iterator[tuple[float, bool]]:
-    """(gain, True) where the Switch servo hunts, the highest of each climb first; then, for LuGre, (gain, False)."""
+def _gains_to_try(
+    servo: Servo, model: Model, gains: list[float], seen: list[tuple[float, Scan]]
+) -> Iterator[tuple[float, float | None]]:
+    """(gain, stick position) where the Switch servo seems to hunt, the highest of each climb first; then, for LuGre,
+    (gain, None).  The scans that show no cycle are added to `seen`."""
     farther: dict[float, bool | None] = {}
     for gain in gains:
-        rigid, farther[gain] = _rigid_cycle(servo, gain)
+        rigid, farther[gain] = _rigid_cycle(servo, gain, seen)
         if rigid is not None:
-            yield from ((higher, True) for higher in reversed(_climb(servo, gain, rigid.start)))
+            yield from reversed(_climb(servo, gain, rigid.start))
             continue
         for low in (gain / 2, gain):  # where this turns within a factor of two, cycles may be in between
             if farther.get(low) is True and farther.get(2 * low) is False:
-                between = _between(servo, low, 2 * low)
-                yield from ((higher, True) for higher in reversed(_climb(servo, *between) if between else ()))
+                between = _between(servo, low, 2 * low, seen)
+                yield from reversed(_climb(servo, *between) if between else [])
     if model != "switch":
-        yield from ((gain, False) for gain in gains[:LUGRE_SEARCHES])
+        yield from ((gain, None) for gain in gains[:LUGRE_SEARCHES])
 
 
-def _rigid_cycle(servo: Servo, gain: float) -> tuple[HalfCycle | None, bool | None]:
+def _rigid_cycle(
+    servo: Servo, gain: float, seen: list[tuple[float, Scan]]
+) -> tuple[HalfCycle | None, bool | None]:
     """(the Switch servo's stable cycle or None; without one: does the motion from a = Fs/kp go farther out?)."""
     unit = servo.friction.static / servo.torque_gains(gain)[0]
-    near = near_stable("switch", servo, gain, TYPICAL * unit) or scan("switch", servo, gain).upper
+    near = near_stable("switch", servo, gain, TYPICAL * unit)
+    if near is None:
+        scanned = scan("switch", servo, gain)
+        near = scanned.upper
+        if near is None:
+            seen.append((gain, scanned))
     if near is not None:
         return near, None
     try:
@@ -117,7 +134,9 @@ def _rigid_cycle(servo: Servo, gain: float) -> tuple[HalfCycle | None, bool | No
         return None, None
 
 
-def _between(servo: Servo, low: float, high: float) -> tuple[float, float] | None:
+def _between(
+    servo: Servo, low: float, high: float, seen: list[tuple[float, Scan]]
+) -> tuple[float, float] | None:
     """(gain, stick position) of a cycle between a gain at which motions go farther out and one at which they do not.
 
     With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
@@ -125,7 +144,7 @@ def _between(servo: Servo, low: float, high: float) -> tuple[float, float] | Non
     """
     for _ in range(HALVINGS):
         gain = float(np.sqrt(low * high))
-        rigid, farther = _rigid_cycle(servo, gain)
+        rigid, farther = _rigid_cycle(servo, gain, seen)
         if rigid is not None:
             return gain, rigid.start
         if farther is None:
@@ -134,16 +153,39 @@ def _between(servo: Servo, low: float, high: float) -> tuple[float, float] | Non
     return None
 
 
-def _climb(servo: Servo, gain: float, a: float) -> list[float]:
-    """Increasing gains at which the Switch servo has a stable cycle, from one with stick position a."""
-    gains = [gain]
+def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
+    """Whether the event map of the Switch servo, computed to rounding, has a fixed point next to a.
+
+    The motions of a search are good for 1e-4 of P(a)/a, which at tiny gains is itself that close to one.
+    """
+    return bool(fixed_points(servo, gain, a / BESIDE, a * BESIDE, points=BESIDE_POINTS).fixed)
+
+
+def _most(seen: list[tuple[float, Scan]]) -> str:
+    """How far the motions of scans without a cycle came back, in words."""
+    known = [(s.best, gain, s) for gain, s in seen if s.motions]
+    if not known:
+        return ""
+    best, gain, s = max(known, key=lambda k: k[:2])
+    growing = [k[1] for k in known if k[0] > GROWING]
+    if growing:
+        return (
+            f"; at gains from {min(growing):.3g} to {max(growing):.3g} motions grow and no stable cycle bounds them, "
+            "as with an unstable linear loop"
+        )
+    return f" with the Switch servo; the farthest back it comes at gain {gain:.3g}: {s.sentence()}"
+
+
+def _climb(servo: Servo, gain: float, a: float) -> list[tuple[float, float | None]]:
+    """Increasing gains at which the Switch servo has a stable cycle, each with its stick position, from (gain, a)."""
+    gains: list[tuple[float, float | None]] = [(gain, a)]
     for factor in CLIMB:
         for _ in range(MOST_CLIMBS):
             found = near_stable("switch", servo, gain * factor, a / factor)
             if found is None:
                 break
             gain, a = gain * factor, found.start
-            gains.append(gain)
+            gains.append((gain, a))
     return gains
 
 

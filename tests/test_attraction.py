@@ -90,6 +90,7 @@ def test_the_first_stick_is_that_of_the_taylor_engine(gain, x1, x2, count):
         (-0.05, 0.01, 0.02, 0.44, -1e-5, True),  # no peak: only through zero
         (-0.05, 0.01, 0.02, 0.44, 1e-5, False),
         (-5.0, 1.85e-6, 7e-8, 1.1, 2e-8, True),  # the first step ends as far beyond the dip as it began before it
+        (-5.0, 1.85e-6, 3e-8, 1.1, 4e-8, True),  # the same, no stage of the step near the peak
     ],
 )
 def test_a_dip_of_the_speed_is_not_stepped_over(x1, start, vs, static, least, caught):

@@ -9,6 +9,8 @@ import pytest
 from taylor import switch_half_cycle
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
+from casahunt import fixed_points as module
+from casahunt.event_map import _fixed_point, half_cycle
 from casahunt.fixed_points import fixed_points, map_at, map_error, map_fold, rounding
 from problems import table1
 
@@ -82,6 +84,32 @@ def test_jumps_are_not_fixed_points():
     assert low < 3e-3 < 0.02 < high
 
 
+def test_a_wall_across_the_diagonal_is_no_fixed_point_of_the_scan():
+    """Fs = 0.9: P leaps from below a to 25 a between two doubles, and the scan's bracket ends in mid-air, at 1.3 a."""
+    servo = Servo().replace(**{"friction.static": 0.9})
+    jump = 4.15186e-4
+    low, high = (switch_half_cycle(servo, 1.0, jump * (1 + s))[0] for s in (-2e-6, 2e-6))
+    assert low < jump and high > 20 * jump
+    below, above = (half_cycle("switch", servo, 1.0, jump * s) for s in (0.95, 1.05))
+    assert _fixed_point(lambda a: half_cycle("switch", servo, 1.0, a), above, below, tight=True) is None
+
+
+def test_a_map_of_jumps_without_end_is_given_up(monkeypatch):
+    """Motions of an unstable loop swing dozens of times before they stick: slips are what costs, not motions."""
+    servo = Servo().replace(
+        **{
+            "servo.inertia": 0.16838869820931657, "servo.motor_gain": 28.31674240323281,
+            "controller.lead_time": 0.02338545420603901, "controller.integral_time": 0.04264053025708951,
+            "friction.static": 0.13830258634315928, "friction.coulomb": 0.07339314036116219,
+            "friction.stribeck_velocity": 0.021644533942020733, "friction.viscous": 0.15333309269969053,
+        }
+    )  # fmt: skip
+    monkeypatch.setattr(module, "MOST_SLIPS_IN_ALL", 60)
+    unit = servo.friction.static / servo.torque_gains(2.155)[0]
+    seen = fixed_points(servo, 2.155, unit, 20 * unit, points=5)
+    assert seen.unresolved and not seen.conclusive and len(seen.points) < 30
+
+
 def test_fold_of_the_map_is_the_fold():
     """Independent of the collocation equations; the tolerance of the collocation fold is 1e-9."""
     found = map_fold(Servo())
@@ -92,8 +120,6 @@ def test_fold_of_the_map_is_the_fold():
 
 def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
     """Where the climb stops too early, what is located is some fold, not the last one."""
-    from casahunt import fixed_points as module
-
     honest = module._outermost
 
     def one_more(servo, gain):

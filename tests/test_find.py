@@ -34,6 +34,14 @@ NO_STICK = Servo().replace(
     }
 )  # fmt: skip
 
+# Its unstable cycle shrinks to nothing at 0.39 of the fold gain.
+SHRINKS = {
+    "friction.static": 0.1588296818474372, "friction.coulomb": 0.13561382507632053,
+    "friction.stribeck_velocity": 0.012726346468370777, "friction.viscous": 0.07412945993595328,
+    "servo.inertia": 0.23799254814912715, "servo.motor_gain": 1.3406387108387103,
+    "controller.integral_time": 0.14657697396715216, "controller.lead_time": 0.05375729241015507,
+}  # fmt: skip
+
 
 def slope(servo: Servo, gain: float, a: float, step: float = 1e-4) -> float:
     """P'(a) by central differences of the Taylor engine."""
@@ -166,9 +174,62 @@ def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
         raise NoOrbit("stuck", Status.NOT_CONVERGED)
 
     monkeypatch.setattr(fold, "stable_at", stuck)
-    with pytest.raises(NoOrbit, match="was computed, though the event map") as refused:
+    with pytest.raises(NoOrbit, match="was computed, though the event map .*: 8 of them were tried") as refused:
         find_fold(Servo(), "switch")
     assert refused.value.status is Status.NOT_CONVERGED
+
+
+def test_the_solver_may_slip_to_the_other_side_of_the_fold():
+    """From a motion on the stable side the solver arrives at the unstable cycle: its multiplier, 2.06, tells."""
+    servo = Servo().replace(
+        **{
+            "friction.static": 3.1179566968299746, "friction.coulomb": 2.6869745139311845,
+            "friction.stribeck_velocity": 0.1765778356790582, "friction.viscous": 0.836277343761565,
+            "servo.inertia": 0.02632471655649212, "servo.motor_gain": 26.788301389159834,
+            "controller.integral_time": 0.1996925326256266, "controller.lead_time": 0.04363973395698024,
+        }
+    )  # fmt: skip
+    gain = 0.2671081771664363
+    stable = find_orbit(servo, "switch", gain, options=Options(tol=1e-8))
+    amplitude, _ = switch_cycle(servo, gain, stable.amplitude)
+    assert stable.amplitude == pytest.approx(amplitude, rel=1e-8)
+    assert stable.amplitude > 0.016 and slope(servo, gain, amplitude) < 1
+
+
+@pytest.mark.slow
+def test_a_motion_that_passes_by_an_unstable_outer_cycle_has_not_arrived():
+    """Half multiplier -1.54: the outer motion comes within a fifth of the way to that cycle, and then settles."""
+    servo = Servo().replace(
+        **{
+            "friction.static": 0.7898283490454006, "friction.coulomb": 0.6925435909533575,
+            "friction.stribeck_velocity": 0.007132342413441757, "friction.viscous": 0.2325828766753118,
+            "servo.inertia": 0.03286797748425303, "servo.motor_gain": 16.771749942744105,
+            "controller.integral_time": 0.11223659932189527, "controller.lead_time": 0.10322362759393604,
+        }
+    )  # fmt: skip
+    gain = 2.865505663083899
+    found = basin(servo, "switch", gain, options=Options(tol=1e-8), offset=1e-4)
+    a, nearest = found.outside.start, math.inf
+    for _ in range(100):
+        a = abs(switch_half_cycle(servo, gain, a)[0])
+        nearest = min(nearest, abs(a - found.outer_position))
+        if a < 0.5 * found.border:
+            break
+    assert a < 0.5 * found.border and nearest < 0.2 * (found.outer_position - found.border)
+    assert found.outside.outcome == "settles" and not found.confirmed
+
+
+@pytest.mark.slow
+def test_an_unstable_cycle_that_shrinks_to_nothing_is_not_said_to_turn_back():
+    """Rounding makes its gain go up and down there; small motions grow below that gain, and not above."""
+    servo = Servo().replace(**SHRINKS)
+    with pytest.raises(NoOrbit, match="shrinks to nothing") as refused:
+        find_orbit(servo, "switch", 0.49452051160029964, branch="unstable")
+    assert refused.value.status is Status.NOT_FOUND
+    last = float(re.search(r"to gain ([0-9.]+) only", str(refused.value)).group(1))
+    for factor, size, grows in ((0.99, 1e-6, True), (0.99, 1e-4, True), (1.01, 1e-6, False)):
+        a = size * servo.friction.static / servo.torque_gains(factor * last)[0]
+        assert (switch_half_cycle(servo, factor * last, a)[0] > a) == grows
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from decimal import Decimal
 
@@ -105,6 +106,46 @@ def test_a_false_denial_and_a_small_estimate_are_called_so():
     proud = replace(stable, period_error=1e-15, amplitude_error=1e-15, amplitude=stable.amplitude * (1 + 1e-9))
     assert random_servos.judge(dict(right), proud, truth, "", False)["verdict"] == "wrong"
     assert random_servos.judge(right | {"branch": "unstable"}, stable, truth, "", False)["verdict"] == "wrong"
+    for noise, verdict in ((1e-8, "unchecked"), (1e-10, "wrong")):  # an engine that cannot see 1e-9 has no say
+        dim = replace(truth, noise=noise)
+        assert random_servos.judge(dict(right), proud, dim, "", False)["verdict"] == verdict
+        assert random_servos.judge(right | {"branch": "unstable"}, stable, dim, "", False)["verdict"] == "wrong"
+
+
+@pytest.mark.slow
+def test_the_fold_by_its_peaks():
+    """The way for folds narrower than any difference quotient, where the quotients do well too."""
+    row = REFERENCE["switch"]["fold"]
+    truth = switch_digits._fold_by_peaks(Servo(), row["K"] * (1 + 1e-6), row["amplitude"] * (1 - 1e-5), 24, 1e-3)
+    assert abs(truth.gain / Decimal(row["K"]) - 1) < 1e-11
+    assert abs(truth.amplitude / Decimal(row["amplitude"]) - 1) < 1e-9
+
+
+@pytest.mark.slow
+def test_a_cycle_whose_neighbour_is_nearer_than_the_error():
+    """Two fixed points 1e-11 apart, P < a on both sides of the pair: P - a changes its sign between them only."""
+    servo = Servo().replace(
+        **{
+            "friction.static": 1.028209161172163, "friction.coulomb": 0.6417663697523452,
+            "friction.stribeck_velocity": 0.09191676355190645, "friction.viscous": 0.06887648566413603,
+            "servo.inertia": 0.009396352841557093, "servo.motor_gain": 4.926762454339205,
+            "controller.integral_time": 0.2182702653624465, "controller.lead_time": 0.6685683486065149,
+        }
+    )  # fmt: skip
+    found = find_orbit(servo, "switch", 0.3924257390484524, options=Options(tol=1e-8))
+    truth = switch_digits.SwitchMap(servo, found.gain).cycle(found.amplitude, error=found.error_estimate)
+    asked = {"branch": "stable", "tol": 1e-8}
+    assert random_servos.judge(asked, found, truth, "", False)["verdict"] == "solved"
+    assert abs(found.half_multiplier / float(truth.mu) - 1) < 1e-6
+
+
+def test_a_busy_machine_refuses_no_more():
+    """The limit is one of processor time."""
+    with random_servos.within(0.05):
+        time.sleep(0.2)
+    with pytest.raises(random_servos.TooSlow), random_servos.within(0.05):
+        while True:
+            pass
 
 
 def test_what_denies(monkeypatch):

@@ -36,11 +36,12 @@ STEP = LONG(1e-9)
 
 @dataclass(frozen=True, eq=False)
 class Half:
-    """y at the next x1 = 0 (3,), the time it took [s], the largest |x1| [rad]."""
+    """y at the next x1 = 0 (3,), the time it took [s], the largest |x1| [rad], the steps taken."""
 
     y: Any
     duration: Any
     largest: Any
+    steps: int
 
 
 @lru_cache(maxsize=2)
@@ -80,10 +81,11 @@ def half(servo: Servo, gain: Any, y: Any, longest: float) -> Half:
     ta.reset_cooldowns()
     ta.time, ta.state[:], ta.pars[:] = first.time, first.state, p
     largest = LONG(0)
-    reversals = 0
+    reversals = steps = 0
     while reversals < MOST_REVERSALS:
         fast = abs(ta.state[1]) > FAST * p[6]
         outcome = ta.step(_short(ta.state, ta.pars)) if fast else ta.propagate_until(LONG(longest))
+        steps += 1 if fast else int(outcome[3])
         # A terminal event stops with -index - 1; heyoka's own outcomes lie far below.
         index = -int(outcome[0].value) - 1
         if index == 2 or (fast and index not in (0, 1) and ta.time < longest):
@@ -91,7 +93,7 @@ def half(servo: Servo, gain: Any, y: Any, longest: float) -> Half:
         if index not in (0, 1):
             raise Lost(f"the motion did not reach the next x1 = 0 within {longest:g} s")
         if index == 1:
-            return Half(ta.state[1:].copy(), ta.time, largest)
+            return Half(ta.state[1:].copy(), ta.time, largest, steps)
         reversals += 1
         largest = max(largest, abs(ta.state[0]))
         ta.state[1] = 0
@@ -164,4 +166,5 @@ def _newton(equations: Callable[[Any], tuple[Any, Half]], y: Any) -> tuple[Any, 
 
 def _truth(gain: Any, there: Half, mu: float) -> Truth:
     numbers = (LONG(gain), LONG(0), there.largest, 2 * there.duration, LONG(mu))
-    return Truth(*(Decimal(np.format_float_scientific(number, unique=True)) for number in numbers))
+    noise = float(np.finfo(LONG).eps) * there.steps * max(abs(mu), 1.0)
+    return Truth(*(Decimal(np.format_float_scientific(number, unique=True)) for number in numbers), noise)

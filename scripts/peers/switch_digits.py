@@ -37,6 +37,10 @@ farther out may not come closer than this and a bit, for the exponential has no 
 MOST_STEPS, MOST_SLIPS = 1_500, 30
 LOOKS = 16
 """Places in a step at which the sign of the velocity is looked at."""
+FIRST_STEPS = 20
+"""Newton steps from the guess: where P falls like an exponential each gains a factor e."""
+FLAT = "1e-8"
+"""|P' - P/a| that counts as zero at a peak of P(a)/a, whose height is known to the square of it or better."""
 THROWN_OUT = 30
 """A motion whose turning points grow by more than this has no stick to come."""
 
@@ -67,13 +71,15 @@ class Half:
 
 @dataclass(frozen=True)
 class Truth:
-    """A symmetric cycle to nearly all digits: gain, stick position a, amplitude, full period, half multiplier."""
+    """A symmetric cycle to nearly all digits: gain, stick position a, amplitude, full period, half multiplier; relative
+    error of amplitude and period where the engine's digits are too few, else 0."""
 
     gain: Decimal
     a: Decimal
     amplitude: Decimal
     period: Decimal
     mu: Decimal
+    noise: float = 0.0
 
 
 class SwitchMap:
@@ -225,20 +231,45 @@ class SwitchMap:
         """The symmetric cycle nearest to a stick position, at most `within` away (relative).
 
         Newton on P(a) = a in a bracket that grows around the guess from its presumed `error`: where mu is 1e8, Newton
-        by itself jumps over the nearest fixed point to another one.
+        by itself jumps over the nearest fixed point to another one.  Before that, between the guess and a place twice
+        as far as a Newton step: next to a sharp fold P = a at two places closer to each other than the error.
         """
         with decimal.localcontext(self.context):
             a, limit = Decimal(guess), Decimal(within)
             width, found = Decimal(3 * error), None
+            for _ in range(FIRST_STEPS):
+                half = self._half(a)
+                step = (half.position - a) / (1 - half.slope)
+                far = a + 2 * step
+                if abs(far / Decimal(guess) - 1) > 2 * width:
+                    break
+                if (self._excess(far) > 0) != (half.position > a):
+                    found = self._newton(a, min(a, far), max(a, far))
+                    break
+                a += step
+            a = Decimal(guess)
             while found is None and width < 10 * limit:
                 width = min(width, limit)
                 low, high = a * (1 - width), a * (1 + width)
-                if (self._excess(low) > 0) != (self._excess(high) > 0):
-                    found = self._newton(a, low, high)
+                try:
+                    if (self._excess(low) > 0) != (self._excess(high) > 0):
+                        found = self._newton(a, low, high)
+                except (Lost, ArithmeticError):  # so far out motions may come to a stop in another way
+                    break
                 width *= 10
+            found = found or self._beside_the_peak(a, Decimal(3 * error))
             if found is None:
                 raise Lost(f"no fixed point of the map within {within:g} of {float(a):.6g}")
             return found
+
+    def _beside_the_peak(self, a: Decimal, error: Decimal) -> Truth | None:
+        """The fixed point within `error` of a, on the same side of a peak of P(a)/a that is narrower than the error."""
+        place, top = _peak(self, a)
+        side = 1 if self._half(a).slope < 1 else -1
+        end = place * (1 + side * error)
+        if top.position <= place or self._excess(end) > 0 or abs(place / a - 1) > error:
+            return None
+        return self._newton((place + end) / 2, min(place, end), max(place, end))
 
     def _excess(self, a: Decimal) -> Decimal:
         return self._half(a).position - a
@@ -268,7 +299,14 @@ def _value(c: Sequence[Decimal], h: Decimal) -> Decimal:
 def fold(
     servo: Servo, gain: float, a: float, *, digits: int = DIGITS, within: float = 1e-3
 ) -> Truth:
-    """The fold next to a guess: P(a) = a and P'(a) = 1, by Newton with differences."""
+    """The fold next to a guess: P(a) = a and P'(a) = 1, by Newton with differences; failing that, by its peaks."""
+    try:
+        return _fold_by_newton(servo, gain, a, digits, within)
+    except (Lost, ArithmeticError):
+        return _fold_by_peaks(servo, gain, a, 3 * digits // 2, within)
+
+
+def _fold_by_newton(servo: Servo, gain: float, a: float, digits: int, within: float) -> Truth:
     with decimal.localcontext(decimal.Context(prec=digits, Emin=-(10**6), Emax=10**6)):
         K, a_, K0 = Decimal(gain), Decimal(a), Decimal(gain)
         delta = Decimal(10) ** (-digits // 3)
@@ -300,3 +338,51 @@ def fold(
                 slopes = None  # of a place too far away to be of use again
             last = moved
         raise Lost("Newton on the fold does not converge")
+
+
+def _fold_by_peaks(servo: Servo, gain: float, a: float, digits: int, within: float) -> Truth:
+    """The gain at which the largest P(a)/a next to a guess is 1, by secants, however narrow the peak is."""
+    with decimal.localcontext(decimal.Context(prec=digits, Emin=-(10**6), Emax=10**6)):
+        K, before = Decimal(gain), None
+        small, place = Decimal(FLAT) ** 2, Decimal(a)
+        for _ in range(16):
+            place, top = _peak(SwitchMap(servo, K, digits), place)
+            excess = top.position / place - 1
+            if abs(excess) < small:
+                return Truth(K, place, top.largest, 2 * top.duration, top.slope)
+            slope = -1 / K if before is None else (excess - before[1]) / (K - before[0])
+            before = (K, excess)
+            K -= excess / slope
+            if abs(K / Decimal(gain) - 1) > Decimal(within):
+                raise Lost(f"no fold within {within:g} of the gain {gain:.6g}")
+        raise Lost("the gains of the peaks do not converge")
+
+
+def _peak(the_map: SwitchMap, a: Decimal) -> tuple[Decimal, Half]:
+    """(place, motion) of the largest P(a)/a next to a, where a P' - P changes its sign."""
+
+    def tilt(a: Decimal) -> tuple[Decimal, Half]:
+        half = the_map.half(a)
+        return a * half.slope - half.position, half
+
+    first, half = tilt(a)
+    way, step = (1 if first > 0 else -1), Decimal("1e-14")
+    near, far = a, a
+    while True:  # outwards in growing steps
+        near, far = far, a * (1 + way * step)
+        if (tilt(far)[0] > 0) != (first > 0):
+            break
+        step *= 30
+        if step > Decimal("0.03"):
+            raise Lost("P(a)/a has no peak next to the guess")
+    low, high = min(near, far), max(near, far)
+    below, above = tilt(low)[0], tilt(high)[0]
+    for k in range(400):
+        # In turn by halves and by the secant, which is no good before the ends are of one size.
+        share = below / (below - above) if k % 3 and 0 < below and above < 0 else Decimal("0.5")
+        middle = low + (high - low) * min(max(share, Decimal("1e-4")), 1 - Decimal("1e-4"))
+        value, half = tilt(middle)
+        if abs(value) < Decimal(FLAT) * middle or not low < middle < high:
+            return middle, half
+        low, high, below, above = (middle, high, value, above) if value > 0 else (low, middle, below, value)
+    raise Lost("the peak of P(a)/a is too narrow")
