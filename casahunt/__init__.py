@@ -7,33 +7,74 @@ boundary value problems (CasADi, Newton and IPOPT), followed in the controller g
     >>> orbit = find_orbit(Servo(), "switch", 0.04)          # Table 1 of the report, gain K = 0.04
     >>> orbit.amplitude, orbit.period, orbit.half_multiplier
     >>> find_fold(Servo(), "switch").gain                    # no hunting above this gain
+
+Eight rooms, each importing only from those to its left:
+
+    hybrid < collocation < motion < orbits < continuation < servo < design < views
+
+The first five solve periodic orbits of any hybrid system and know no servo.  The public names below are looked up when
+they are first read: who uses a room loads nothing of those above it.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
-from .adapt import Options
-from .branch import Branch
-from .continuation import walk, walk_naturally
-from .diagram import collect, diagram
-from .errors import InputError, NoOrbit, Status
-from .find import find_orbit
-from .floquet import Multipliers
-from .fold import find_fold
-from .friction import Friction
-from .hunting_files import load_branch, load_orbit, save_branch, save_orbit
-from .hunting_problem import HuntingFold as Fold
-from .hunting_problem import HuntingOrbit as Orbit
-from .monitor import SpecialPoint
-from .orbit import Arc
-from .record import Measurement, measure, record_of
-from .record_file import Record, read_record
-from .servo import Controller, Servo, load
-from .simulate import simulate
-from .trajectory import Trajectory
-from .verdict import Verdict
+
+if TYPE_CHECKING:
+    from .continuation.special_points import SpecialPoint
+    from .continuation.walk import walk, walk_naturally
+    from .design.diagram import collect, diagram
+    from .design.record.file import Record, read_record
+    from .design.record.measure import Measurement, measure, record_of
+    from .errors import InputError, NoOrbit, Status
+    from .orbits.adapt import Options
+    from .orbits.floquet import Multipliers
+    from .orbits.orbit import Arc
+    from .servo.branch import Branch
+    from .servo.find_fold import find_fold
+    from .servo.find_orbit import find_orbit
+    from .servo.friction import Friction
+    from .servo.problem import HuntingFold as Fold
+    from .servo.problem import HuntingOrbit as Orbit
+    from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
+    from .servo.servo import Controller, Servo, load
+    from .servo.simulation.simulate import simulate
+    from .servo.simulation.trajectory import Trajectory
+    from .servo.simulation.verdict import Verdict
+
+_HOMES = {
+    "continuation.special_points": ("SpecialPoint",),
+    "continuation.walk": ("walk", "walk_naturally"),
+    "design.diagram": ("collect", "diagram"),
+    "design.record.file": ("Record", "read_record"),
+    "design.record.measure": ("Measurement", "measure", "record_of"),
+    "errors": ("InputError", "NoOrbit", "Status"),
+    "orbits.adapt": ("Options",),
+    "orbits.floquet": ("Multipliers",),
+    "orbits.orbit": ("Arc",),
+    "servo.branch": ("Branch",),
+    "servo.find_fold": ("find_fold",),
+    "servo.find_orbit": ("find_orbit",),
+    "servo.friction": ("Friction",),
+    "servo.problem": ("Fold", "Orbit"),
+    "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
+    "servo.servo": ("Controller", "Servo", "load"),
+    "servo.simulation.simulate": ("simulate",),
+    "servo.simulation.trajectory": ("Trajectory",),
+    "servo.simulation.verdict": ("Verdict",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_OTHER_NAMES = {"Fold": "HuntingFold", "Orbit": "HuntingOrbit"}
+"""What is called otherwise at home."""
 
 
-def __getattr__(name: str) -> str:
-    """`__version__`, looked up when read: the metadata of installed packages take 30 ms to import."""
+def __getattr__(name: str) -> Any:
+    """A public name, or `__version__` (the metadata of installed packages take 30 ms to import), when first read."""
+    if name in _HOME_OF:
+        value = getattr(import_module(f".{_HOME_OF[name]}", __name__), _OTHER_NAMES.get(name, name))
+        globals()[name] = value
+        return value
     if name != "__version__":
         raise AttributeError(f"module 'casahunt' has no attribute {name!r}")
     from importlib.metadata import PackageNotFoundError, version
@@ -42,6 +83,10 @@ def __getattr__(name: str) -> str:
         return version("casahunt")
     except PackageNotFoundError:  # run from a checkout that is not installed
         return "0+uninstalled"
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 __all__ = [

@@ -17,25 +17,22 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from . import (
-    command_basin,
-    command_diagram,
-    command_equilibria,
-    command_fold,
-    command_fold_curve,
-    command_loop,
-    command_map,
-    command_orbit,
-    command_record,
-    command_simulate,
-    command_tune,
-    command_uncertainty,
-    effort,
-    interrupts,
-)
+from . import effort, interrupts
 from .checks import known
-from .console import Outputs, Parser, complain, own_process, progress, say
 from .errors import InputError, NoOrbit
+from .views.commands import basin as command_basin
+from .views.commands import diagram as command_diagram
+from .views.commands import equilibria as command_equilibria
+from .views.commands import fold as command_fold
+from .views.commands import fold_curve as command_fold_curve
+from .views.commands import loop as command_loop
+from .views.commands import map as command_map
+from .views.commands import orbit as command_orbit
+from .views.commands import record as command_record
+from .views.commands import simulate as command_simulate
+from .views.commands import tune as command_tune
+from .views.commands import uncertainty as command_uncertainty
+from .views.commands.console import Outputs, Parser, complain, own_process, progress, say
 
 COMMANDS = {
     "orbit": command_orbit,

@@ -39,7 +39,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casahunt.cycle import Cycle, Event, Mode, Phase
+from casahunt.hybrid.system import Cycle, Event, Mode, Phase
 
 
 def uniform_field(x: Any, p: Any, sign: Any) -> Any:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from casahunt.servo import Servo, load
+from casahunt.servo.servo import Servo, load
 
 TOML = Path(__file__).with_name("table1.toml")
 """The servo as a file."""

@@ -46,15 +46,15 @@ sys.path.insert(0, str(ROOT))
 import casadi  # noqa: E402
 
 from casahunt import NoOrbit, Options, find_fold, find_orbit  # noqa: E402
-from casahunt.continuation import run as run_walk  # noqa: E402
-from casahunt.continuation import walk  # noqa: E402
-from casahunt.cycle import Cycle, Phase  # noqa: E402
-from casahunt.hunting import MODELS  # noqa: E402
+from casahunt.collocation.solve import newton  # noqa: E402
+from casahunt.collocation.transcription import transcribe  # noqa: E402
+from casahunt.continuation.special_points import FOLD, crossings  # noqa: E402
+from casahunt.continuation.walk import run as run_walk  # noqa: E402
+from casahunt.continuation.walk import walk  # noqa: E402
+from casahunt.hybrid.system import Cycle, Phase  # noqa: E402
 from casahunt.interrupts import end_with_parent  # noqa: E402
-from casahunt.monitor import FOLD, crossings  # noqa: E402
-from casahunt.orbit import unknowns_of  # noqa: E402
-from casahunt.solve import newton  # noqa: E402
-from casahunt.transcription import transcribe  # noqa: E402
+from casahunt.orbits.orbit import unknowns_of  # noqa: E402
+from casahunt.servo.hunting import MODELS  # noqa: E402
 from problems import table1  # noqa: E402
 
 SCENES = ("orbit-stable", "orbit-unstable", "fold", "diagram")
@@ -311,9 +311,9 @@ SHARES = (
     ("stage elimination (numpy.linalg)", ("_linalg.py",)),
     ("node systems: sparse QR (CasADi)", ("node_system.py", "casadi.py", "_casadi")),
     ("assembly and Newton steps", ("transcription.py", "solve.py")),
-    ("error estimate and meshes", ("mesh.py", "collocation.py", "adapt.py")),
-    ("predictor, tangents, records", ("continuation.py", "monitor.py", "orbit.py")),
-    ("checks that a root is a motion", ("admissibility.py", "hunting.py", "resequence.py", "march.py")),
+    ("error estimate and meshes", ("mesh.py", "scheme.py", "adapt.py")),
+    ("predictor, tangents, records", ("walk.py", "special_points.py", "orbit.py")),
+    ("checks that a root is a motion", ("admissibility.py", "hunting.py", "sequences.py", "restart.py", "march.py")),
 )
 
 

@@ -57,7 +57,7 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E402
 from casahunt.interrupts import end_with_parent  # noqa: E402
-from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
+from casahunt.servo.linear_loop import routh_hurwitz_gain  # noqa: E402
 from scripts.peers import lugre_digits  # noqa: E402
 from scripts.peers import switch_digits as digits  # noqa: E402
 from scripts.peers.switch_long import STEEPEST, LongMap  # noqa: E402

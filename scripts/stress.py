@@ -14,7 +14,7 @@ Automatic Control 45 (2000) 830-832).  For Table 1 the limit is 0.489 N m s/rad:
 
 Truth is never the solve in question:
 
-    Switch cycles   Taylor series with events (tests/taylor.py): P(a) - a changes sign within the claimed error, its
+    Switch cycles   Taylor series with events (problems/taylor.py): P(a) - a changes sign within the claimed error, its
                     root gives the true amplitude and the period
     LuGre cycles    half a cycle by Taylor series from the computed state, where its stiffness allows, whose closure,
                     period and amplitude may be off by 10 (1 + |mu|) errors; and always a second solve
@@ -58,13 +58,13 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E402
-from casahunt.adapt import solve_adaptively  # noqa: E402
-from casahunt.continuation import walk  # noqa: E402
-from casahunt.hunting import MODELS, SCHEMES  # noqa: E402
+from casahunt.continuation.walk import walk  # noqa: E402
 from casahunt.interrupts import end_with_parent  # noqa: E402
-from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
-from casahunt.orbit import unknowns_of  # noqa: E402
-from tests import taylor  # noqa: E402
+from casahunt.orbits.adapt import solve_adaptively  # noqa: E402
+from casahunt.orbits.orbit import unknowns_of  # noqa: E402
+from casahunt.servo.hunting import MODELS, SCHEMES  # noqa: E402
+from casahunt.servo.linear_loop import routh_hurwitz_gain  # noqa: E402
+from problems import taylor  # noqa: E402
 
 SOLVED, NONE, REFUSED, UNCHECKED, WRONG = "solved", "no cycle", "refused", "unchecked", "wrong"
 HONEST = 10.0

@@ -38,8 +38,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Servo, Trajectory, find_fold, simulate  # noqa: E402
-from casahunt.linear_loop import routh_hurwitz_gain  # noqa: E402
-from casahunt.march import MarchFailure  # noqa: E402
+from casahunt.motion.march import MarchFailure  # noqa: E402
+from casahunt.servo.linear_loop import routh_hurwitz_gain  # noqa: E402
 
 LONGER = 10.0
 MOST = {"switch": 40, "lugre": 12, "band": 40}
@@ -214,7 +214,7 @@ def described(o: Outcome) -> str:
 
 def record(o: Outcome) -> dict[str, Any]:
     """A case as JSON."""
-    from casahunt.servo import flatten
+    from casahunt.servo.servo import flatten
 
     c = o.case
     return {

@@ -1,4 +1,7 @@
-"""The house in order: imports point one way, along CONTRIBUTING.md's list; everything public is documented."""
+"""The house in order: rooms and modules import one way, the engine knows no servo, everything public is documented.
+
+The order of the modules of a room is that of its `__init__` docstring.
+"""
 
 from __future__ import annotations
 
@@ -14,65 +17,106 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "casahunt"
-MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
-# The modules that talk to a terminal:
-USER_BORDER = {m for m in MODULES if m in ("cli", "console", "__main__") or m.startswith("command_")}
-ORDER = re.findall(r"^ {4}(\w+)\.py +\S", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.MULTILINE)
+ROOMS = ("hybrid", "collocation", "motion", "orbits", "continuation", "servo", "design", "views")
+ENGINE = ROOMS[:5]
+GROUND = ("interrupts", "errors", "checks", "effort", "compiled", "tables", "files")
+TOP = ("__init__", "cli", "__main__")
+PATHS = {path.relative_to(PACKAGE).with_suffix("").as_posix().replace("/", "."): path for path in PACKAGE.rglob("*.py")}
+MODULES = sorted(PATHS)
+TERMINAL = {m for m in MODULES if m in ("cli", "__main__") or m.startswith("views.commands.")}
+"""The modules that talk to a terminal."""
+DRAWING = {m for m in MODULES if m.startswith("views.pictures.")}
+SERVO_WORDS = re.compile(
+    r"servo|friction|(?<![a-z])gains?(?![a-z])|(?<!casa)hunt|lugre|\bSwitch\b|\"switch\"", re.IGNORECASE
+)
+BRANCH_SWITCHING = re.compile(r"branch.switching", re.IGNORECASE)
 
 
 @cache
 def tree(module: str) -> ast.Module:
-    return ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"), filename=f"casahunt/{module}.py")
+    return ast.parse(PATHS[module].read_text(encoding="utf-8"), filename=str(PATHS[module]))
 
 
-def imports(module: str) -> tuple[set[str], set[str]]:
+@cache
+def imports(module: str) -> tuple[frozenset[str], frozenset[str]]:
     """(modules of the package, top-level names of everything else) that a module imports, anywhere in it."""
     inner: set[str] = set()
     outer: set[str] = set()
+    package = module.split(".")[:-1]
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.Import):
-            targets = [alias.name for alias in node.names]
+            targets = [(alias.name.split("."), "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            base = "casahunt" if node.level else ""
-            source = ".".join(part for part in (base, node.module) if part)
-            # "from . import x": x is a module, or a name that __init__ defines.
-            targets = [f"{source}.{alias.name}" for alias in node.names] if source == "casahunt" else [source]
+            base = ["casahunt", *package[: len(package) - node.level + 1]] if node.level else []
+            targets = [(base + (node.module or "").split("."), alias.name) for alias in node.names]
         else:
             continue
-        for target in targets:
-            top, *rest = target.split(".")
+        for path, name in targets:
+            top, *rest = [part for part in path if part]
             if top != "casahunt":
                 outer.add(top)
-            else:
-                inner.add(rest[0] if rest and rest[0] in MODULES else "__init__")
-    return inner, outer
+                continue
+            # "from .room import x": x is a module of the room, or a name that its __init__ defines.
+            candidates = (".".join([*rest, name]), ".".join(rest), ".".join([*rest, "__init__"]))
+            inner.add(next(c for c in candidates if c in PATHS))
+    return frozenset(inner), frozenset(outer)
 
 
-def reachable(module: str) -> set[str]:
-    """Every module of the package that importing `module` may load."""
-    found: set[str] = set()
-    waiting = [module]
-    while waiting:
-        name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            waiting += imports(name)[0]
-    return found
+def room_of(module: str) -> str:
+    return module.split(".")[0] if "." in module else ""
 
 
-def test_the_list_is_complete():
-    missing = [module for module in MODULES if module not in ORDER]
-    assert not missing, f"give {missing} a line at their place in CONTRIBUTING.md"
-    stale = [module for module in ORDER if module not in MODULES]
-    assert not stale, f"CONTRIBUTING.md lists {stale}, which do not exist"
-    assert len(ORDER) == len(set(ORDER))
+def floor_of(module: str) -> int:
+    """Place of the room of a module, from the ground."""
+    if room_of(module):
+        return 1 + ROOMS.index(room_of(module))
+    return 0 if module in GROUND else len(ROOMS) + 1
 
 
-@pytest.mark.parametrize("module", MODULES)
+def listed(package: str) -> list[str]:
+    """Modules and rooms that the docstring of a package lists, in order, without the package's own name."""
+    docstring = ast.get_docstring(tree(f"{package}.__init__")) or ""
+    return re.findall(r"(?:^|, )(\w+)(?:\.py|/)(?=[ ,]|$)", docstring, re.MULTILINE)
+
+
+def test_every_module_has_its_room():
+    assert {room_of(m) for m in MODULES} - {""} == set(ROOMS)
+    assert {m for m in MODULES if not room_of(m)} == {*GROUND, *TOP}
+
+
+@pytest.mark.parametrize("package", [m.removesuffix(".__init__") for m in MODULES if m.endswith(".__init__")])
+def test_a_room_lists_its_modules(package):
+    """A newcomer who reads the docstrings of the rooms knows the house."""
+    folder = PATHS[f"{package}.__init__"].parent
+    there = {p.stem for p in folder.glob("*.py")} | {p.name for p in folder.iterdir() if (p / "__init__.py").exists()}
+    assert sorted(listed(package)) == sorted(there - {"__init__"})
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m not in TOP])
 def test_imports_point_one_way(module):
-    allowed = ORDER[: ORDER.index(module)] if module in ORDER else []
-    wrong = sorted(imports(module)[0] - set(allowed))
-    assert not wrong, f"{module}.py imports {wrong}, which do not stand above it in CONTRIBUTING.md"
+    for target in imports(module)[0]:
+        assert target not in TOP, f"{module} imports {target}"
+        here, there = floor_of(module), floor_of(target)
+        assert there <= here, f"{module} imports {target}, a room above its own"
+        if here == 0:
+            assert GROUND.index(target) < GROUND.index(module), f"{module} imports {target}, which stands above it"
+        elif there == here and not module.endswith("__init__"):
+            # The first part of the two names in which they differ stands in the docstring of the room they share.
+            a, b = module.split("."), target.split(".")
+            k = next(i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y)
+            order = listed(".".join(a[:k]))
+            assert order.index(b[k]) < order.index(a[k]), f"{module} imports {target}, which its room lists below it"
+
+
+def source_without_data(module: str) -> list[str]:
+    return [BRANCH_SWITCHING.sub("", line) for line in PATHS[module].read_text(encoding="utf-8").splitlines()]
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if room_of(m) in ENGINE])
+def test_the_engine_knows_no_servo(module):
+    """Neither in its code nor in its messages and docstrings."""
+    found = [(i, line) for i, line in enumerate(source_without_data(module), 1) if SERVO_WORDS.search(line)]
+    assert not found
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -80,33 +124,49 @@ def test_nothing_beyond_the_declared_dependencies(module):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     declared = {re.split(r"[<>=!~ \[]", requirement)[0] for requirement in project["dependencies"]}
     outer = imports(module)[1] - set(sys.stdlib_module_names) - {"mpl_toolkits"}  # which is part of matplotlib
-    assert outer <= declared, f"{module}.py imports {sorted(outer - declared)}"
+    assert outer <= declared, f"{module} imports {sorted(outer - declared)}"
 
 
 def test_matplotlib_is_imported_by_plotting_alone():
     users = {module for module in MODULES if imports(module)[1] & {"matplotlib", "mpl_toolkits"}}
-    assert users <= {"plotting"}
+    assert users <= {"views.pictures.plotting"}
 
 
 def test_computing_draws_nothing():
-    """Neither in the source nor in a running interpreter does the public package reach matplotlib."""
-    drawing = {m for m in MODULES if m == "plotting" or m.startswith("pictures_")}
-    silent = [module for module in MODULES if module not in USER_BORDER | drawing]
-    for module in silent:
-        assert "plotting" not in reachable(module), f"{module}.py reaches plotting.py"
-    names = ", ".join(["casahunt", *(f"casahunt.{module}" for module in silent if module != "__init__")])
-    code = f"import sys\nimport {names}\nassert 'matplotlib' not in sys.modules"
+    """Neither in the source nor in a running interpreter does anything below the views reach matplotlib."""
+    silent = [module for module in MODULES if floor_of(module) < floor_of("views.evidence") and module not in TOP]
+    names = ", ".join(f"casahunt.{module.removesuffix('.__init__')}" for module in silent)
+    public = "for name in casahunt.__all__: getattr(casahunt, name)"
+    code = f"import sys\nimport casahunt, {names}\n{public}\nassert 'matplotlib' not in sys.modules"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
+
+
+def test_public_names_are_looked_up_where_the_type_checker_sees_them():
+    """`casahunt.__getattr__` and the imports that only the type checker reads agree, and cover `__all__`."""
+    import casahunt
+
+    shown = {}
+    for node in ast.walk(tree("__init__")):
+        if isinstance(node, ast.ImportFrom) and node.level and node.module:
+            for alias in node.names:
+                shown[alias.asname or alias.name] = (node.module, alias.name)
+    looked_up = {
+        name: (home, casahunt._OTHER_NAMES.get(name, name)) for home, names in casahunt._HOMES.items() for name in names
+    }
+    assert looked_up == shown
+    assert sorted(looked_up) == sorted(casahunt.__all__)
+    assert set(casahunt.__all__) <= set(dir(casahunt))
 
 
 def test_solvers_run_in_one_place():
     for module in MODULES:
         called = {node.attr for node in ast.walk(tree(module)) if isinstance(node, ast.Attribute)}
-        assert module == "solve" or not called & {"nlpsol", "rootfinder", "qpsol"}, f"{module}.py runs a solver"
+        alone = module == "collocation.solve" or not called & {"nlpsol", "rootfinder", "qpsol"}
+        assert alone, f"{module} runs a solver"
 
 
-@pytest.mark.parametrize("module", sorted(set(MODULES) - USER_BORDER))
+@pytest.mark.parametrize("module", sorted(set(MODULES) - TERMINAL))
 def test_nothing_is_printed(module):
     calls = [node.func for node in ast.walk(tree(module)) if isinstance(node, ast.Call)]
     assert not any(isinstance(func, ast.Name) and func.id == "print" for func in calls)
@@ -126,5 +186,5 @@ def undocumented(node: ast.Module | ast.ClassDef, prefix: str) -> list[str]:
 
 @pytest.mark.parametrize("module", MODULES)
 def test_everything_public_is_documented(module):
-    assert ast.get_docstring(tree(module)), f"{module}.py has no docstring"
+    assert ast.get_docstring(tree(module)), f"{module} has no docstring"
     assert not undocumented(tree(module), "")

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt import InputError, Servo, cli, console, find_fold, find_orbit, simulate
+from casahunt import InputError, Servo, cli, find_fold, find_orbit, simulate
 from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible, to_error
-from casahunt.fixed_points import fixed_points
-from casahunt.linear_loop import linear_loop
-from casahunt.tune_demands import Demands
+from casahunt.design.tune.demands import Demands
+from casahunt.servo.event_map.fixed_points import fixed_points
+from casahunt.servo.linear_loop import linear_loop
+from casahunt.views.commands import console
 
 ROOT = Path(__file__).parents[1]
 FILES = {
@@ -195,7 +196,7 @@ def test_closed_output(tmp_path):
     done = process(["loop", "--gain", "nan"], tmp_path, shell=">&- 2>&-")
     assert done.returncode == 1
     # No file that is opened later takes the place of a closed stream.
-    code = "from casahunt.console import own_process; own_process(); print(open('a.txt', 'w').fileno())"
+    code = "from casahunt.views.commands.console import own_process; own_process(); print(open('a.txt', 'w').fileno())"
     done = process([code], tmp_path, shell="<&- 2>&-", start=["-c"])
     assert int(done.stdout) > 2
 
@@ -222,7 +223,7 @@ def test_names_that_the_output_cannot_show(tmp_path):
 def test_warnings_of_numpy_are_not_for_the_user(tmp_path):
     """Of the program only, and of the processes that it starts: a library leaves them to its caller."""
     code = (
-        "import sys, warnings, subprocess; from casahunt.console import own_process; own_process()\n"
+        "import sys, warnings, subprocess; from casahunt.views.commands.console import own_process; own_process()\n"
         "import numpy as np; np.float64(1e308) * np.float64(1e308); print(subprocess._args_from_interpreter_flags())"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
 
@@ -74,7 +73,7 @@ def test_the_library_is_not_watched():
 
 
 def test_a_motion_of_very_many_events_ends_early(capsys, monkeypatch):
-    monkeypatch.setattr(sys.modules["casahunt.simulate"], "MOST_EVENTS", 5)  # the name is the function's
+    monkeypatch.setattr("casahunt.servo.simulation.simulate.MOST_EVENTS", 5)
     assert cli.main([*SIMULATE, "--json"]) == 1
     out, err = capsys.readouterr()
     found = json.loads(out)

@@ -21,22 +21,15 @@ import pytest
 from matplotlib.figure import Figure
 
 import casahunt
-from casahunt import (
-    Servo,
-    cli,
-    command_diagram,
-    command_fold_curve,
-    command_tune,
-    files,
-    find_fold,
-    load_branch,
-    pictures_tune,
-    plotting,
-    save_branch,
-)
-from casahunt.console import folder
-from casahunt.diagram import diagram
+from casahunt import Servo, cli, files, find_fold, load_branch, save_branch
+from casahunt.design.diagram import diagram
 from casahunt.errors import InputError
+from casahunt.views.commands import diagram as command_diagram
+from casahunt.views.commands import fold_curve as command_fold_curve
+from casahunt.views.commands import tune as command_tune
+from casahunt.views.commands.console import folder
+from casahunt.views.pictures import plotting
+from casahunt.views.pictures import tune as pictures_tune
 from problems import table1
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -321,7 +314,7 @@ def test_a_full_disk_ends_a_diagram(capsys, tmp_path, monkeypatch):
 
 def test_nobody_else_writes_files():
     """Every other way to a file would have to be made whole once more."""
-    for path in Path(casahunt.__file__).parent.glob("*.py"):
+    for path in Path(casahunt.__file__).parent.rglob("*.py"):
         if path.name == "files.py":
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -19,8 +19,9 @@ from types import FrameType
 
 import pytest
 
-from casahunt import NoOrbit, Options, Servo, compiled, find_orbit, interval, simulate
-from casahunt.orbit import unknowns_of
+from casahunt import NoOrbit, Options, Servo, compiled, find_orbit, simulate
+from casahunt.collocation.scheme import interval
+from casahunt.orbits.orbit import unknowns_of
 from scripts.interrupts import COMMANDS, ROOT, SIGNALS, session, trial
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -198,7 +199,8 @@ def test_who_uses_the_package_can_interrupt_ipopt():
     """CasADi turns what a signal raises there into a failure of IPOPT."""
     code = """
         import signal, sys
-        from casahunt import Options, Servo, find_orbit, solve
+        from casahunt import Options, Servo, find_orbit
+        from casahunt.collocation.scheme import solve
 
         def late(number, frame):
             # Within the solver's C++, which asks for signals: `call` is the last frame of Python before it.
@@ -420,7 +422,10 @@ def test_workers_that_still_import_end_with_their_parent(tmp_path, kind):
         process.communicate()
 
 
-@pytest.mark.parametrize("path", [*ROOT.glob("casahunt/*.py"), *ROOT.glob("scripts/*.py")], ids=lambda path: path.name)
+SOURCES = [*ROOT.glob("casahunt/**/*.py"), *ROOT.glob("scripts/*.py")]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
 def test_every_pool_ends_with_its_parent(path: Path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("ProcessPoolExecutor", "Pool"):

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from taylor import switch_cycle, switch_half_cycle
 
 from casahunt import Servo
 from casahunt.cli import main
-from casahunt.servo import KEYS
-from casahunt.uncertainty import load_uncertainty
+from casahunt.design.uncertainty import load_uncertainty
+from casahunt.servo.servo import KEYS
 from problems import table1
+from problems.taylor import switch_cycle, switch_half_cycle
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()

@@ -110,5 +110,5 @@ def test_there_is_no_other_writer():
     """A module with a CSV writer of its own would not be read back here."""
     package = Path(casahunt.__file__).parent
     other = re.compile(r"csv\.(Dict)?[wW]riter|savetxt\(")
-    others = [path.name for path in package.glob("*.py") if other.search(path.read_text("utf-8"))]
+    others = [path.name for path in package.rglob("*.py") if other.search(path.read_text("utf-8"))]
     assert others == ["tables.py"]

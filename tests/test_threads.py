@@ -20,9 +20,9 @@ import hashlib, sys
 from concurrent.futures import ThreadPoolExecutor
 
 from casahunt import Options, Servo, find_fold, find_orbit, simulate
-from casahunt.fixed_points import fixed_points
-from casahunt.friction_torque import friction_torque
-from casahunt.sensitivity import fold_sensitivities
+from casahunt.servo.event_map.fixed_points import fixed_points
+from casahunt.servo.simulation.friction_torque import friction_torque
+from casahunt.design.sensitivity import fold_sensitivities
 
 sys.setswitchinterval(1e-5)  # threads take turns as often as they can
 servo = Servo()

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from casahunt import Orbit
-from casahunt.hunting import Model
+from casahunt.servo.hunting import Model
 
 LIBRARY = Path("/usr/lib/auto-07p/lib")
 HERE = Path(__file__).parent

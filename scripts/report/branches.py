@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from casahunt.branch import Branch
-from casahunt.hunting import Model
-from casahunt.orbit import Orbit
-from casahunt.plotting import GAIN_LABEL, LOOKS, NAMES, SMALL, Figure
+from casahunt.orbits.orbit import Orbit
+from casahunt.servo.branch import Branch
+from casahunt.servo.hunting import Model
+from casahunt.views.pictures.plotting import GAIN_LABEL, LOOKS, NAMES, SMALL, Figure
 
 from .drawing import DASHED, FIXED, MARK, Axes, below, both_parts, grid, key, line, plain, sheet, with_fold
 from .study import ENDED, START, Entry, Study

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from casahunt import plotting
-from casahunt.equilibria import equilibria
-from casahunt.hunting import Model
-from casahunt.orbit import Orbit
-from casahunt.plotting import LOOKS, MORE_LOOKS, NAMES, Figure
+from casahunt.orbits.orbit import Orbit
+from casahunt.servo.equilibria import equilibria
+from casahunt.servo.hunting import Model
+from casahunt.views.pictures import plotting
+from casahunt.views.pictures.plotting import LOOKS, MORE_LOOKS, NAMES, Figure
 
 from .drawing import DASHED, FIXED, MARK, SAMPLES, grid, key, label_space, line, sheet, space
 from .study import ENDED, GAIN, MEASURED_AMPLITUDE, MEASURED_PERIOD, WINDOW, Entry, Study

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from casahunt.branch import Branch
-from casahunt.orbit import Orbit
-from casahunt.plotting import LOOKS, SMALL, Figure, Line2D, new_figure
+from casahunt.orbits.orbit import Orbit
+from casahunt.servo.branch import Branch
+from casahunt.views.pictures.plotting import LOOKS, SMALL, Figure, Line2D, new_figure
 
 Axes = Any
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import ListedColormap
 
-from casahunt.attraction import WITNESSES, FirstStick
-from casahunt.plotting import SMALL, Figure
+from casahunt.servo.attraction import WITNESSES, FirstStick
+from casahunt.views.pictures.plotting import SMALL, Figure
 
 from .drawing import FIXED, Axes, key, line, sheet
 from .state_space import SPEED, bound
@@ -66,7 +66,7 @@ def caption12(study: Study) -> str:
     return (
         "Not in the report: what its section 4.1 says could not be computed, the region of attraction to the stick "
         f"phase, on slices of the state space around Figure 5 (K = {GAIN}, exact Switch; for x1 < 0 the mirror "
-        "image). Each state is followed through its slips to its first stick (casahunt.attraction), above with |x2| "
+        "image). Each state is followed through its slips to its first stick, above with |x2| "
         f"as in Figure 5, below up to {FAR:g} rad/s. Agrees: inside the bound of Figure 5 (dashed) the speed falls "
         "at that instant, and most states there go on to stick. Beyond: the bound is neither necessary nor "
         f"sufficient for that. Of the states drawn with |x2| <= {FAR:g} rad/s, {'; '.join(words)}. The number of "

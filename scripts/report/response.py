@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from casahunt.linear_loop import controller_response, linear_loop, routh_hurwitz_gain
-from casahunt.plotting import LOOKS, NEUTRAL, Figure
+from casahunt.servo.linear_loop import controller_response, linear_loop, routh_hurwitz_gain
+from casahunt.views.pictures.plotting import LOOKS, NEUTRAL, Figure
 
 from .drawing import DASHED, MARK, below, grid, key, line, sheet
 from .study import GAIN, MEASURED_AMPLITUDE, MEASURED_PERIOD, SECONDS, START, TRANSIENT, Entry, Study

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from casahunt import regularised
-from casahunt.friction import stribeck
-from casahunt.interval import point_function
-from casahunt.plotting import LOOKS, NEUTRAL, Figure
+from casahunt.collocation.interval import point_function
+from casahunt.servo.friction import stribeck
+from casahunt.servo.servo import stick_band as regularised
+from casahunt.views.pictures.plotting import LOOKS, NEUTRAL, Figure
 
 from .drawing import FIXED, MARK, Axes, grid, key, line, plain, sheet
 from .study import GAIN, POSITIONS, Entry, Study

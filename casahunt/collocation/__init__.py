@@ -1,0 +1,13 @@
+"""From a cycle and a mesh to a solved boundary value problem, with its error.
+
+    x_0 + h T sum_j a_ij f(X_j) = X_i,    h_k(x(end of k), T_k; p) = 0,    x_0 = S x_E       G(u, lambda) = 0
+
+scheme.py         nodes, weights, interpolation: pure numpy
+interval.py       one collocation interval, compiled, with its exact Jacobian
+node_system.py    the linear system left when the stages are eliminated
+transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
+graphs.py         the same equations as graphs for IPOPT, with Jacobian and Hessian
+solve.py          the only place that runs a solver: Newton and IPOPT
+mesh.py           error estimate and mesh adaptation
+admissibility.py  is a root of the equations a motion?
+"""

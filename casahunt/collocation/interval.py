@@ -1,0 +1,153 @@
+"""One collocation interval as a compiled CasADi function, with its exact Jacobian.
+
+For the interval of duration h T (h its fraction of the phase, T the phase duration), start x, stages
+X = (X_1, ..., X_d) and next node x+, all divided by the state scale D:
+
+    stage rows     X_j - x - h T sum_l A_jl f(D X_l; p)/D = 0        (n d rows)
+    node rows      x+  - x - h T sum_l b_l  f(D X_l; p)/D = 0        (n rows)
+
+The function returns [ residual | d/d(x, X) | d/dT | d/d lambda ] as one dense block of R = n (d + 1)
+rows and R + 3 columns, lambda being the direction dp in parameter space; d/dx+ is the identity on the
+node rows.  The block is mapped over the mesh, so its size and the time to build it do not depend on the
+number of intervals; scalar expressions (SX) inside, never unrolled outside.
+
+Symbols: n states, d stages, R = n (d + 1), N intervals, p parameters.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ..compiled import alone, caller, kept
+from ..hybrid.system import Field
+from .scheme import Kind, scheme
+
+Array = np.ndarray
+
+INPUTS = ("w", "x_next", "duration", "fraction", "sign", "p", "dp", "scale")
+_SHARED = (5, 6, 7)  # inputs that are the same on every interval
+
+
+@kept(maxsize=64)
+def interval_function(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> ca.Function:
+    """The function of the module docstring, for one interval.
+
+    Inputs are those of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s], fraction h, sign of
+    the mode, p and its direction dp, scale D (n).  Output: dense (R, R + 3).
+    """
+    s, d = scheme(degree, kind), degree
+    w, x_next = ca.SX.sym("w", n * (d + 1)), ca.SX.sym("x_next", n)
+    T, h, sign = ca.SX.sym("T"), ca.SX.sym("h"), ca.SX.sym("sign")
+    p, dp, scale = ca.SX.sym("p", parameters), ca.SX.sym("dp", parameters), ca.SX.sym("scale", n)
+
+    z = ca.SX.sym("z", n)
+    f = field(scale * z, p, sign) / scale
+    local = ca.Function("slope", [z, p, dp, scale, sign], [f, ca.jacobian(f, z), ca.jtimes(f, p, dp)])
+    x, X = w[:n], ca.reshape(w[n:], n, d)
+    slopes, jacobians, changes = zip(*[local(X[:, j], p, dp, scale, sign) for j in range(d)], strict=True)
+    weights = np.vstack([s.matrix, s.weights])  # A and b: stage rows and node rows
+
+    step = -h * T
+    sums = ca.mtimes(ca.horzcat(*slopes), weights.T)
+    residual = ca.vec(ca.horzcat(X, x_next) - ca.repmat(x, 1, d + 1) + step * sums)
+    by_stages = ca.horzcat(*[ca.kron(weights[:, j], step * jacobians[j]) for j in range(d)])
+    by_stages += np.eye(n * (d + 1), n * d)
+    block = ca.horzcat(
+        residual, ca.DM(np.tile(-np.eye(n), (d + 1, 1))), by_stages, -h * ca.vec(sums),
+        step * ca.vec(ca.mtimes(ca.horzcat(*changes), weights.T)),
+    )  # fmt: skip
+    return ca.Function(
+        "interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"]
+    )
+
+
+@kept(maxsize=64)
+def point_function(field: Field, n: int, parameters: int) -> ca.Function:
+    """The vector field itself, scaled: (x, sign, p, scale) -> f(D x; p)/D."""
+    x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
+    p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    return ca.Function("field", [x, sign, p, scale], [ca.densify(field(scale * x, p, sign) / scale)])
+
+
+@alone
+def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Array:
+    """Scaled field (n,) at one scaled state (n,)."""
+    return np.array(point_function(field, x.size, p.size)(x, sign, p, scale)).ravel()
+
+
+class IntervalMap:
+    """`interval_function` over N intervals, called through fixed buffers (compiled.py).
+
+    The returned block is a view into the buffer of the calling thread: its next call overwrites it.
+    """
+
+    def __init__(self, function: ca.Function, n: int, intervals: int) -> None:
+        mapped = function.map("intervals", "serial", intervals, list(_SHARED), [])
+        rows, columns = function.size1_out(0), function.size2_out(0)
+        parameters = function.size1_in(5)
+        inputs = [(intervals, rows), (intervals, n), intervals, intervals, intervals, parameters, parameters, n]
+        self._caller = caller(mapped, inputs, [(intervals, columns, rows)])
+
+    def __call__(
+        self,
+        w: Array,
+        x_next: Array,
+        duration: Array | float,
+        fraction: Array | float,
+        sign: Array | float,
+        p: Array,
+        dp: Array,
+        scale: Array,
+    ) -> Array:
+        """Blocks (N, R + 3, R): for each interval the columns of the block of the module docstring."""
+        buffers = self._caller.buffers
+        w_, x_next_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
+        w_[:] = w
+        x_next_[:] = x_next
+        duration_[:] = duration
+        fraction_[:] = fraction
+        sign_[:] = sign
+        p_[:] = p
+        dp_[:] = dp
+        scale_[:] = scale
+        buffers.trigger()
+        return buffers.outputs[0]
+
+
+@kept(maxsize=32)
+def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
+    """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
+    return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)
+
+
+POINTS_AT_ONCE = 128
+
+
+class PointMap:
+    """`point_function` over any number of points, through fixed buffers for `POINTS_AT_ONCE` of them."""
+
+    def __init__(self, function: ca.Function, n: int) -> None:
+        mapped = function.map("points", "serial", POINTS_AT_ONCE, [2, 3], [])
+        inputs = [(POINTS_AT_ONCE, n), POINTS_AT_ONCE, function.size1_in(2), n]
+        self._caller = caller(mapped, inputs, [(POINTS_AT_ONCE, n)])
+
+    def __call__(self, x: Array, sign: Array, p: Array, scale: Array) -> Array:
+        """Scaled field (m, n) at the scaled states x (m, n) with the signs (m,)."""
+        buffers = self._caller.buffers
+        states, signs, parameters, scales = buffers.inputs
+        parameters[:], scales[:] = p, scale
+        out = np.empty_like(x)
+        for first in range(0, len(x), POINTS_AT_ONCE):
+            chunk = slice(first, first + POINTS_AT_ONCE)
+            count = len(out[chunk])
+            states[:count], signs[:count] = x[chunk], sign[chunk]
+            buffers.trigger()
+            out[chunk] = buffers.outputs[0][:count]
+        return out
+
+
+@kept(maxsize=16)
+def point_map(field: Field, n: int, parameters: int) -> PointMap:
+    """The compiled map, kept for reuse."""
+    return PointMap(point_function(field, n, parameters), n)

@@ -1,0 +1,144 @@
+"""Collocation on one interval: nodes, weights and interpolation.  Pure numpy.
+
+A polynomial of degree d through the start of the interval and d stages c_1..c_d in (0, 1]
+satisfies the differential equation at the stages.  As a Runge-Kutta method
+
+    X_j = x + h sum_l A_jl f(X_l),        x(h) = x + h sum_l b_l f(X_l),
+    A_jl = integral of L_l from 0 to c_j,    b_l = integral of L_l from 0 to 1,
+
+L_l being the Lagrange polynomials of the stages (Hairer, Norsett and Wanner, section II.7).
+Order at the end of the interval: 2d for Gauss-Legendre, 2d - 1 for Radau IIA; inside it d + 1.
+
+Symbols: d stages, m evaluation points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..errors import InputError
+from ..hybrid.problem import Kind
+
+Array = np.ndarray
+
+MAX_DEGREE = 12
+"""Above this degree the stages are so many that smaller intervals serve better."""
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Coefficients of one collocation scheme; checks its own order conditions.
+
+    Attributes
+    ----------
+    kind, degree : name ("gauss" or "radau") and number d of stages.
+    stages : (d,) the c_j in (0, 1].
+    matrix : (d, d) Runge-Kutta matrix A.
+    weights : (d,) quadrature weights b.
+    order : classical order at the end of an interval.
+    """
+
+    kind: Kind
+    degree: int
+    stages: Array
+    matrix: Array
+    weights: Array
+    order: int
+    points: Array = field(repr=False)
+    """(d + 1,) interpolation points: the start of the interval, then the stages."""
+    last_mode: Array = field(repr=False)
+    """(d + 1,) row that gives the degree-d Legendre coefficient of the polynomial through `points`."""
+
+    def __post_init__(self) -> None:
+        c, d = self.stages, self.degree
+        if not np.allclose(self.matrix.sum(axis=1), c, atol=1e-13):
+            raise ValueError("the rows of A must sum to c")
+        for k in range(1, d + 1):
+            if abs(self.weights @ c ** (k - 1) - 1 / k) > 1e-13:
+                raise ValueError(f"quadrature condition B({k}) fails")
+
+    @cached_property
+    def halves(self) -> Array:
+        """(2, d + 1, d + 1) interpolation to the `points` of the first and the second half of the interval."""
+        return np.array([self.interpolation(self.points / 2), self.interpolation((1 + self.points) / 2)])
+
+    def interpolation(self, tau: Array) -> Array:
+        """Values at tau in [0, 1] from (start, stages) of the interval.
+
+        Parameters
+        ----------
+        tau
+            (m,) local times.
+
+        Returns
+        -------
+        (m, d + 1) matrix; row k times the stacked states [x, X_1, ..., X_d] is the state at tau_k.
+        """
+        return lagrange(self.points, np.asarray(tau, float), self._gaps)
+
+    @cached_property
+    def _gaps(self) -> Array:
+        return gaps_of(self.points)
+
+
+def lagrange(nodes: Array, x: Array, gaps: Array | None = None) -> Array:
+    """Matrix (m, k) of the k Lagrange polynomials of `nodes` (k,) evaluated at `x` (m,), exact at the nodes.
+
+    `gaps` is `gaps_of(nodes)` where it is at hand.
+    """
+    ratios = (x[:, None] - nodes)[:, None, :] / (gaps_of(nodes) if gaps is None else gaps)
+    own = np.arange(nodes.size)
+    ratios[:, own, own] = 1.0
+    return np.multiply.reduce(ratios, axis=2)
+
+
+def gaps_of(nodes: Array) -> Array:
+    """(k, k) differences of the nodes, with 1 on the diagonal."""
+    gaps = nodes[:, None] - nodes
+    np.fill_diagonal(gaps, 1.0)
+    return gaps
+
+
+def _gauss_stages(d: int) -> Array:
+    return (legendre.leggauss(d)[0] + 1) / 2
+
+
+def _radau_stages(d: int) -> Array:
+    """Roots of P_d - P_{d-1} on [0, 1]; the last one is 1."""
+    series = np.zeros(d + 1)
+    series[d], series[d - 1] = 1.0, -1.0
+    roots = np.sort(np.real(legendre.legroots(series)))
+    for _ in range(3):  # Newton polish: the companion roots lose a digit or two
+        derivative = legendre.legval(roots, legendre.legder(series))
+        roots = roots - legendre.legval(roots, series) / derivative
+    roots[-1] = 1.0
+    return (roots + 1) / 2
+
+
+@cache
+def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
+    """The collocation scheme of the given degree and kind.
+
+    Raises
+    ------
+    InputError : degree outside 1..12, or a kind that is not "gauss" or "radau".
+    """
+    if not 1 <= degree <= MAX_DEGREE:
+        raise InputError(f"degree = {degree!r}: the collocation degree must lie in 1..{MAX_DEGREE}")
+    if kind not in ("gauss", "radau"):
+        raise InputError(f"scheme = {kind!r}: must be 'gauss' or 'radau'")
+    c = _gauss_stages(degree) if kind == "gauss" else _radau_stages(degree)
+    # Integrals of the Lagrange polynomials (degree d - 1) by Gauss quadrature: exact and, unlike
+    # monomials, free of cancellation.
+    nodes, weights = legendre.leggauss((degree + 1) // 2 + 1)
+    nodes, weights = (nodes + 1) / 2, weights / 2
+    matrix = np.array([cj * (weights @ lagrange(c, cj * nodes)) for cj in c])
+    b = weights @ lagrange(c, nodes)
+    order = 2 * degree if kind == "gauss" else 2 * degree - 1
+    points = np.concatenate([[0.0], c])
+    last_mode = np.linalg.inv(legendre.legvander(2 * points - 1, degree))[-1]
+    return Scheme(kind, degree, c, matrix, b, order, points, last_mode)

@@ -1,0 +1,407 @@
+"""A cycle on a mesh as a square system of equations, its Jacobian, and the named layout of the unknowns.
+
+The pieces of the chain, in time order, are E elements: the N intervals of the collocated phases and the M
+closed-form phases (one element each).  Element e leads from node e to node e + 1.  Unknowns, all states
+divided by the scale D:
+
+    u = [ w_1 | ... | w_N | v_1 | ... | v_M | x_end | T_1 ... T_P ]
+          |                 |             |       durations [s]
+          |                 |             last node
+          |                 start nodes of the closed-form phases
+          (x, X_1, ..., X_d): start node and stages of one interval, R = n (d + 1) numbers
+
+Equations, in this order: the R rows of each interval (interval.py), the n rows x+ - flow(v) of each
+closed-form phase, the n rows x_0 - S x_E of the closure, the P events.
+
+Eliminating the stages of an interval gives its end-to-start map, the sensitivity of the implicit
+Runge-Kutta integrator that collocation is; what is left is the node system (E = 4 drawn, phases 1 | 2):
+
+      x_0  x_1  x_2  x_3  x_4 |  T_1 T_2 | lambda
+    [ -A    I                 |  -B      |  -C   ]   r
+    [      -A    I            |  -B      |  -C   ]   r        A = d x+/d x,  B = d x+/d T,
+    [           -A    I       |      -B  |  -C   ]   r        C = d x+/d lambda
+    [                -A    I  |      -B  |  -C   ]   r
+    [  I                  -S  |          |       ]   closure
+    [            h            |   h      |   h   ]   event of phase 1
+    [                      h  |       h  |   h   ]   event of phase 2
+    [  c         c         c  |   c   c  |   c   ]   border
+
+lambda moves p along dp.  The border row fixes lambda, or measures arclength, or anything else that is a
+linear function of the phase-end nodes, the durations and lambda.
+
+Symbols: n states, d stages, R = n (d + 1), N intervals, M closed-form phases, E = N + M elements,
+P phases, y = (E + 1) n + P + 1 unknowns of the node system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from .. import effort
+from ..compiled import caller, kept
+from ..hybrid.system import Cycle, Field
+from .interval import IntervalMap, interval_map
+from .node_system import ADJOINTS, NodeSystem, node_system
+from .scheme import Kind, scheme
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The numbers of one solve that are not unknowns.
+
+    Attributes
+    ----------
+    fractions : (N,) interval lengths as fractions of their phase, phase after phase.
+    p : parameter vector.
+    scale : (n,) state scale D.
+    dp : direction in parameter space that lambda moves along (zero where lambda is not used).
+    """
+
+    fractions: Array
+    p: Array
+    scale: Array
+    dp: Array
+
+    def moved(self, step: float) -> Setting:
+        """The setting at lambda = `step`."""
+        return Setting(self.fractions, self.p + step * self.dp, self.scale, self.dp)
+
+
+class Transcription:
+    """Cycle + numbers of intervals + scheme -> residual, Jacobian and layout.
+
+    Parameters
+    ----------
+    cycle
+        the cycle.
+    counts
+        intervals of each phase; 0 for a closed-form phase.
+    degree, kind
+        collocation scheme.
+    """
+
+    def __init__(self, cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> None:
+        for phase, count in zip(cycle.phases, counts, strict=True):
+            if (phase.mode.flow is None) != (count > 0):
+                raise ValueError(f"phase {phase.mode.name!r}: {count} intervals do not fit its mode")
+        self.cycle, self.counts, self.degree, self.kind = cycle, counts, degree, kind
+        self.scheme = scheme(degree, kind)
+        n = self.n = len(cycle.states)
+        self.rows = n * (degree + 1)
+        self.intervals = sum(counts)
+        self.closed = sum(count == 0 for count in counts)
+        self.phases = len(counts)
+        self.elements = self.intervals + self.closed
+        self._index_chain()
+        self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
+        self._joints = _joint_map(cycle)
+        self._system: NodeSystem | None = None
+
+    def _key(self) -> tuple[Cycle, tuple[int, ...], int, str]:
+        return self.cycle, self.counts, self.degree, self.kind
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __eq__(self, other: object) -> bool:
+        """Equal ones are interchangeable: an IPOPT solver built for one serves the other."""
+        return isinstance(other, Transcription) and self._key() == other._key()
+
+    @property
+    def system(self) -> NodeSystem:
+        """What is left when the stages are eliminated; made when first solved."""
+        if self._system is None:  # no cached_property, which locks in Python 3.11: see compiled.alone
+            closure = self.cycle.closure.tobytes()
+            self._system = node_system(self.elements, self.n, tuple(self.phase_of), tuple(self.phase_end), closure)
+        return self._system
+
+    def _index_chain(self) -> None:
+        n, start, phase_of, is_interval, phase_end, signs = self.n, [], [], [], [], []
+        w = 0
+        v = self.intervals * self.rows
+        for k, (phase, count) in enumerate(zip(self.cycle.phases, self.counts, strict=True)):
+            for _ in range(max(count, 1)):
+                is_interval.append(count > 0)
+                phase_of.append(k)
+                if count:
+                    start.append(w)
+                    signs.append(phase.mode.sign)
+                    w += self.rows
+                else:
+                    start.append(v)
+                    v += n
+            phase_end.append(len(start))
+        start.append(v)
+        self.node_index = np.array(start)[:, None] + np.arange(n)
+        """(E + 1, n): where the nodes of the chain stand in u."""
+        self.phase_of = np.array(phase_of)
+        """(E,) phase of each element."""
+        self.phase_end = np.array(phase_end)
+        """(P,) node at the end of each phase; the phase starts at the end of the one before."""
+        self.interval_elements = np.flatnonzero(is_interval)
+        self.closed_elements = np.flatnonzero(~np.array(is_interval))
+        self.signs = np.array(signs)
+        """(N,) number of the mode of each interval."""
+        fields: dict[Field, list[int]] = {}
+        for i, e in enumerate(self.interval_elements):
+            fields.setdefault(self.cycle.phases[phase_of[e]].mode.field, []).append(i)
+        self.groups = [(f, np.array(members)) for f, members in fields.items()]
+
+    # Layout ------------------------------------------------------------------------------------------
+
+    def intervals_of(self, u: Array) -> Array:
+        """(N, R) view of the interval unknowns w."""
+        return u[: self.intervals * self.rows].reshape(self.intervals, self.rows)
+
+    def nodes_of(self, u: Array) -> Array:
+        """(E + 1, n) copy of the node states."""
+        return u[self.node_index]
+
+    def durations_of(self, u: Array) -> Array:
+        """(P,) view of the phase durations [s]."""
+        return u[-self.phases :]
+
+    def phase_intervals(self, k: int) -> slice:
+        """Which of the N intervals belong to phase k."""
+        first = sum(self.counts[:k])
+        return slice(first, first + self.counts[k])
+
+    def pack(self, w: Array, nodes: Array, durations: Array) -> Array:
+        """u from the interval unknowns (N, R), the nodes (E + 1, n) and the durations (P,).
+
+        The nodes win over the start nodes inside `w`.
+        """
+        u = np.empty(self.size)
+        self.intervals_of(u)[:] = w
+        u[self.node_index] = nodes
+        self.durations_of(u)[:] = durations
+        return u
+
+    # Equations ---------------------------------------------------------------------------------------
+
+    def linearise(self, u: Array, setting: Setting) -> Linearisation:
+        """Residual and condensed Jacobian at u."""
+        effort.problem(self.intervals)
+        with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
+            return self._linearise(u, setting)
+
+    def _linearise(self, u: Array, setting: Setting) -> Linearisation:
+        n, rows = self.n, self.rows
+        nodes, T = u[self.node_index], self.durations_of(u)
+        w = self.intervals_of(u)
+        duration = T[self.phase_of[self.interval_elements]]
+        x_next = nodes[self.interval_elements + 1]
+        if len(self.groups) == 1:
+            field = self.groups[0][0]
+            block = self._map(field, self.intervals)(
+                w, x_next, duration, setting.fractions, self.signs, setting.p, setting.dp, setting.scale
+            )
+        else:
+            block = np.empty((self.intervals, rows + 3, rows))
+            for field, members in self.groups:
+                block[members] = self._map(field, members.size)(
+                    w[members], x_next[members], duration[members], setting.fractions[members],
+                    self.signs[members], setting.p, setting.dp, setting.scale,
+                )  # fmt: skip
+        d_rows = rows - n
+        columns = block.transpose(0, 2, 1)
+        known = np.concatenate([columns[:, :, : n + 1], columns[:, :, rows + 1 :]], axis=2)
+        eliminated = np.linalg.solve(columns[:, :d_rows, n + 1 : rows + 1], known[:, :d_rows])
+        condensed = columns[:, d_rows:, n + 1 : rows + 1] @ eliminated - known[:, d_rows:]
+
+        maps = np.empty((self.elements, n, n + 3))
+        maps[self.interval_elements] = condensed
+        joints = self._joints(
+            nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
+        )
+        flow_residual = nodes[self.closed_elements + 1] - joints.flow[:, 0]
+        maps[self.closed_elements, :, 0] = -flow_residual
+        maps[self.closed_elements, :, 1:] = joints.flow[:, 1:].transpose(0, 2, 1)
+        closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
+        return Linearisation(
+            transcription=self,
+            interval_residual=block[:, 0].copy(),
+            flow_residual=flow_residual,
+            closure_residual=nodes[0] - closure @ nodes[-1],
+            events=joints.events,
+            maps=maps,
+            closure=closure,
+            eliminated=eliminated,
+        )
+
+    def _map(self, field: Field, count: int) -> IntervalMap:
+        return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
+
+
+@kept(maxsize=48)
+def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
+    """The transcription of a cycle for these numbers of intervals: built once, kept for reuse."""
+    return Transcription(cycle, counts, degree, kind)
+
+
+# Phase ends: closed-form flows and events ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Closed-form flows (M, n + 3, n) and events (n + 3, P); columns value, d/dx, d/dT, d/d lambda."""
+
+    flow: Array
+    events: Array
+
+
+@kept(maxsize=64)
+def joint_function(cycle: Cycle) -> ca.Function:
+    """Closed-form flows and events with their derivatives, from scaled states.
+
+    Inputs: start nodes v (n, M) of the closed-form phases, phase-end nodes (n, P), durations T (P), p, dp,
+    scale.  Outputs: flows (n, M (n + 3)) and events (P, n + 3); columns value, d/dx, d/dT, d/d lambda.
+    """
+    n, P = len(cycle.states), len(cycle.phases)
+    closed = [k for k, phase in enumerate(cycle.phases) if phase.mode.flow is not None]
+    v, ends = ca.SX.sym("v", n, len(closed)), ca.SX.sym("ends", n, P)
+    T, p = ca.SX.sym("T", P), ca.SX.sym("p", len(cycle.parameters))
+    dp, scale = ca.SX.sym("dp", len(cycle.parameters)), ca.SX.sym("scale", n)
+
+    def with_derivatives(value: ca.SX, x: ca.SX, duration: ca.SX) -> ca.SX:
+        return ca.horzcat(
+            value, ca.jacobian(value, x), ca.jacobian(value, duration), ca.jtimes(value, p, dp)
+        )
+
+    flows, events = [], []
+    for i, k in enumerate(closed):
+        flow = cycle.phases[k].mode.flow
+        assert flow is not None
+        flows.append(with_derivatives(flow(scale * v[:, i], T[k], p) / scale, v[:, i], T[k]))
+    for k, phase in enumerate(cycle.phases):
+        events.append(with_derivatives(phase.end.function(scale * ends[:, k], T[k], p), ends[:, k], T[k]))
+    return ca.Function(
+        "joints",
+        [v, ends, T, p, dp, scale],
+        [ca.densify(ca.horzcat(*flows)) if flows else ca.SX(n, 0), ca.densify(ca.vertcat(*events))],
+    )
+
+
+class _JointMap:
+    """`joint_function` through fixed buffers; results are copies."""
+
+    def __init__(self, cycle: Cycle) -> None:
+        n, P = len(cycle.states), len(cycle.phases)
+        function = joint_function(cycle)
+        closed = function.size2_in(0)
+        np_ = len(cycle.parameters)
+        inputs = [(closed, n), (P, n), P, np_, np_, n]
+        self._caller = caller(function, inputs, [(closed, n + 3, n), (n + 3, P)])
+
+    def __call__(self, v: Array, ends: Array, T: Array, p: Array, dp: Array, scale: Array) -> Joints:
+        buffers = self._caller.buffers
+        for store, value in zip(buffers.inputs, (v, ends, T, p, dp, scale), strict=True):
+            store[...] = value
+        buffers.trigger()
+        flow, events = buffers.outputs
+        return Joints(flow.copy(), events.copy())
+
+
+@kept(maxsize=64)
+def _joint_map(cycle: Cycle) -> _JointMap:
+    """The compiled map, kept for reuse: it does not depend on the mesh."""
+    return _JointMap(cycle)
+
+
+# The linearised equations -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """The equations linearised at one u, stages eliminated.
+
+    Attributes
+    ----------
+    interval_residual (N, R), flow_residual (M, n), closure_residual (n,) : residuals.
+    events : (n + 3, P); rows value, d/dx (n), d/dT, d/d lambda.
+    maps : (E, n, n + 3) of [r | A | B | C] of the module docstring.
+    closure : (n, n) scaled S.
+    eliminated : (N, n d, n + 3): minus the stage update belonging to 1, dx, dT, dlambda.
+    """
+
+    transcription: Transcription
+    interval_residual: Array
+    flow_residual: Array
+    closure_residual: Array
+    events: Array
+    maps: Array
+    closure: Array
+    eliminated: Array
+
+    def residual_norm(self) -> float:
+        """Largest residual in scaled units; NaN where anything is NaN (numpy, never casadi.norm_inf)."""
+        parts = (self.interval_residual, self.flow_residual, self.closure_residual, self.events[0])
+        return float(max(np.max(np.abs(part), initial=0.0) for part in parts)) if self.finite() else float("nan")
+
+    def finite(self) -> bool:
+        """True where residual and Jacobian hold no NaN and no infinity."""
+        return bool(np.isfinite(self.maps).all() and np.isfinite(self.events).all())
+
+    def rhs(self, border: float = 0.0) -> Array:
+        """Right-hand side (y,) of the Newton step, with the border row's value last."""
+        return np.concatenate(
+            [self.maps[:, :, 0].ravel(), -self.closure_residual, -self.events[0], [border]]
+        )
+
+    def matrix(self, border: Array) -> Array:
+        """Nonzeros of the node system with the given border row (see NodeSystem.border_columns)."""
+        return self.transcription.system.nonzeros(self.maps, self.closure, self.events, border)
+
+    def step(self, border: Array, border_value: float = 0.0) -> tuple[Array, Array, float]:
+        """One Newton step under a border row.
+
+        Returns
+        -------
+        (du, dy, dlambda) : update of u (size,), the node-system solution (y,) and the last entry of it.
+        """
+        y = self.transcription.system.solve(self.matrix(border), self.rhs(border_value))
+        return self.expand(y, 1.0), y, float(y[-1])
+
+    def tangent(self, border: Array) -> tuple[Array, Array]:
+        """(du/ds, y) with border . y = 1: the direction of the solution curve."""
+        rhs = np.zeros(self.transcription.system.size)
+        rhs[-1] = 1.0
+        y = self.transcription.system.solve(self.matrix(border), rhs)
+        return self.expand(y, 0.0), y
+
+    def return_map_eigenvalues(self) -> Array:
+        """(n,) eigenvalues of the linearised map of the start to S times the end, one of them zero.
+
+        The quick look at the multipliers of a stable cycle: the start responds to a disturbance of the closure by
+        (I - M)^-1.  Digits that M loses there are lost; orbits/floquet.py loses none.
+        """
+        t = self.transcription
+        matrix, n = self.matrix(t.system.border(parameter=1.0)), t.n
+        response = np.concatenate(
+            [t.system.solve_transposed(matrix, np.eye(t.system.size)[k : min(k + ADJOINTS, n)])
+             for k in range(0, n, ADJOINTS)]
+        )[:, t.elements * n : (t.elements + 1) * n]  # fmt: skip
+        return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response))
+
+    def expand(self, y: Array, inhomogeneous: float) -> Array:
+        """du (size,) belonging to a node-system solution; `inhomogeneous` multiplies the stage residual."""
+        t = self.transcription
+        E, n, P = t.elements, t.n, t.phases
+        nodes = y[: (E + 1) * n].reshape(E + 1, n)
+        dT = y[(E + 1) * n : -1]
+        known = np.empty((t.intervals, n + 3))
+        known[:, 0] = inhomogeneous
+        known[:, 1 : n + 1] = nodes[t.interval_elements]
+        known[:, n + 1] = dT[t.phase_of[t.interval_elements]]
+        known[:, n + 2] = y[-1]
+        du = np.empty(t.size)
+        w = t.intervals_of(du)
+        w[:, n:] = -(self.eliminated @ known[:, :, None])[:, :, 0]
+        du[t.node_index] = nodes
+        du[-P:] = dT
+        return du

@@ -1,0 +1,11 @@
+"""Following orbits in a parameter, and the points where a branch turns.
+
+    G(u, lambda) = 0 along s:    G_u u' + G_lambda lambda' = 0,    |(x_0, ln T_1, lambda)'| = 1;   fold: lambda' = 0
+
+walk.py             by pseudo-arclength or by natural continuation
+special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
+fold_conditions.py  the conditions of a fold as constraints of a larger problem
+turning_point.py    the largest lambda on a mesh by Newton's method alone
+fold.py             a fold as a point of the branch and as an optimum, confirmed
+plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
+"""

@@ -1,0 +1,227 @@
+"""The cyclic fold: where a branch turns back in its parameter.
+
+Two ways that share nothing but the collocation equations:
+
+* along the branch: the point where the tangent has no parameter component (special_points.py), the mesh adapted
+  and the error of the parameter estimated there by an adjoint;
+* as an optimisation problem: maximise lambda subject to the transcription, IPOPT with the exact Hessian.
+  Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
+  work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
+
+`confirmed` does both, the second on the halved mesh too, and refuses where they disagree.  An extended system
+(J v = 0, |v| = 1) serves as a third opinion in the tests.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Generic
+
+import numpy as np
+
+from ..collocation.admissibility import judge
+from ..collocation.mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
+from ..collocation.solve import Maximum, Solution, Solver, maximise_parameter
+from ..collocation.transcription import Setting, Transcription
+from ..errors import InputError, NoOrbit, Status
+from ..orbits.adapt import Options, curve_border
+from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from .special_points import FOLD, SpecialPoint, locate, special_point
+from .turning_point import turning_point
+from .walk import ends, parameter_value, secant, walk
+
+Array = np.ndarray
+
+WALK_TOLERANCE = 1e-5
+"""The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
+OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Fold(Generic[AnyOrbit]):
+    """A cyclic fold in a parameter.
+
+    Attributes
+    ----------
+    orbit : the orbit at the fold.
+    parameter : the name of the parameter.
+    value : its value at the fold.
+    value_error : estimated relative error of the value.
+    optimised_value : that of the optimisation problem on the same mesh; of the turning point there where Newton works
+        alone.
+    multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
+    status, wall_s : as everywhere.
+    """
+
+    orbit: AnyOrbit
+    parameter: str
+    value: float
+    value_error: float
+    optimised_value: float
+    multipliers: Array
+    status: Status
+    wall_s: float
+
+    @property
+    def error_estimate(self) -> float:
+        """The largest estimated relative error of parameter, amplitude and period."""
+        return max(self.value_error, self.orbit.error_estimate)
+
+
+def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
+    """Whether the parameter has a maximum between two successive orbits of a walk."""
+    here, there = ends(before, after, vary)
+    return FOLD.value(before, here) > 0 >= FOLD.value(after, there)
+
+
+def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
+    """The fold between two orbits: as a point of the branch, or where that is too sharp as the optimum next to them."""
+    orbit = locate(before, after, FOLD, vary=vary, options=options)
+    if orbit is None:  # the way between the two bends too much for one tangent to measure it
+        orbit = _located_in_small_steps(before, after, vary, options)
+    if orbit is None:
+        orbit = _optimal(max(before, after, key=lambda o: parameter_value(o, vary)), vary, options)
+    return special_point(FOLD, orbit, vary)
+
+
+def _located_in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    here = parameter_value(before, vary)
+    step = float(np.linalg.norm(secant(before, after, vary))) / SMALL_STEPS
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    steps = walk(
+        before, vary=vary, low=0.5 * here, high=2 * here, options=rough, first_step=step, largest_step=step,
+        max_points=4 * SMALL_STEPS,
+    )  # fmt: skip
+    last = before
+    for following in steps:
+        if turns_back(last, following, vary):
+            return locate(last, following, FOLD, vary=vary, options=options)
+        last = following
+    return None
+
+
+def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
+    """The orbit of largest parameter next to an orbit near the fold, on meshes adapted to the tolerance."""
+    t, u, setting = _along(orbit, vary)
+    here = parameter_value(orbit, vary)
+    across = np.append(np.zeros(t.n), [1.0, 0.0])  # at a fold the first duration moves, the parameter does not
+    for k in range(OPTIMAL_ROUNDS):
+        best = _largest(t, u, setting, options)
+        if not best.status.ok:
+            break
+        moved = setting.moved(best.parameter)
+        error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
+        if error.error <= options.tol and judge(t, best.u, moved).admissible:
+            lin = t.linearise(best.u, moved)
+            by = _maximiser(options)
+            solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin, by)
+            solved = Solved(t, solution, moved, error, best.status, best.iterations)
+            problem = orbit.problem.with_value(vary, here * (1 + best.parameter))
+            return orbit_of(solved, problem, wall_s=orbit.wall_s)
+        breaks = better_breaks(t, setting.fractions, error, options.tol, k)
+        t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
+        setting = replace(setting, fractions=fractions)
+    raise NoOrbit(
+        f"the fold of {orbit.problem.title} next to {vary} {here:.10g} was not located on its branch, and as an "
+        "optimisation problem it was not solved to the tolerance; try another tolerance",
+        Status.NOT_CONVERGED,
+    )
+
+
+def _along(orbit: Orbit, vary: str, sense: float = 1.0) -> tuple[Transcription, Array, Setting]:
+    """The unknowns of an orbit, lambda the relative change of the parameter, times `sense`."""
+    t, u, setting = unknowns_of(orbit)
+    return t, u, replace(setting, dp=sense * orbit.problem.direction(vary) * parameter_value(orbit, vary))
+
+
+def next_fold(orbit: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
+    """The fold right above an orbit, from that orbit alone: where natural continuation ends.
+
+    Raises
+    ------
+    NoOrbit : the largest parameter next to the orbit is not found, or not confirmed.
+    """
+    best = _optimal(orbit, vary, options)
+    found = confirmed(special_point(FOLD, best, vary), vary, options)
+    return special_point(FOLD, found.orbit, vary, found.value_error)
+
+
+def _maximiser(options: Options) -> Solver:
+    """Who looks for the largest parameter: IPOPT, where it is not to be Newton alone."""
+    return "newton" if options.solver == "newton" else "ipopt"
+
+
+def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> Maximum:
+    """The largest lambda next to u, as an optimisation problem, or as a turning point where Newton is to work alone."""
+    return (maximise_parameter if _maximiser(options) == "ipopt" else turning_point)(t, u, setting)
+
+
+def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float | None = None) -> Any:
+    """A located fold, checked against the optimisation problem on its mesh and on the mesh with halved intervals.
+
+    What a coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see;
+    the second optimum does, and the errors of the orbit of the result are not less than the distance to it.  The fold
+    is of the class that its problem names.
+
+    Raises
+    ------
+    InputError : the special point is no fold.
+    NoOrbit : the two values differ by more than the tolerance, or an error estimate exceeds it.
+    """
+    if special.kind != FOLD.kind:
+        raise InputError(f"special point {special.kind!r}: must be a fold")
+    began = time.perf_counter() if began is None else began
+    orbit = special.orbit
+    t, u, setting = _along(orbit, vary)
+    here = parameter_value(orbit, vary)
+    where = f"the fold of {orbit.problem.title} at {vary} {here:.10g}"
+    best = _largest(t, u, setting, options)
+    value = here * (1 + best.parameter)
+    if not best.status.ok or abs(best.parameter) > options.tol:
+        found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
+        raise NoOrbit(
+            f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", best.status
+        )
+    finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
+    check = _largest(finer, u, replace(setting.moved(best.parameter), fractions=fractions), options)
+    if not check.status.ok:
+        raise NoOrbit(
+            f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
+            "solved; try another tolerance",
+            check.status,
+        )
+    period = float(np.sum(finer.durations_of(check.u))) * t.cycle.repeats
+    amplitude = amplitude_row(finer, check.u)[0] * float(setting.scale[t.cycle.measured])
+    error = max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter))
+    orbit = replace(
+        orbit,
+        period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
+        amplitude_error=max(orbit.amplitude_error, abs(amplitude / orbit.amplitude - 1)),
+        parameter_error=error,
+    )
+    if orbit.error_estimate > options.tol:
+        raise NoOrbit(
+            f"{where} is not known to the tolerance: the error estimate is {orbit.error_estimate:.2g}; ask for "
+            "a larger tolerance",
+            Status.TOLERANCE_NOT_REACHED,
+        )
+    kind = orbit.problem.fold_type or Fold
+    return kind(orbit, vary, here, error, value, best.multipliers, orbit.status, time.perf_counter() - began)
+
+
+def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:
+    """A located fold at which the parameter is smallest, checked against the optimisation problem on its mesh.
+
+    Raises
+    ------
+    NoOrbit : the two values differ by more than the tolerance, or an error estimate exceeds it.
+    """
+    orbit = special.orbit
+    here = parameter_value(orbit, vary)
+    least = _largest(*_along(orbit, vary, -1.0), options)
+    error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
+    if not least.status.ok or error > options.tol:
+        raise NoOrbit(f"the fold at {vary} {here:.10g} is not confirmed as the smallest {vary}", least.status)
+    value, kind = here * (1 - least.parameter), orbit.problem.fold_type or Fold
+    return kind(orbit, vary, here, error, value, -least.multipliers, orbit.status, orbit.wall_s)

@@ -1,0 +1,265 @@
+"""Following a curve phi(s, c) = 0 in a plane by pseudo-arclength, through the places where it turns back in c.
+
+    tangent     (t_s, t_c) along (-phi_c, phi_s), of length 1, oriented forwards
+    predictor   h (t_s, t_c) from the last place
+    corrector   the root of phi on the line across the tangent: secant steps, inside a bracket once there is one
+    turn        t_c changes sign: the curve turns back in c; located in h
+
+Every place of the curve has coordinates of its own with itself at the origin (a chart): phi may be costly, and
+what it starts from is best taken near by.  c is absolute, and runs over a range; the curve ends on its bounds.
+phi is any function of two numbers that is of order one away from the curve; design/fold_curve.py has one whose every
+value is a corrected orbit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+Array = np.ndarray
+
+LOCATED = 1e-9
+"""|phi| at which a point lies on the curve."""
+ACCEPTED = 1e-5
+"""|phi| with which a point is accepted where rounding or a change of mesh allows no less."""
+ROUNDS = 40
+SHORTEST = 1e-4
+"""Part of the largest step below which the curve is given up."""
+TURNED, UPRIGHT = 1e-6, 1e-3
+"""|t_c| at which a turn is located, and with which it is accepted."""
+CAUTION, RECOVERY = 0.7, 1.25
+"""After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
+LARGEST_ANGLE = 0.35
+"""Angle between successive tangents [rad] at which the step is left as it is."""
+NEARLY = 1.3
+"""A step that leads to within this part of itself of a bound is made to end there."""
+WIDTH = 0.5
+"""A root lies within this part of the step to either side of the predicted place, where the step is not too long."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """phi at a place, with whatever it was computed from."""
+
+    value: float
+    data: Any = None
+
+
+class Chart(Protocol):
+    """Coordinates (s, m) around a place of the curve, m = c - position."""
+
+    @property
+    def position(self) -> float:
+        """c of the place."""
+        ...
+
+    @property
+    def gradient(self) -> tuple[float, float]:
+        """(phi_s, phi_c) there."""
+        ...
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Largest steps in s and in c."""
+        ...
+
+    def value(self, s: float, m: float) -> Reading | str:
+        """phi, or a sentence about why there is none."""
+        ...
+
+    def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
+        """The chart of a place found on the curve, s oriented as here, or a sentence about why it is none."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A place on the curve.
+
+    Attributes
+    ----------
+    chart : its coordinates.
+    tangent : (t_s, t_c), forwards.
+    turns : whether the curve turns back in c here.
+    """
+
+    chart: Any
+    tangent: Array
+    turns: bool = False
+
+
+def tangent_at(chart: Chart, like: Array) -> Array:
+    """(2,) unit tangent that makes an acute angle with `like`; `like` itself where the gradient vanishes."""
+    phi_s, phi_c = chart.gradient
+    length = float(np.hypot(phi_s, phi_c))
+    if not length > 0:
+        return like
+    tangent = np.array([-phi_c, phi_s]) / length
+    return tangent if tangent @ like >= 0 else -tangent
+
+
+def follow(
+    chart: Chart, *, sense: float, low: float = 0.0, high: float = 1.0, most: int = 200
+) -> Generator[Place, None, str]:
+    """Places along the curve, the given one first, until c leaves [low, high].
+
+    Parameters
+    ----------
+    chart
+        of a place on the curve.
+    sense
+        +1 to start towards larger, -1 towards smaller c.
+    low, high
+        range of c; the last place lies on the bound.
+    most
+        give up after so many places.
+
+    Returns
+    -------
+    Iterator of places; one where the curve turns back is yielded at its place among the others.  The generator's
+    return value is "" where a bound was reached, or the sentence that says why it ended.
+    """
+    last = Place(chart, tangent_at(chart, np.array([0.0, sense])))
+    yield last
+    share = ceiling = 1.0
+    for _ in range(most):
+        step = share * _longest(last)
+        found = _stepped(last, step, low, high)
+        if isinstance(found, str):
+            ceiling = CAUTION * share
+            share *= 0.5
+            if share < SHORTEST:
+                return found
+            continue
+        place, reached = found
+        if place.tangent[1] * last.tangent[1] < 0:
+            turn = _located_turn(last, step, place, low, high)
+            if turn is None:  # a jump of the tangent, not a turn
+                ceiling = CAUTION * share
+                share *= 0.5
+                if share < SHORTEST:
+                    return "the curve seems to turn back, but no place is found where it does"
+                continue
+            yield turn
+        yield place
+        if reached:
+            return ""
+        angle = _angle(place.tangent, last.tangent, last.chart.reach)
+        share = min(ceiling, share * float(np.clip(LARGEST_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
+        ceiling = min(RECOVERY * ceiling, 1.0)
+        last = place
+    return f"stopped after {most} places"
+
+
+def _angle(one: Array, other: Array, reach: tuple[float, float]) -> float:
+    """Angle between two directions where the largest steps in s and c count alike."""
+    a, b = one / reach, other / reach
+    return float(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
+
+
+def _longest(place: Place) -> float:
+    """The largest step whose components are within reach."""
+    return float(min(r / max(abs(t), 1e-9) for r, t in zip(place.chart.reach, place.tangent, strict=True)))
+
+
+def _stepped(last: Place, step: float, low: float, high: float) -> tuple[Place, bool] | str:
+    """(the place a step further on, whether it lies on a bound of c), or a sentence."""
+    chart = last.chart
+    at = step * last.tangent
+    across = np.array([-last.tangent[1], last.tangent[0]])
+    end = chart.position + NEARLY * at[1]
+    reached = not low < end < high
+    if reached:  # land on the bound: shorten the step and look for the root along it
+        m = (high if end >= high else low) - chart.position
+        at, across = at * (m / at[1] if at[1] else 1.0), np.array([1.0, 0.0])
+        at[1] = m
+    found = _root_across(chart, at, across, max(WIDTH * step, 1e-6))
+    if isinstance(found, str):
+        return found
+    (s, m), reading = found
+    if not low - 1e-12 <= chart.position + m <= high + 1e-12:
+        return "the corrector left the range"
+    fresh = chart.moved(s, m, reading)
+    if isinstance(fresh, str):
+        return fresh
+    tangent = tangent_at(fresh, last.tangent)
+    return Place(fresh, tangent), reached
+
+
+def _root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
+    """((s, m), reading) of the root of phi on the line at + n across, |n| <= width."""
+    slope = float(np.dot(chart.gradient, across))
+    low: tuple[float, float] | None = None
+    best: tuple[float, Array, Reading] | None = None
+    n, last, side = 0.0, (0.0, 0.0), 0
+    high: tuple[float, float] | None = None
+    for k in range(ROUNDS):
+        place = at + n * across
+        reading = chart.value(float(place[0]), float(place[1]))
+        if isinstance(reading, str):
+            return reading
+        f = reading.value
+        if not np.isfinite(f):
+            return "phi is not finite"
+        if best is None or abs(f) < abs(best[0]):
+            best = (f, place, reading)
+        if abs(f) <= LOCATED or (low and high and abs(high[0] - low[0]) <= 1e-13 * width):
+            break
+        if low and high:  # Illinois
+            if f * high[1] > 0:
+                high = (n, f)
+                low = (low[0], low[1] * (0.5 if side == 1 else 1.0))
+                side = 1
+            else:
+                low = (n, f)
+                high = (high[0], high[1] * (0.5 if side == -1 else 1.0))
+                side = -1
+        elif k > 0 and f * last[1] < 0:
+            low, high = last, (n, f)
+        elif k > 0 and f != last[1]:
+            slope = (f - last[1]) / (n - last[0])
+        last = (n, f)
+        if low and high:
+            n = high[0] - high[1] * (high[0] - low[0]) / (high[1] - low[1])
+        elif slope == 0:
+            return "phi does not change across the curve"
+        else:
+            n = float(np.clip(n - f / slope, -width, width))
+            if n == last[0]:
+                return "no root near the predicted place"
+    if best is None or abs(best[0]) > ACCEPTED:
+        return "the root across the curve was not located"
+    return best[1], best[2]
+
+
+def _located_turn(before: Place, step: float, after: Place, low: float, high: float) -> Place | None:
+    """The place between two at which t_c vanishes, by Illinois in the length of the step from the first."""
+    a, f_a = 0.0, float(before.tangent[1])
+    b, f_b = step, float(after.tangent[1])
+    best: Place | None = None
+    side = 0
+    for _ in range(ROUNDS // 2):
+        h = b - f_b * (b - a) / (f_b - f_a)
+        found = _stepped(before, h, low, high)
+        if isinstance(found, str):
+            break
+        place = found[0]
+        f = float(place.tangent[1])
+        if best is None or abs(f) < abs(best.tangent[1]):
+            best = place
+        if abs(f) <= TURNED:
+            break
+        if f * f_b > 0:
+            b, f_b = h, f
+            f_a *= 0.5 if side == 1 else 1.0
+            side = 1
+        else:
+            a, f_a = h, f
+            f_b *= 0.5 if side == -1 else 1.0
+            side = -1
+    if best is None or abs(best.tangent[1]) > UPRIGHT:
+        return None
+    return Place(best.chart, best.tangent, turns=True)

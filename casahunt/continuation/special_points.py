@@ -1,0 +1,328 @@
+"""Special points of a branch, located between two orbits and stored with what they mean.
+
+A monitor is a function of an orbit and of the curve's tangent there that changes sign at the special
+point.  Between two successive orbits where it does, the root is found in arclength by inverse interpolation between
+true corrections, down to rounding of the function or to the precision that it can have:
+
+    fold               d lambda/d s = 0, the tangent's parameter component (multiplier mu = +1)
+    symmetry breaking  mu + 1 = 0
+    superstable        mu = 0
+
+    grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
+
+Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
+itself is bisected in arclength, to `GRAZING_WIDTH`.  Some cycles get and lose weak reversals of a ring-down many
+times along a branch: grazing is located on request only.
+
+The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from ..checks import to_error
+from ..errors import NoOrbit
+from ..orbits.adapt import Options, refined
+from ..orbits.orbit import AnyOrbit, Orbit
+from .walk import (
+    Point,
+    bend,
+    bent_through,
+    curve_point,
+    ends,
+    in_units_of,
+    parameter_value,
+    secant,
+    step_along,
+)
+
+Array = np.ndarray
+
+LOCATE_ROUNDS = 40
+INVERSE_ROUNDS = 8
+"""Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
+CUBIC_ROUNDS = 6
+"""Turning points of cubics after which a fold is sought in the other way; most need three."""
+MAX_FAILURES = 8
+ACCEPTED = 1e3
+"""A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
+order in that, within 1e-12."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpecialPoint(Generic[AnyOrbit]):
+    """A located point of a branch.
+
+    Attributes
+    ----------
+    kind : "fold", "symmetry breaking", "superstable" or the name of a user function.
+    orbit : the orbit at the point.
+    meaning : one sentence for the user.
+    """
+
+    kind: str
+    orbit: AnyOrbit
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Missed:
+    """A special point that the branch has, but that was not located.
+
+    Attributes
+    ----------
+    kind : as of a `SpecialPoint`.
+    meaning : one sentence for the user, with the values of the parameter that it lies between.
+    """
+
+    kind: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """A function that changes sign at a special point.
+
+    Attributes
+    ----------
+    kind : name of the special point.
+    value : (orbit, point of the curve) -> number, of order one away from the special point.
+    meaning : sentence with {name} and {value} for the parameter and its value.
+    tolerance : |value| at which the point counts as located.
+    """
+
+    kind: str
+    value: Callable[[Orbit, Point], float]
+    meaning: str
+    tolerance: float = 1e-9
+
+
+def _fold_value(orbit: Orbit, point: Point) -> float:
+    return float(point.row[-1])
+
+
+FOLD = Monitor(
+    "fold", _fold_value,
+    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; beyond it there is neither",
+)  # fmt: skip
+SYMMETRY_BREAKING = Monitor(
+    "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
+    "symmetry breaking at {name} = {value:.10g}: the symmetric cycle hands its stability to a pair of lopsided ones",
+)  # fmt: skip
+SUPERSTABLE = Monitor(
+    "superstable", lambda orbit, point: orbit.half_multiplier,
+    "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
+)  # fmt: skip
+GRAZING = Monitor(
+    "grazing", lambda orbit, point: float("nan"),
+    "grazing at {name} = {value:.8g}: a phase of the cycle shrinks to nothing or is born",
+)  # fmt: skip
+STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
+GRAZING_WIDTH = 1e-7
+
+
+def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
+    """The orbit with the meaning in words, its parameter in as many digits as are known.
+
+    `error` is the relative error of the parameter, where it is known better than from the orbit itself.
+    """
+    value = to_error(parameter_value(orbit, vary), error or orbit.parameter_error or orbit.error_estimate)
+    return SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=float(value)))
+
+
+def crossings(
+    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
+) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:
+    """The special points between two successive orbits of a walk, and those that are there and were not located."""
+    found, missed = [], []
+    start: Point | None = None
+    end: Point | None = None
+    for monitor in monitors:
+        if monitor is GRAZING:
+            grazing = _change_of_sequence(before, after, vary, options)
+            if grazing is not None:
+                found.append(special_point(monitor, grazing, vary))
+            continue
+        if start is None or end is None:
+            start, end = ends(before, after, vary)
+        a, b = monitor.value(before, start), monitor.value(after, end)
+        if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
+            continue
+        orbit = locate(before, after, monitor, vary=vary, options=options)
+        width = abs(parameter_value(after, vary) / parameter_value(before, vary) - 1)
+        if orbit is None and monitor.kind == "fold" and width <= options.tol:
+            # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
+            orbit = max(before, after, key=lambda o: parameter_value(o, vary))
+        if orbit is None:
+            bounds = f"{vary} = {parameter_value(before, vary):.8g} and {parameter_value(after, vary):.8g}"
+            advice = "the steps towards it did not converge; another tolerance may lead there"
+            missed.append(Missed(monitor.kind, f"a {monitor.kind} point between {bounds} was not located: {advice}"))
+            continue
+        found.append(special_point(monitor, orbit, vary))
+    found.sort(key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
+    return found, missed
+
+
+def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
+    """The orbit between two at which `monitor` vanishes, or None where the steps there do not converge.
+
+    Steps start at the orbit where `monitor` is smaller, which is as a rule the closer one, along its tangent; where
+    they fail, at the other.
+    """
+    start, end = ends(before, after, vary)
+    if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
+        before, after = after, before
+    orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor is FOLD else None
+    orbit = orbit or _located_from(before, after, monitor, vary=vary, options=options)
+    return orbit or _located_from(after, before, monitor, vary=vary, options=options)
+
+
+def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Options) -> AnyOrbit | None:
+    """The fold next to `before`: again and again the turning point of the cubic through the last two orbits.
+
+    The error of a cubic falls with the fourth power of the way between its ends: three orbits are enough as a rule.
+    None where one of them is not where it should be.
+    """
+    before = _accurate(before, options)
+    here, there = ends(before, after, vary)
+    for _ in range(CUBIC_ROUNDS):
+        cubic = bend(there, here, parameter_value(after, vary), side=1.0)
+        if cubic is None:
+            return None
+        ds = _turning_point(here.row[-1], cubic[:, -1])
+        if not abs(ds) < _length_to(after, before, here, vary):
+            return None
+        here = replace(here, bend=cubic)
+        there = here if ds > 0 else _backwards(here)
+        outcome = step_along(there, before, vary, abs(ds), 0.0, np.inf, options)
+        if isinstance(outcome, str):
+            return None
+        before, after, there = outcome[0], before, _backwards(there)
+        here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
+        if abs(FOLD.value(before, here)) <= FOLD.tolerance:
+            return before
+    return None
+
+
+def _backwards(point: Point) -> Point:
+    """The same point of the curve, run through in the other sense."""
+    flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
+    return replace(point, row=-point.row, du=-point.du, bend=flipped)
+
+
+def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The orbit to the tolerance, on a mesh that serves all the steps from it; as it is where that fails."""
+    if orbit.error_estimate > options.tol:
+        with suppress(NoOrbit):
+            return refined(orbit, options)
+    return orbit
+
+
+def _located_from(
+    before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
+) -> AnyOrbit | None:
+    """`locate` by steps from `before`; their length along its tangent is the unknown."""
+    before = _accurate(before, options)
+    start, end = ends(before, after, vary)
+    low, high = 0.0, _length_to(after, before, start, vary)
+    f_low, f_high = monitor.value(before, start), monitor.value(after, end)
+    start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
+    best: tuple[float, AnyOrbit] | None = None
+    seen = [(low, f_low), (high, f_high)]
+    side, failures = 0, 0
+    for k in range(LOCATE_ROUNDS):
+        ds = high - f_high * (high - low) / (f_high - f_low)
+        if 0 < k < INVERSE_ROUNDS:
+            ds = _inverse_interpolation(seen)
+        if not low < ds < high:
+            ds = high - f_high * (high - low) / (f_high - f_low)
+        if failures:  # another length near by: mesh and phases may fall into place there
+            ds += (0.02 if failures % 2 else -0.02) * failures * (high - low)
+        if not low < ds < high:
+            ds = (low + high) / 2
+        outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
+        if isinstance(outcome, str):
+            failures += 1
+            if failures > MAX_FAILURES:
+                break
+            continue
+        failures = 0
+        orbit = outcome[0]
+        start = bent_through(start, ds, outcome[1], parameter_value(orbit, vary) / parameter_value(before, vary) - 1)
+        f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
+        seen.append((ds, f))
+        if best is None or abs(f) < abs(best[0]):
+            best = (f, orbit)
+        if abs(f) <= monitor.tolerance or high - low <= 1e-13 * max(high, 1e-300):
+            break
+        if f * f_high > 0:
+            high, f_high = ds, f
+            f_low = f_low * 0.5 if side == 1 else f_low
+            side = 1
+        else:
+            low, f_low = ds, f
+            f_high = f_high * 0.5 if side == -1 else f_high
+            side = -1
+    return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
+
+
+def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
+    """Length along the tangent at `start`, the curve at `before`, to `after`."""
+    return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
+
+
+def _turning_point(slope: float, cubic: Array) -> float:
+    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0; nan where it has none."""
+    roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
+    real = roots.real[abs(roots.imag) <= 1e-9 * abs(roots)]
+    return float(real[np.argmin(abs(real))]) if real.size else float("nan")
+
+
+def _inverse_interpolation(seen: list[tuple[float, float]]) -> float:
+    """Where the polynomial s(f) through the three points nearest to the root has f = 0; nan where two coincide."""
+    s, f = np.array(sorted(seen, key=lambda point: abs(point[1]))[:3]).T
+    with np.errstate(all="ignore"):
+        weights = [np.prod([f[j] / (f[j] - f[i]) for j in range(f.size) if j != i]) for i in range(f.size)]
+        return float(np.dot(weights, s))
+
+
+def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    """The last orbit found with the phase sequence of `before`, where that of `after` is another one."""
+    if before.signature == after.signature:
+        return None
+    start = curve_point(before, vary, like=secant(before, after, vary))
+    low, high, found = 0.0, _length_to(after, before, start, vary), before
+    for _ in range(LOCATE_ROUNDS):
+        ds = (low + high) / 2
+        outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
+        if isinstance(outcome, str) or outcome[0].signature != before.signature:
+            high = ds
+        else:
+            low, found = ds, outcome[0]
+        if high - low <= GRAZING_WIDTH:
+            break
+    return found
+
+
+def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
+    """A monitor of the user's own: the points where `function(orbit)` changes sign."""
+    return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")
+
+
+__all__ = [
+    "FOLD",
+    "GRAZING",
+    "STANDARD",
+    "SUPERSTABLE",
+    "SYMMETRY_BREAKING",
+    "Monitor",
+    "crossings",
+    "locate",
+    "user_monitor",
+]

@@ -1,0 +1,109 @@
+"""The largest lambda of a solution curve by Newton's method alone: where the tangent has no lambda component.
+
+With a row w = (w_x, w_T, 0) along the curve, a = w . (x_0 - x_0*, ln T_1 - ln T_1*) measures the way, and
+
+    G(u, lambda) = 0,   a fixed     is regular at a fold;   its tangent with w . dy = 1 has  d lambda/d a.
+
+The root of d lambda/d a is found by secants.  At it the equations have the adjoint nu of the fold,
+
+    G_u^T nu = 0,   nu . G_lambda = 1:      [ G_u  G_lambda ]^T [ nu ]   [ 0 ]
+                                            [  w      0     ]   [ s  ] = [ 1 ],   s = 0,
+
+as the multipliers of the optimisation problem that IPOPT solves for the same fold (solve.maximise_parameter).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ..collocation.graphs import graphs
+from ..collocation.solve import Maximum, Solution, newton
+from ..collocation.transcription import Linearisation, Setting, Transcription
+from ..compiled import alone
+from ..errors import Status
+from ..orbits.adapt import curve_border
+from .fold_conditions import data_of
+
+Array = np.ndarray
+
+FIRST_STEPS = (1e-4, 1e-6, 1e-8)
+"""First steps along the curve, in turn: a sharp fold is narrower than the first of them."""
+MOST_SECANTS = 12
+ARRIVED, ROUNDED = 1e-10, 1e-14
+"""No further step is made where the last one, and the change of lambda that it brought, are below these; nor where
+lambda does not change any more and the slope is nothing but rounding."""
+
+
+def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
+    """The largest lambda next to u by Newton's method, as `solve.maximise_parameter` by IPOPT."""
+    row = _along(t, u, setting)
+    iterations = 0
+    for first in FIRST_STEPS:
+        found = _secants(t, u, setting, row, first)
+        if found is None:
+            continue
+        solution, count = found
+        iterations += count
+        if abs(solution.parameter) < freedom and solution.linearisation is not None:
+            nu = _adjoint(t, solution, setting, row)
+            status = Status.CONVERGED if np.isfinite(nu).all() else Status.NOT_FINITE
+            return Maximum(solution.u, solution.parameter, nu, status, iterations)
+    return Maximum(u, 0.0, np.full(t.size, np.nan), Status.NOT_CONVERGED, iterations)
+
+
+def _along(t: Transcription, u: Array, setting: Setting) -> Array:
+    """(n + 2,) unit row w along the curve at u, without lambda."""
+    lin = t.linearise(u, setting)
+    trial = np.append(np.ones(t.n), [0.0, 0.0])
+    du, y = lin.tangent(curve_border(t, u, trial))
+    row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], 0.0]])
+    return row / np.linalg.norm(row)
+
+
+def _secants(t: Transcription, u: Array, setting: Setting, row: Array, first: float) -> tuple[Solution, int] | None:
+    """(the solution where d lambda/d a = 0, Newton iterations), or None where that is no maximum or is not reached."""
+    solution = newton(t, u, setting, border=curve_border(t, u, row))
+    iterations = solution.iterations
+    if not solution.status.ok or solution.linearisation is None:
+        return None
+    du, slope = _tangent(t, solution.u, solution.linearisation, row)
+    ds = first
+    for _ in range(MOST_SECANTS):
+        start = solution.u + ds * du
+        following = newton(
+            t, start, setting, border=curve_border(t, start, row), parameter=solution.parameter + ds * slope
+        )
+        iterations += following.iterations
+        if not following.status.ok or following.linearisation is None:
+            return None
+        du, fresh = _tangent(t, following.u, following.linearisation, row)
+        bend = (fresh - slope) / ds
+        still = abs(fresh * ds) <= ROUNDED
+        if still and (abs(ds) <= ARRIVED or abs(fresh) > 0.1 * abs(slope)):
+            return following, iterations
+        if not bend < 0:
+            return None
+        solution, slope, ds = following, fresh, -fresh / bend
+    return None
+
+
+def _tangent(t: Transcription, u: Array, lin: Linearisation, row: Array) -> tuple[Array, float]:
+    """(du/da, d lambda/d a)."""
+    du, y = lin.tangent(curve_border(t, u, row))
+    return du, float(y[-1])
+
+
+@alone
+def _adjoint(t: Transcription, solution: Solution, setting: Setting, row: Array) -> Array:
+    """nu (size,) of the module docstring."""
+    g = graphs(t)
+    jacobian = ca.Function("jacobian", [g.z, g.data], [g.jacobian])
+    places = np.append(t.node_index[0], t.size - t.phases)
+    weights = np.append(row[: t.n], row[t.n] / t.durations_of(solution.u)[0])
+    border = ca.DM(ca.Sparsity.triplet(1, t.size + 1, [0] * places.size, places.tolist()), weights)
+    matrix = ca.vertcat(jacobian(np.append(solution.u, solution.parameter), data_of(setting)), border)
+    goal = np.zeros(t.size + 1)
+    goal[-1] = 1.0
+    # Factorised as it is: its few dense columns would be dense rows of the transposed matrix, which fill everything.
+    return np.array(ca.Linsol("adjoint", "qr", matrix.sparsity()).solve(matrix, goal, True)).ravel()[:-1]

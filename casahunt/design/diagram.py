@@ -1,0 +1,140 @@
+"""The bifurcation diagram of a servo: from a gain on the stable branch, round the fold, back to that gain.
+
+Or, by natural continuation in the gain, from there to the fold, which then is the last point.
+
+A generator, so that every point can be written down as soon as it is known; `collect` gathers a Branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..continuation.fold import next_fold
+from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint, crossings
+from ..continuation.walk import walk, walk_naturally
+from ..errors import NoOrbit
+from ..orbits.adapt import Options
+from ..servo.branch import Branch
+from ..servo.find_orbit import find_orbit
+from ..servo.hunting import Model
+from ..servo.problem import HuntingOrbit
+from ..servo.servo import Servo
+
+DEFAULT_START = 0.0321
+"""Gain at which the diagrams of the report start (its Routh-Hurwitz gain without friction)."""
+DRAWING_STEP = 0.15
+"""Largest arclength between points: the solver could take three times as much, the eye could not."""
+HIGHEST = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class DiagramPoint:
+    """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
+
+    `missed` are those that were not located.
+    """
+
+    orbit: HuntingOrbit
+    special: tuple[SpecialPoint[HuntingOrbit], ...]
+    missed: tuple[Missed, ...] = ()
+
+    @property
+    def is_special(self) -> bool:
+        """Whether the orbit is one of the special points."""
+        return any(special.orbit is self.orbit for special in self.special)
+
+
+def diagram(
+    servo: Servo,
+    model: Model,
+    *,
+    start: float = DEFAULT_START,
+    options: Options | None = None,
+    monitors: tuple[Monitor, ...] = STANDARD,
+    largest_step: float = DRAWING_STEP,
+    natural: bool = False,
+    begun: Sequence[DiagramPoint] = (),
+) -> Generator[DiagramPoint, None, str]:
+    """The points of the diagram, in order along the branch.
+
+    Parameters
+    ----------
+    servo, model, options
+        the problem and the tolerance.
+    largest_step
+        of the walk, in arclength; of natural continuation, in relative change of the gain.
+    start
+        gain at which the stable branch is entered and the unstable one is left.
+    monitors
+        special points to be located.
+    natural
+        natural continuation in the gain: the stable branch, up to the fold.
+    begun
+        the points of the same diagram that are there already, in order: it goes on behind them.
+
+    Returns
+    -------
+    Iterator; its return value is the sentence that says why the branch ends.
+
+    Raises
+    ------
+    InputError, NoOrbit : as `find_orbit` at the gain `start`.
+    """
+    options = options or Options()
+    if begun:
+        before = begun[-1].orbit
+    else:
+        before = find_orbit(servo, model, start, options=options)
+        yield DiagramPoint(before, ())
+    bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
+    if natural:
+        if len(begun) > 1 and begun[-1].is_special:
+            return _natural_end(begun[-1].special[-1], begun[-2].orbit)
+        steps = walk_naturally(before, **bounds)
+    else:
+        if len(begun) > 1 and before.gain == start:
+            return f"gain reached {start:.6g}, the end of the range"
+        steps = walk(before, previous=begun[-2].orbit if len(begun) > 1 else None, **bounds)
+    while True:
+        try:
+            after = next(steps)
+        except StopIteration as end:
+            ended = str(end.value)
+            break
+        found, missed = crossings(before, after, vary="gain", monitors=monitors, options=options)
+        yield DiagramPoint(after, tuple(found), tuple(missed))
+        before = after
+    if not natural:
+        return ended
+    try:
+        fold = next_fold(before, "gain", options)
+    except NoOrbit as error:
+        return f"{ended}; that this is a fold is not shown: {error}"
+    yield DiagramPoint(fold.orbit, (fold,))
+    return _natural_end(fold, before)
+
+
+def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
+    return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
+
+
+def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
+    """Run a diagram to its end."""
+    orbits: list[HuntingOrbit] = []
+    special: list[SpecialPoint[HuntingOrbit]] = []
+    missed: list[Missed] = []
+    ended = ""
+    while True:
+        try:
+            point = next(points)
+        except StopIteration as end:
+            ended = str(end.value)
+            break
+        orbits.append(point.orbit)
+        special += point.special
+        missed += point.missed
+    return Branch(model, servo, tuple(orbits), ended, tuple(special), tuple(missed))
+
+

@@ -1,0 +1,143 @@
+"""A diagram on the disk: MODEL.npz and MODEL.csv, whole after every point, taken up again where a run was ended.
+
+The npz file holds the orbits and how they were computed; the CSV file is the table of the same points and is made from
+it, never read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..continuation.special_points import FOLD, SpecialPoint
+from ..errors import InputError
+from ..files import together, whole_text
+from ..orbits.adapt import Options
+from ..servo.branch import Branch
+from ..servo.hunting import Model
+from ..servo.problem import HuntingOrbit
+from ..servo.saved import load_branch, load_run, save_branch
+from ..servo.servo import Servo
+from ..tables import table
+from .diagram import DiagramPoint
+
+CSV_COLUMNS = (
+    "gain",
+    "amplitude_rad",
+    "period_s",
+    "half_multiplier",
+    "log10_abs_half_multiplier",
+    "stable",
+    "trivial_multiplier_error",
+    "error_estimate",
+    "status",
+    "unknowns",
+    "iterations",
+    "special",
+)
+INTERRUPTED = "interrupted"
+"""Why a branch ends that is not at its end."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked for, of every model.
+
+    Attributes
+    ----------
+    servo, start, options, natural : as in `diagram`.
+    """
+
+    servo: Servo
+    start: float
+    options: Options
+    natural: bool
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """By the names of the command line."""
+        how = self.options
+        return {"from": self.start, "tol": how.tol, "solver": how.solver, "natural": self.natural}
+
+
+def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, out: Path) -> Branch:
+    """Write the points so far; returns them as a branch.
+
+    Raises
+    ------
+    InputError, OSError : as `save_branch`.
+    """
+    special = [(found, i) for i, point in enumerate(points) for found in point.special]
+    missed = tuple(gap for point in points for gap in point.missed)
+    orbits = tuple(point.orbit for point in points)
+    branch = Branch(model, task.servo, orbits, ended, tuple(found for found, _ in special), missed)
+    with together():
+        save_branch(branch, out / f"{model}.npz", run={**task.settings, "special_before": [i for _, i in special]})
+        with whole_text(out / f"{model}.csv") as stream:
+            write = table(stream, CSV_COLUMNS)
+            for point in points:
+                write(csv_row(found.orbit, found.kind) for found in point.special)
+                if not point.is_special:
+                    write([csv_row(point.orbit, "")])
+    return branch
+
+
+def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]:
+    """The points that an earlier run of the same task has left in `out`, none where it has left none, and why they end.
+
+    Raises
+    ------
+    InputError : the file is damaged, or is of another task.
+    """
+    path = out / f"{model}.npz"
+    if not path.exists():
+        return [], ""
+    branch, run = load_branch(path), load_run(path)
+    before = run.get("special_before", [])
+    another = [f"{key} = {run.get(key)}, not {value}" for key, value in task.settings.items() if run.get(key) != value]
+    if branch.servo != task.servo:
+        another.append("another servo")
+    if branch.model != model:
+        another.append("another model")
+    if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
+        another = ["it does not say how it was computed"]
+    if another:
+        raise InputError(
+            f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
+            "--resume out for a new start"
+        )
+    special: dict[int, list[SpecialPoint[HuntingOrbit]]] = {}
+    for point, i in zip(branch.special, before, strict=True):
+        special.setdefault(i, []).append(point)
+    points = [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)]
+    points[-1] = replace(points[-1], missed=branch.missed)  # behind which of them is not written, and tells nothing
+    return points, branch.ended
+
+
+def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> DiagramPoint:
+    """As it was before it was written: an orbit that is a special point is the same object."""
+    same = [found.orbit for found in special if (found.orbit.gain, found.orbit.period) == (orbit.gain, orbit.period)]
+    return DiagramPoint(same[0] if same else orbit, tuple(special))
+
+
+def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
+    """One row of the CSV file, in the order of `CSV_COLUMNS`."""
+    multipliers = orbit.multipliers
+    trusted = multipliers.trusted
+    return [
+        orbit.gain,
+        orbit.amplitude,
+        orbit.period,
+        orbit.half_multiplier if trusted else math.nan,
+        multipliers.log10_leading if trusted else math.nan,
+        orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
+        multipliers.trivial_error,
+        orbit.error_estimate,
+        orbit.status.name.lower(),
+        orbit.unknowns,
+        orbit.iterations,
+        special,
+    ]

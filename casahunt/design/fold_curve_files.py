@@ -1,0 +1,75 @@
+"""A fold curve on the disk, whole after every point, taken up again where a run was ended.
+
+The orbits at the folds are written as a branch (orbits/archive.py), the numbers of the points beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, Status
+from ..servo.branch import Branch
+from ..servo.hunting import Model
+from ..servo.saved import load_branch, load_run, save_branch
+from ..servo.servo import Servo
+from .fold_curve import FoldCurve, FoldPoint
+
+INTERRUPTED = "interrupted"
+"""Why a curve ends that is not at its end."""
+_NUMBERS = ("value", "gain", "slope", "error_estimate", "curvature", "turns")
+
+
+def save_curve(curve: FoldCurve, path: Path, settings: Mapping[str, Any]) -> None:
+    """Write a fold curve (npz) with the settings it was computed with, by their names on the command line.
+
+    Raises
+    ------
+    InputError, OSError : as `save_branch`.
+    """
+    run = {
+        "settings": dict(settings),
+        "points": [[getattr(p, name) for name in _NUMBERS] + [p.status.name] for p in curve.points],
+        "curve": [curve.vary, curve.status.name, curve.wall_s, curve.vanishes],
+    }
+    orbits = tuple(point.orbit for point in curve.points)
+    save_branch(Branch(curve.model, curve.servo, orbits, curve.ended), path, run=run)
+
+
+def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
+    """(curve, settings) that `save_curve` has written.  Raises InputError for anything else."""
+    branch, run = load_branch(path), load_run(path)
+    try:
+        points = tuple(
+            FoldPoint(**dict(zip(_NUMBERS, numbers, strict=True)), orbit=orbit, status=Status[status])
+            for (*numbers, status), orbit in zip(run["points"], branch.orbits, strict=True)
+        )
+        vary, status, wall_s, vanishes = run["curve"]
+        cusps = tuple(point for point in points if point.turns)
+        curve = FoldCurve(
+            branch.model, branch.servo, vary, points, cusps, branch.ended, Status[status], wall_s, vanishes
+        )
+        return curve, dict(run["settings"])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{str(path)!r} holds a branch, not the points of a fold curve") from None
+
+
+def begun(path: Path, servo: Servo, model: Model, settings: Mapping[str, Any]) -> FoldCurve | None:
+    """The curve of an earlier run of the same task, or what there is of it; None where there is no file.
+
+    Raises
+    ------
+    InputError : the file is damaged, or is of another task.
+    """
+    if not path.exists():
+        return None
+    curve, theirs = load_curve(path)
+    another = [f"{key} = {theirs.get(key)}, not {value}" for key, value in settings.items() if theirs.get(key) != value]
+    another += ["another servo"] * (curve.servo != servo) + ["another model"] * (curve.model != model)
+    if another:
+        raise InputError(
+            f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
+            "--resume out for a new start"
+        )
+    return curve

@@ -1,0 +1,309 @@
+"""Measured records: times and positions, and how they are read from a file.
+
+    times [s] = factor_t * column,   position [rad] = factor_p * column
+
+Columns and units are those of the header (units.py), or stated by whoever reads the file.  Units that nobody states
+are taken as s and rad, and `Reading.sentence` says so.  The samples are parsed by numpy; only where it stumbles is the
+file read once more line by line, to name the line and the cell.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from .units import Quantity, Unit, quantity_of, split_header, stated_unit, unit_of
+
+Array = np.ndarray
+
+SMALLEST, LARGEST = 1e-100, 1e100
+"""Sizes between which squares neither vanish nor overflow."""
+_TIME = frozenset(("time", "t", "timestamp", "zeit"))
+_POSITION = frozenset(("position", "pos", "theta", "θ", "angle", "phi", "φ"))
+_NOT_MEASURED = frozenset(
+    "d ref reference set setpoint target des desired cmd command demand error err dot velocity vel speed rate".split()
+)
+"""theta_d, theta_ref, theta_dot: not the position."""
+_COUNTS: dict[Quantity, frozenset[str]] = {
+    "time": frozenset(("sample", "samples", "index", "tick", "ticks")),
+    "angle": frozenset(("encoder", "count", "counts", "cts", "inc", "increments", "pulses", "lsb")),
+}
+"""Columns named by what they count."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where the values of a quantity were read.
+
+    Attributes
+    ----------
+    name : header of the column, or its number.
+    unit : of the values in the file.
+    origin : who states the unit: "header", "option", or "nobody".
+    """
+
+    name: str
+    unit: Unit
+    origin: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file was read.
+
+    Attributes
+    ----------
+    time, position : the two columns.
+    """
+
+    time: Column
+    position: Column
+
+    @property
+    def sentence(self) -> str:
+        """Columns and units in words."""
+        parts = []
+        for noun, column, base in (("times", self.time, "s"), ("positions", self.position, "rad")):
+            unit = column.unit
+            how = {
+                "header": f"in {unit.name}",
+                "option": f"in {unit.name} (as stated on the command line)",
+                "nobody": f"taken as {unit.name} (the file states no unit)",
+            }[column.origin]
+            converted = f", converted to {base}" if unit.factor != 1 else ""
+            parts.append(f"{noun} from column {column.name}, {how}{converted}")
+        return "; ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A position measured at increasing times.
+
+    Attributes
+    ----------
+    times : (m,) [s].
+    position : (m,) [rad].
+    name : where it comes from.
+    reading : columns and units of the file; None for what was not read from one.
+    """
+
+    times: Array
+    position: Array
+    name: str = "record"
+    reading: Reading | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        t, y = self.times, self.position
+        if t.ndim != 1 or t.shape != y.shape:
+            raise InputError(f"{self.name}: times and positions must be equally many, not {t.shape} and {y.shape}")
+        if not (np.isfinite(t).all() and np.isfinite(y).all()):
+            raise InputError(f"{self.name}: times and positions must be finite numbers, not NaN or infinity")
+        for what, values in (("times", t), ("positions", y)):
+            size = float(np.max(np.abs(values), initial=0.0))
+            if size > LARGEST or 0 < size < SMALLEST:
+                raise InputError(f"{self.name}: {what} must lie in {SMALLEST:g} to {LARGEST:g}, not near {size:g}")
+        back = np.flatnonzero(t[1:] <= t[:-1])
+        if back.size:
+            i = int(back[0])
+            raise InputError(
+                f"{self.name}: time must increase from sample to sample, but {t[i + 1]:.10g} s follows {t[i]:.10g} s"
+            )
+
+    def after(self, start: float) -> Record:
+        """The part from the time `start` [s] on."""
+        kept = self.times >= start
+        return Record(self.times[kept], self.position[kept], self.name, self.reading)
+
+
+def read_record(path: str | Path, *, time_unit: str | None = None, position_unit: str | None = None) -> Record:
+    """Read a CSV file with times and positions, and convert them to s and rad.
+
+    Commas, semicolons, tabs or blanks separate the columns; lines that begin with # are comments.  With a header,
+    the columns named time (or t) and position (or pos, theta, angle) are taken, in the units stated there; otherwise
+    the first two.
+
+    Parameters
+    ----------
+    path
+        the file.
+    time_unit, position_unit
+        units of the columns, a name or a number of s or rad; None: as the header states, or s and rad.
+
+    Raises
+    ------
+    InputError : no such file, not text, no samples, a missing column, an unknown unit, a cell that is no finite number,
+        a time that does not increase.
+    """
+    path = Path(path)
+    name = f"record {str(path)!r}"
+    stated = {
+        "time": None if time_unit is None else unit_of("time", time_unit, what="time-unit"),
+        "angle": None if position_unit is None else unit_of("angle", position_unit, what="position-unit"),
+    }
+    try:
+        head = _head(path, name)
+        columns = _columns(name, head)
+        reading = Reading(
+            _column("time", columns[0], head.header, stated["time"], name),
+            _column("angle", columns[1], head.header, stated["angle"], name),
+        )
+        values = _samples(path, name, head, columns)
+    except FileNotFoundError:
+        raise InputError(f"{name}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{name}: must be text (UTF-8)") from None
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read: {error.strerror}") from None
+    t, y = values[:, 0], values[:, 1]
+    with np.errstate(over="ignore", under="ignore"):  # Record refuses what comes of it
+        return Record(t * reading.time.unit.factor, y * reading.position.unit.factor, name, reading)
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What stands above the samples: the delimiter, the header or None, the first row, lines to skip."""
+
+    delimiter: str | None
+    header: list[str] | None
+    first: list[str]
+    skip: int
+
+
+def _head(path: Path, name: str) -> _Head:
+    """The header is the first line without a number, with a line of units below it if there is one; or the last
+    comment above the samples, as numpy.savetxt writes it."""
+    comment = ""
+    names: list[str] | None = None
+    delimiter: str | None = None
+    with path.open(encoding="utf-8-sig") as stream:
+        for i, line in enumerate(stream, 1):
+            text = line.strip()
+            if not text or text.startswith("#"):
+                comment = text.lstrip("# ") or comment
+                continue
+            if names is None:
+                delimiter = next((d for d in ",;\t" if d in line), None)
+            cells = _cells(name, i, line.rstrip("\r\n"), delimiter)
+            if any(_float(cell) is not None for cell in cells) or (names is not None and not _units(names, cells)):
+                return _Head(delimiter, names or _commented(comment, delimiter, cells), cells, i - 1)
+            names = cells if names is None else [f"{a} [{b.strip('[]() ')}]" for a, b in zip(names, cells, strict=True)]
+    if names is not None and len(names) < 2:
+        raise _one_column(name, names)
+    raise InputError(f"{name}: must hold samples, but {'is empty' if names is None else 'has a header only'}")
+
+
+def _one_column(name: str, cells: Sequence[str]) -> InputError:
+    return InputError(f"{name}: must have two columns, time [s] and position [rad], but has one: {cells[0][:40]!r}")
+
+
+def _units(names: Sequence[str], cells: Sequence[str]) -> bool:
+    """A second line of the header with the unit of each column."""
+    plain = all(split_header(cell)[1] is None for cell in names)
+    return plain and len(names) == len(cells) and any(quantity_of(cell.strip("[]() ")) for cell in cells)
+
+
+def _commented(comment: str, delimiter: str | None, first: Sequence[str]) -> list[str] | None:
+    """The comment above the samples as a header, where it has as many columns and names one of the two."""
+    cells = [cell.strip() for cell in (comment.split(delimiter) if comment else [])]
+    named = _matching(cells, _TIME, "time") is not None or _matching(cells, _POSITION, "angle") is not None
+    return cells if len(cells) == len(first) and named else None
+
+
+def _cells(name: str, number: int, line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error as error:
+        raise InputError(f"{name}, line {number}: cannot be read ({error})") from None
+
+
+def _samples(path: Path, name: str, head: _Head, columns: tuple[int, int]) -> Array:
+    """(m, 2) values of the columns."""
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            for _ in range(head.skip):
+                next(stream)
+            values = np.loadtxt(stream, delimiter=head.delimiter, usecols=columns, ndmin=2, quotechar='"')
+        if np.isfinite(values).all():
+            return values
+    except UnicodeDecodeError:
+        raise
+    except ValueError:
+        pass  # a cell that numpy cannot read: the walk below names it, or reads it
+    rows = []
+    with path.open(encoding="utf-8-sig") as stream:
+        for i, line in enumerate(stream, 1):
+            if i > head.skip and line.strip() and not line.lstrip().startswith("#"):
+                row = _cells(name, i, line.rstrip("\r\n"), head.delimiter)
+                rows.append([_cell(name, i, row, column) for column in columns])
+    return np.array(rows)
+
+
+def _float(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _columns(name: str, head: _Head) -> tuple[int, int]:
+    """Indices of time and position."""
+    for cells in (head.header, head.first):
+        if cells is not None and len(cells) < 2:
+            raise _one_column(name, cells)
+    if head.header is None:
+        return 0, 1
+    time, position = _matching(head.header, _TIME, "time"), _matching(head.header, _POSITION, "angle")
+    if time is None and position is None:
+        return 0, 1
+    for what, here in (("time", time), ("position", position)):
+        if here is None:
+            raise InputError(f"{name}: has no column {what!r} (columns: {', '.join(head.header)})")
+    return time or 0, position or 0
+
+
+def _matching(header: Sequence[str], names: frozenset[str], quantity: Quantity) -> int | None:
+    """The column that is named best: by one of the names alone, by one among other words, by a unit or a count."""
+    best: tuple[int, int] | None = None
+    for i, cell in enumerate(header):
+        words, stated = split_header(cell)
+        known = names.intersection(words)
+        if known and not _NOT_MEASURED.intersection(words):
+            rank = 0 if len(words) == 1 else 1
+        elif not words and quantity_of(stated) == quantity:
+            rank = 2
+        elif not words and _COUNTS[quantity].intersection((stated or "").casefold().split()):
+            rank = 3
+        else:
+            continue
+        best = min(best, (rank, i)) if best else (rank, i)
+    return best[1] if best else None
+
+
+def _column(quantity: Quantity, i: int, header: Sequence[str] | None, stated: Unit | None, name: str) -> Column:
+    label = repr(header[i].strip()) if header else str(i + 1)
+    if stated is not None:
+        return Column(label, stated, "option")
+    found = stated_unit(quantity, header[i], what=name) if header else None
+    if found is not None:
+        return Column(label, found, "header")
+    return Column(label, unit_of(quantity, "s" if quantity == "time" else "rad"), "nobody")
+
+
+def _cell(name: str, line: int, row: Sequence[str], column: int) -> float:
+    what = f"{name}, line {line}"
+    if column >= len(row):
+        raise InputError(f"{what}: has {len(row)} columns only")
+    value = _float(row[column])
+    if value is None:
+        raise InputError(f"{what}: {row[column][:40]!r} is no number")
+    if not math.isfinite(value):
+        raise InputError(f"{what}: must be a finite number, not NaN or infinity")
+    return value

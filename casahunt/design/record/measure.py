@@ -1,0 +1,300 @@
+"""A hunting record: amplitude and frequency of a measured position, averaged over consecutive periods.
+
+Report, section 2 and Figure 4: the servo is left alone at K = 0.04, its position is recorded, and amplitude
+(0.061 rad) and frequency (0.122 Hz) are averages over consecutive periods.  A record is no computed orbit:
+its mean drifts, it is lopsided and noisy, its samples are not evenly spaced, some are missing.  So
+
+    period     of the whole waveform (period.py), between marks (marks.py); no period holds a gap
+    coherent   every period resembles the mean of all others, or the record is irregular: noise resembles nothing
+    transient  periods at the start that differ from those of the second half are left out, and `left_out` says so
+    amplitude  half of top minus bottom of all periods laid over each other (shape.py)
+    in one     the factor that fits the mean wave to a period gives its own amplitude
+    period
+
+and the errors of the averages, as standard deviations unless a bound is all that is known:
+
+    period     scatter / sqrt(k), the resolution r of the two marks at the ends of each unbroken row of periods,
+               sqrt(2 rows) r / k, and the difference between the mean of all periods and that of the second half
+    amplitude  the same two of the periods' amplitudes, the error of the peaks, and half a quantum if the positions are
+               rounded, less by what noise sigma dithers away: exp(-2 (pi sigma / quantum)^2)
+
+Symbols: m samples, k periods.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...checks import number
+from ...errors import InputError
+from ...servo.simulation.trajectory import Trajectory
+from .file import Record
+from .marks import Marks, level_of, mark, means_between
+from .period import FEWEST, Grid, find_period, gridded, off_line, usual_distance
+from .shape import equal_parts, factors, fold, peak_to_peak, quantum, shape_of, waves
+from .verdict import Kind, Periods, deviation, judge, lasting, settled
+
+Array = np.ndarray
+
+
+SAMPLES = 20_001
+"""Samples that are taken of a simulated motion."""
+MOST, DETAIL = 1_000_000, 1000
+"""Samples beyond which neighbours are averaged, if so many remain in a period."""
+NOTHING = 1e-9
+"""Size of an oscillation, relative to the largest |position|, that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What a record shows; nan where there is nothing to average.
+
+    Attributes
+    ----------
+    kind : "hunting", "decaying", "growing", "irregular" or "still" (no oscillation).
+    reason : why it is no limit cycle; "" for "hunting".
+    amplitude, amplitude_scatter, amplitude_error : mean and standard deviation over the periods of half the
+        peak-to-peak position, and error estimate of the mean [rad].
+    period, period_scatter, period_error : mean and standard deviation of the periods, error estimate of the mean [s].
+    frequency, frequency_scatter, frequency_error : 1/period, its scatter and error [Hz].
+    mean_level : mean position over whole periods [rad].
+    drift : slope of the level over the record [rad/s].
+    noise : standard deviation of the samples about the shape [rad].
+    quantum : distance of the values of a rounded position [rad]; 0 where it is not rounded.
+    above : part of a period that the position is above its level; 1/2 in a symmetric cycle.
+    rising : the crossings are upward ones.
+    left_out : (before, behind) time at either end of the record that holds no period that counts [s].
+    missing : time between the crossings that whole periods do not cover, such as gaps [s].
+    crossings : (n,) times of the marks that divide the record [s].
+    whole : (n - 1,) from a mark to the next it is a whole period without a gap.
+    amplitudes, periods : (k,) one by one.
+    level : (m,) level at the samples [rad].
+    phase, shape : (GRID + 1,) phase 0..1 from a crossing, and position - level there [rad].
+    """
+
+    kind: Kind
+    reason: str
+    amplitude: float
+    amplitude_scatter: float
+    amplitude_error: float
+    period: float
+    period_scatter: float
+    period_error: float
+    mean_level: float
+    drift: float
+    noise: float
+    quantum: float
+    above: float
+    rising: bool
+    left_out: tuple[float, float]
+    missing: float
+    crossings: Array = field(repr=False)
+    whole: Array = field(repr=False)
+    amplitudes: Array = field(repr=False)
+    periods: Array = field(repr=False)
+    level: Array = field(repr=False)
+    phase: Array = field(repr=False)
+    shape: Array = field(repr=False)
+
+    @property
+    def frequency(self) -> float:
+        """1/period [Hz]."""
+        return 1 / self.period
+
+    @property
+    def frequency_scatter(self) -> float:
+        """Standard deviation of the frequencies of the periods, to first order [Hz]."""
+        return self.period_scatter / self.period**2
+
+    @property
+    def frequency_error(self) -> float:
+        """Error estimate of the frequency, to first order [Hz]."""
+        return self.period_error / self.period**2
+
+    @property
+    def starts(self) -> Array:
+        """(k,) where each whole period begins [s]."""
+        return self.crossings[:-1][self.whole]
+
+    @property
+    def hunting(self) -> bool:
+        """The record shows a limit cycle."""
+        return self.kind == "hunting"
+
+
+def record_of(trajectory: Trajectory) -> Record:
+    """The position theta of a simulated motion as a record."""
+    t = np.linspace(0, float(trajectory.times[-1]), SAMPLES)
+    return Record(t, trajectory.set_point + trajectory.sample(t)[0], "simulation")
+
+
+def measure(record: Record, *, start: float | None = None) -> Measurement:
+    """Amplitude and frequency of a record.
+
+    Parameters
+    ----------
+    record
+        the samples.
+    start
+        leave out what comes before this time [s], such as a transient.
+
+    Raises
+    ------
+    InputError : too few samples, or fewer than `FEWEST` whole periods of an oscillation.
+    """
+    if start is not None:
+        record = record.after(number("start", start))
+    t, y = record.times, record.position
+    if t.size < 4 * FEWEST:
+        raise InputError(f"{record.name}: must hold at least {4 * FEWEST} samples, not {t.size}")
+    origin = float(np.mean(y))
+    grid = gridded(t, y - origin)
+    if np.ptp(off_line(grid)) <= NOTHING * float(np.max(np.abs(y))):
+        return _nothing(record, still=True)
+    period, _ = find_period(grid)
+    if not math.isfinite(period):
+        return _nothing(record, still=not _moves(grid))
+    times, values = _thinned(t, y - origin, period)
+    # A jump comes half a distance of samples early or late; two rounded values differ by the squares of two roundings.
+    blur = float(np.mean(np.diff(values) ** 2)) / 3 + quantum(y) ** 2 / 6
+    found = _into_periods(times, values, grid, period, blur)
+    if found is None:
+        return _nothing(record, still=not _moves(grid))
+    k = found.lengths.size
+    period = float(np.mean(found.lengths)) if k else period
+    kind, reason = judge(found) if k > 1 else ("hunting", "")
+    held = t[-1] - t[0] - np.sum(np.diff(found.marks.times)[found.marks.gapped])
+    if k < FEWEST and held > (FEWEST + 2) * period:
+        return _nothing(record, still=False)
+    if k < FEWEST:
+        raise InputError(
+            f"{record.name}: must hold at least {FEWEST} whole periods, but holds {k} of about "
+            f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
+        )
+    if kind in ("hunting", "irregular"):
+        found = _divided(times, values, settled(found, blur))
+        kind, reason = judge(found)
+    if kind == "hunting":
+        kind, reason = lasting(t, found)
+    return _averages(record, times, values, found, kind, reason, origin)
+
+
+def _thinned(t: Array, y: Array, period: float) -> tuple[Array, Array]:
+    """Means of neighbouring samples, where there are many more than a period needs."""
+    block = int(min(t.size / MOST, period / ((t[-1] - t[0]) / t.size) / DETAIL))
+    if block < 2:
+        return t, y
+    n = t.size // block
+    times, values = (v[: n * block].reshape(n, block).mean(axis=1) for v in (t, y))
+    ends = t[: n * block].reshape(n, block)[:, [0, -1]]
+    near = np.diff(ends, axis=1)[:, 0] < 4 * block * usual_distance(t)  # not on both sides of a gap
+    return times[near], values[near]
+
+
+def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: float) -> Periods | None:
+    """The record divided by its period, or by a part of that if several were taken for one."""
+    while True:
+        marks = mark(times, values, grid, period)
+        if marks is None:
+            return None
+        found = _divided(times, values, marks)
+        if found.lengths.size and np.ptp(found.waves.mean(axis=0)) <= NOTHING * np.ptp(values):
+            return None  # two samples in a period: nothing is left of them in a mean wave
+        parts = equal_parts(found.waves, blur)
+        if parts == 1:
+            return found
+        period /= parts
+
+
+def _divided(times: Array, values: Array, marks: Marks) -> Periods:
+    lengths = np.diff(marks.times)[marks.whole]
+    if not lengths.size:
+        return Periods(marks, np.zeros((0, 1)), lengths, lengths)
+    wave = waves(times, values - marks.level, marks.times, marks.whole)
+    sizes = factors(wave, wave.mean(axis=0))
+    return Periods(marks, wave, lengths, sizes)
+
+
+def _averages(
+    record: Record, times: Array, values: Array, found: Periods, kind: Kind, reason: str, origin: float
+) -> Measurement:
+    marks, periods = found.marks, found.lengths
+    k = periods.size
+    at = np.flatnonzero(marks.whole)
+    edges, whole = marks.times[at[0] : at[-1] + 2], marks.whole[at[0] : at[-1] + 1]
+    folded = fold(times, values - marks.level, marks.times, marks.whole)
+    phase, shape, noise = shape_of(folded)
+    size, peak_error = peak_to_peak(folded, phase, shape, noise)
+    amplitudes = size / 2 * found.sizes / float(np.mean(found.sizes))
+    step = quantum(record.position)
+    rows = 1 + int(np.count_nonzero(~whole))
+    level = np.interp(record.times, times, marks.level)
+    inside = (times >= edges[0]) & (times <= edges[-1])
+    drift = float(np.polyfit(times[inside] - edges[0], marks.level[inside], 1)[0])
+    _, means = means_between(times, values, marks.times, marks.whole)
+    # Steps hide how slow a passage is; a drift of the level shifts them against the waveform, by half a step at most.
+    shift = min(step / 2, float(np.ptp(np.interp(edges, times, marks.level))))
+    resolution = float(np.median(marks.resolution)) + step / 2 * marks.slowness
+    resolution += shift * float(np.mean(periods)) / (2 * size)
+    dither = math.exp(-2 * (math.pi / step) ** 2 * max(noise**2 - step**2 / 6, 0.0)) if step else 0.0
+    return Measurement(
+        kind=kind,
+        reason=reason,
+        amplitude=size / 2,
+        amplitude_scatter=deviation(amplitudes),
+        amplitude_error=math.hypot(_error(amplitudes), peak_error / 2, step / 2 * dither),
+        period=float(np.mean(periods)),
+        period_scatter=deviation(periods),
+        period_error=math.hypot(_error(periods), math.sqrt(2 * rows) * resolution / k),
+        mean_level=origin + float(np.mean(means)),
+        drift=drift,
+        noise=noise,
+        quantum=step,
+        above=float(np.mean(shape[:-1] > 0)),
+        rising=marks.rising,
+        left_out=(float(edges[0] - record.times[0]), float(record.times[-1] - edges[-1])),
+        missing=float(edges[-1] - edges[0] - np.sum(periods)),
+        crossings=edges,
+        whole=whole,
+        amplitudes=amplitudes,
+        periods=periods,
+        level=origin + level,
+        phase=phase,
+        shape=shape,
+    )
+
+
+def _error(values: Array) -> float:
+    """Of the mean: its standard deviation, and what the mean of the second half changes."""
+    k = values.size
+    return math.hypot(deviation(values) / math.sqrt(k), float(np.mean(values) - np.mean(values[k // 2 :])))
+
+
+def _moves(grid: Grid) -> bool:
+    """It moves to and fro, more often than a drift does."""
+    r = grid.values - level_of(grid, float(grid.times[-1] - grid.times[0]) / FEWEST)
+    side = np.sign(r[np.abs(r) > np.ptp(r) / 4])
+    return bool(np.count_nonzero(np.diff(side)) > 2 * FEWEST)
+
+
+def _nothing(record: Record, *, still: bool) -> Measurement:
+    """No period: it stands still or drifts, or it moves without repeating."""
+    nan, none, t = float("nan"), np.zeros(0), record.times
+    level = np.full(t.size, float(np.mean(record.position)))
+    drift = float((record.position[-1] - record.position[0]) / (t[-1] - t[0]))
+    reason = (
+        "the position does not oscillate about a slowly drifting mean (if a transient hides it, leave it out: --from)"
+        if still
+        else "no shape repeats: the position moves to and fro, but no period of it resembles the next"
+    )
+    return Measurement(
+        "still" if still else "irregular",
+        reason,
+        nan, nan, nan, nan, nan, nan, float(np.mean(level)), drift, nan, quantum(record.position), nan, True,
+        (0.0, 0.0), 0.0, none, none.astype(bool), none, none, level, none, none,
+    )  # fmt: skip
+
+

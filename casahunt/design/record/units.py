@@ -1,0 +1,169 @@
+"""Units of time and angle, as the header of a measured record or a person states them.
+
+    value [s or rad] = factor * value in the file
+
+A unit stands in a header in brackets ("Time (ms)", "theta [deg]"), behind a slash or a colon ("angle/deg"), as the last
+word ("pos_deg", "t ms", "time in ms"), or is the whole name ("ms").  What is stated and not known is refused; what is
+not stated at all stays open (None): whoever reads it must say what it was taken for.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from ...errors import InputError
+
+Quantity = Literal["time", "angle"]
+
+_NAMES: dict[Quantity, dict[str, tuple[float, str]]] = {
+    "time": {
+        "s": (1.0, "s sec secs second seconds"),
+        "ms": (1e-3, "ms msec msecs millisecond milliseconds"),
+        "us": (1e-6, "us usec usecs µs μs microsecond microseconds"),
+        "ns": (1e-9, "ns nsec nanosecond nanoseconds"),
+        "min": (60.0, "min mins minute minutes"),
+        "h": (3600.0, "h hr hrs hour hours"),
+        "d": (86400.0, "day days"),
+    },
+    "angle": {
+        "rad": (1.0, "rad rads radian radians"),
+        "mrad": (1e-3, "mrad mrads milliradian milliradians"),
+        "urad": (1e-6, "urad µrad μrad microradian microradians"),
+        "deg": (math.pi / 180, "deg degs degree degrees ° º"),
+        "arcmin": (math.pi / 10800, "arcmin arcmins arcminute arcminutes"),
+        "arcsec": (math.pi / 648000, "arcsec arcsecs arcsecond arcseconds"),
+        "gon": (math.pi / 200, "gon gons grad grads gradian gradians"),
+        "rev": (2 * math.pi, "rev revs revolution revolutions turn turns"),
+    },
+}
+"""Unit, its factor to s or rad, and how it is written."""
+_COUNTED = frozenset(
+    "sample samples count counts cts tick ticks step steps pulse pulses increment increments inc index lsb lsbs bit "
+    "bits digit digits encoder".split()
+)
+"""What is counted: its size is known to whoever built the servo only."""
+_OTHER = frozenset("nm µm μm um mm cm m km inch inches mil v mv volt volts a ma amp amps hz khz rpm % percent".split())
+"""Units of something else; as the last word of a header they are units, not a part of the name."""
+_OPTION: dict[Quantity, str] = {"time": "--time-unit", "angle": "--position-unit"}
+_BASE: dict[Quantity, str] = {"time": "s", "angle": "rad"}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of time or angle.
+
+    Attributes
+    ----------
+    name : as it is shown.
+    factor : s or rad in one of it.
+    """
+
+    name: str
+    factor: float
+
+
+def _lookup(quantity: Quantity, text: str) -> Unit | None:
+    word = text.strip(" .").casefold()
+    for name, (factor, spellings) in _NAMES[quantity].items():
+        if word in [spelling.casefold() for spelling in spellings.split()]:
+            return Unit(name, factor)
+    return None
+
+
+def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
+    base, names = _BASE[quantity], ", ".join(_NAMES[quantity])
+    counted = any(word in _COUNTED for word in re.split(r"\W+|_", text.casefold()))
+    why = "is a count, no unit" if counted else f"is no unit of {quantity} that is known ({names})"
+    noun = "one count" if counted else "one of it"
+    return InputError(f"{what}: {text!r} {why}; state how many {base} {noun} is, as {_OPTION[quantity]} NUMBER")
+
+
+def unit_of(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
+    """The unit that a person states: a name, or a number of seconds or radians.
+
+    Parameters
+    ----------
+    quantity
+        "time" or "angle".
+    text
+        such as "ms", "deg" or "0.00153398".
+    what
+        what states it, for the message.
+
+    Raises
+    ------
+    InputError : neither a known name nor a finite number > 0.
+    """
+    found = _lookup(quantity, text)
+    if found is not None:
+        return found
+    try:
+        factor = float(text)
+    except ValueError:
+        raise _unknown(what, quantity, text) from None
+    if not (math.isfinite(factor) and factor > 0):
+        raise InputError(f"{what}: {text!r} must be a unit's name or a finite number of {_BASE[quantity]} above 0")
+    return Unit(f"{factor:g} {_BASE[quantity]}", factor)
+
+
+def split_header(cell: str) -> tuple[list[str], str | None]:
+    """The words of a column's name, in small letters, and the unit as it is stated; None where none is."""
+    text = cell.strip()
+    inside = re.search(r"[\[({<]([^\])}>]*)[\])}>]\s*$", text)
+    if inside:
+        return _words(text[: inside.start()]), inside[1].strip()
+    parts = re.fullmatch(r"([^/:]*)[/:](.+)", text)
+    if parts and parts[1].strip():
+        return _words(parts[1]), parts[2].strip()
+    words = _words(text)
+    for i, word in enumerate(words):
+        alone = len(words) == 1 and (len(word) > 1 or word not in _OTHER)  # a column named a or m is no unit
+        if _is_unit(word) and (i > 0 or alone or word in _COUNTED):
+            name = words[: i - 1] if i > 1 and words[i - 1] == "in" else words[:i]
+            return name, " ".join(words[i:])
+    return words, None
+
+
+def stated_unit(quantity: Quantity, cell: str, *, what: str) -> Unit | None:
+    """The unit in a column's header; None where it states none.
+
+    Parameters
+    ----------
+    quantity
+        "time" or "angle".
+    cell
+        the header.
+    what
+        the file, for the message.
+
+    Raises
+    ------
+    InputError : a unit is stated, but none of this quantity.
+    """
+    stated = split_header(cell)[1]
+    if not stated:
+        return None
+    found = _lookup(quantity, stated)
+    if found is None:
+        raise _unknown(f"{what}, column {cell.strip()!r}", quantity, stated)
+    return found
+
+
+def quantity_of(stated: str | None) -> Quantity | None:
+    """The quantity that a stated unit measures, "time" or "angle"; None where it is none of these."""
+    if stated is not None:
+        for quantity in _NAMES:
+            if _lookup(quantity, stated):
+                return quantity
+    return None
+
+
+def _words(text: str) -> list[str]:
+    return [word for word in re.split(r"[\s_\-,;.]+", text.casefold()) if word]
+
+
+def _is_unit(word: str) -> bool:
+    return word in _COUNTED or word in _OTHER or quantity_of(word) is not None

@@ -1,0 +1,335 @@
+"""What supports a tuning, computed apart from the search.
+
+* The folds of the nominal and of the worst servo once more from nothing; folds at corners and samples of the set,
+  none of which may need a larger gain.
+* The event map at the worst friction: from every stick position scanned the servo sticks nearer to the set point.  Then
+  no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.
+* The margins of the linear loops of corners and samples of the set, by the search for crossings of
+  servo/delayed_loop.py.
+* Simulated regulator tasks, each simulated until it is decided (tasks.py).
+
+What speaks against the tuning, and what could not be verified, are kept apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ...errors import InputError, NoOrbit
+from ...orbits.adapt import Options
+from ...servo.delayed_loop import Margins, margins
+from ...servo.event_map.fixed_points import fixed_points
+from ...servo.event_map.scan import scan
+from ...servo.hunting import Model
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo, flatten
+from ..uncertainty import Uncertainty, fold_gains
+from .demands import Demands, silent
+from .given import Answer, fold_of
+from .loop_set import DEMANDS
+from .tasks import Task, regulator_tasks
+
+Array = np.ndarray
+
+PERIODS = 60.0
+"""Length of the simulated tasks, to begin with, in periods of the cycle at the fold."""
+SLACK = 1e-4
+"""Relative miss of a margin that counts as kept: the margins are solved for to 1e-9, the gain lies on their edge."""
+CORNERS = {"switch": 32, "lugre": 8}
+SAMPLES = {"switch": 16, "lugre": 4}
+LOOP_SAMPLES = 200
+"""Servos of the set whose folds, and whose loops, are computed: corners (drawn where there are more) and samples."""
+MOST_NAMED = 5
+MOST_SCANS = 6
+"""Servos without a computed fold that the event map is asked about."""
+IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": ()}
+
+Seen = Literal["clear", "cycle", "open"]
+
+
+@dataclass(frozen=True, eq=False)
+class SetCheck:
+    """Folds at corners and samples of the set.
+
+    Attributes
+    ----------
+    computed : how many.
+    largest : the largest fold gain among them.
+    above : (k,) parameter values of servos whose fold gain is above that of the worst servo.
+    open : sentences about servos of which nothing is known.
+    """
+
+    computed: int
+    largest: float
+    above: tuple[Array, ...]
+    open: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What supports a tuning.
+
+    Attributes
+    ----------
+    fold, nominal_fold : of the worst and of the nominal servo, from nothing; None where the servo cannot hunt.
+    margin : K/K_fold - 1 at the worst fold; inf without one.
+    margin_kept : it is at least the margin asked for, to the tolerance, at every fold computed.
+    scan_sentence, seen : the event map at the worst friction: clear, with a cycle or a growing motion, or open.
+    loops : margins of the linear loops of the nominal servo, of the worst friction, and of the servos of the set that
+        have the least of each demand.
+    loop_corners : the uncertain parameters of the latter.
+    loops_checked, loops_kept : loops looked at besides, and whether all are what was asked for.
+    set_check : the folds of the set; None without one.
+    tasks : simulated regulator tasks.
+    span, amplitude : length [s] that the tasks begin with, and where the breakaway of the last one starts [rad].
+    against : sentences that speak against the tuning.
+    unverified : what could not be verified, in sentences.
+    """
+
+    fold: HuntingFold | None
+    nominal_fold: HuntingFold | None
+    margin: float
+    margin_kept: bool
+    scan_sentence: str
+    seen: Seen
+    loops: dict[str, Margins]
+    loop_corners: dict[str, dict[str, float]]
+    loops_checked: int
+    loops_kept: bool
+    set_check: SetCheck | None
+    span: float
+    amplitude: float
+    tasks: tuple[Task, ...]
+    against: tuple[str, ...]
+    unverified: tuple[str, ...]
+
+    @property
+    def scan_clear(self) -> bool:
+        """From every stick position scanned the servo sticks nearer to the set point, and nothing is left open."""
+        return self.seen == "clear"
+
+    @property
+    def ok(self) -> bool:
+        """Everything was verified, and nothing speaks against the tuning."""
+        return not self.against and not self.unverified
+
+
+def verified(
+    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
+    tell: Callable[[str], None] = silent,
+) -> Verification:
+    """Everything of the module docstring.
+
+    Parameters
+    ----------
+    answer
+        of the search.
+    model, demands, uncertainty, options
+        the problem.
+    tell
+        takes sentences that say where the verification is.
+    """
+    servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
+    unverified: list[str] = []
+
+    def again(of: Servo) -> HuntingFold | None:
+        tell("verifying: the fold once more, from nothing")
+        try:
+            return fold_of(of, model, options)
+        except NoOrbit as error:
+            unverified.append(f"the fold was not found again from nothing: {error}")
+            return answer.worst.fold if of == worst else None
+
+    nominal = again(servo)
+    fold = nominal if worst == servo else again(worst)
+    checked = None if uncertainty is None else check_set(answer, model, demands, uncertainty, options, tell)
+    largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
+    margin = gain / largest - 1 if largest else math.inf
+    kept = margin >= demands.margin - 10 * options.tol
+    tell("verifying: the event map")
+    sentence, seen = scanned(worst, model, gain, tell)
+    loops, corners, number, missed = _loops(answer, demands, uncertainty)
+    span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
+    amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
+    tasks: list[Task] = []
+    for friction, of in (("nominal", servo), *([("worst", worst)] if worst != servo else [])):
+        tell(f"verifying: simulating the tasks with the {friction} friction")
+        try:
+            tasks += regulator_tasks(of, model, gain, span, amplitude, friction)
+        except NoOrbit as error:
+            unverified.append(f"the tasks with the {friction} friction were not simulated: {error}")
+    against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
+    against += missed
+    if seen == "cycle":
+        against.append(f"the event map at the worst friction: {sentence}")
+    against += [f"{t.friction} friction, {t.start}: {t.motion.verdict.kind}" for t in tasks if t.hunts]
+    unverified += [f"the event map at the worst friction is not conclusive: {sentence}"] if seen == "open" else []
+    unverified += checked.open if checked else ()
+    unverified += [f"in the search for the worst friction: {failure}" for failure in answer.worst.failures]
+    unverified += [
+        f"{t.friction} friction, {t.start}: {t.motion.verdict.kind} after {t.motion.times[-1]:.4g} s "
+        f"({t.motion.verdict.sentence if t.motion.status.ok else t.motion.status.advice})"
+        for t in tasks
+        if not t.decided and not t.hunts
+    ]
+    return Verification(
+        fold, nominal, margin, kept, sentence, seen, loops, corners, number, not missed, checked, span, amplitude,
+        tuple(tasks), tuple(against), tuple(unverified),
+    )  # fmt: skip
+
+
+# The set
+
+
+def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Array) -> Array:
+    """(m, k) points of a box: its corners in the coordinates `varied`, drawn where there are more, then samples."""
+    low, high = box
+    random = np.random.default_rng(np.random.SeedSequence(1))
+    middle = (low + high) / 2
+    size = int(varied.sum())
+    if 2**size <= corners:
+        picks = np.array(list(itertools.product((False, True), repeat=size)), bool).reshape(2**size, size)
+    else:
+        picks = random.random((corners, size)) < 0.5
+    rows = np.tile(middle, (len(picks), 1))
+    rows[:, varied] = np.where(picks, high[varied], low[varied])
+    return np.concatenate([rows, low + (high - low) * random.random((samples, low.size))])
+
+
+def check_set(
+    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty, options: Options,
+    tell: Callable[[str], None],
+) -> SetCheck:
+    """Folds at corners and samples of the set, and what the event map says of servos without one."""
+    names, (low, high) = uncertainty.parameters, uncertainty.box(answer.servo)
+    varied = np.array([name not in IRRELEVANT[model] for name in names]) & (high > low)
+    servos, rows = [], []
+    for q in points_of((low, high), CORNERS[model], SAMPLES[model], varied):
+        try:
+            servos.append(answer.servo.replace(**{name: float(v) for name, v in zip(names, q, strict=True)}))
+        except InputError:  # static below Coulomb friction: no servo
+            continue
+        rows.append(q)
+    gains, failures = fold_gains(
+        answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
+        report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set"),
+    )  # fmt: skip
+    above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
+    unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
+    left = []
+    for n, i in enumerate(unknown):
+        state = _no_cycle(servos[i], model, answer.gain / (1 + demands.margin)) if n < MOST_SCANS else False
+        if not state and (i in failures or n < MOST_SCANS):
+            corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, rows[i], strict=True))
+            left.append(f"no fold was computed at {corner}: {failures.get(i, 'no cycle was found')}")
+    if len(left) > MOST_NAMED:
+        left = [*left[:MOST_NAMED], f"and {len(left) - MOST_NAMED} more servos of the set without a fold"]
+    largest = float(np.nanmax(gains, initial=0.0))
+    return SetCheck(int(np.isfinite(gains).sum()), largest, tuple(above), tuple(left))
+
+
+def _no_cycle(servo: Servo, model: Model, gain: float) -> bool:
+    """The scan of the event map finds neither a cycle at this gain nor a motion that grows."""
+    found = scan(model, servo, gain)
+    return found.upper is None and not found.failures and found.best < 1
+
+
+def _loops(
+    answer: Answer, demands: Demands, uncertainty: Uncertainty | None
+) -> tuple[dict[str, Margins], dict[str, dict[str, float]], int, list[str]]:
+    """(margins by what has them, their corners, loops looked at, sentences about those that miss a demand)."""
+    servo, gain, lag = answer.servo, answer.gain, demands.lag
+    named = {"nominal": servo, "worst": answer.worst.servo}
+    corners: dict[str, dict[str, float]] = {}
+    others: list[Servo] = []
+    if uncertainty is not None:
+        names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
+        for name in DEMANDS:
+            least = answer.loops[name]
+            motor_gain = min(max(least.kappa / gain, _bound(uncertainty, servo, 0)), _bound(uncertainty, servo, 1))
+            values = {
+                "servo.inertia": least.inertia, "friction.viscous": least.viscous, "servo.motor_gain": motor_gain,
+                "controller.lead_time": least.lead_time, "controller.integral_time": least.integral_time,
+            }  # fmt: skip
+            corners[name] = {key: value for key, value in values.items() if key in names}
+            named[name] = servo.replace(**corners[name])
+        loop_like = np.array([n in ("servo.inertia", "friction.viscous", "servo.motor_gain") or "controller" in n
+                              for n in names])  # fmt: skip
+        for q in points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, loop_like & (high > low)):
+            values = {n: float(v) for n, v, used in zip(names, q, loop_like, strict=True) if used}
+            others.append(servo.replace(**values))
+    loops = {name: margins(each, gain, delay=lag) for name, each in named.items()}
+    missed = [
+        f"the linear loop of the {'servo with the least ' if name in DEMANDS else ''}{name}"
+        f"{' friction' if name == 'worst' else ''} misses the margins: {_margins_said(loop)}"
+        for name, loop in loops.items()
+        if not keeps(loop, demands)
+    ]
+    for other in others:
+        found = margins(other, gain, delay=lag)
+        if not keeps(found, demands):
+            where = _different(other, servo)
+            missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {where}")
+            break
+    return loops, corners, len(loops) + len(others), missed
+
+
+def _bound(uncertainty: Uncertainty, servo: Servo, end: int) -> float:
+    names = uncertainty.parameters
+    key = "servo.motor_gain"
+    return float(uncertainty.box(servo)[end][names.index(key)]) if key in names else servo.motor_gain
+
+
+def _different(servo: Servo, other: Servo) -> str:
+    a, b = flatten(servo), flatten(other)
+    return ", ".join(f"{key} = {a[key]:.6g}" for key in a if a[key] != b[key])
+
+
+def keeps(loop: Margins, demands: Demands) -> bool:
+    """Whether a loop has the margins asked for, to `SLACK`."""
+    return (
+        loop.stable
+        and loop.phase_margin >= demands.phase_margin - math.degrees(SLACK)
+        and loop.lowest_factor * demands.gain_margin <= 1 + SLACK
+        and loop.highest_factor >= demands.gain_margin * (1 - SLACK)
+    )
+
+
+def _margins_said(loop: Margins) -> str:
+    if not loop.stable:
+        return f"unstable, phase margin {loop.phase_margin:.4g} degrees"
+    return (
+        f"phase margin {loop.phase_margin:.4g} degrees, stable from {loop.lowest_factor:.4g} to "
+        f"{loop.highest_factor:.4g} times the gain"
+    )
+
+
+# The event map
+
+
+def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None] = silent) -> tuple[str, Seen]:
+    """What the event map says, and whether that is "clear": every motion sticks nearer to the set point.
+
+    "cycle": a fixed point, or a motion that goes farther out; "open": a motion that does not come to stick, or a part
+    of the range that was not resolved.
+    """
+    if model == "switch":
+        found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))
+        grows = any(abs(point.position) >= point.start for point in found.points)
+        falls = all(abs(point.position) < point.start for point in found.points)  # false for nan: it swings on
+        state: Seen = "cycle" if found.fixed or grows else "clear" if found.conclusive and falls else "open"
+        return found.sentence(), state
+    seen = scan(model, servo, gain)
+    state = "cycle" if seen.upper is not None or seen.best >= 1 else "open" if seen.failures else "clear"
+    cycles = "no cycle" if seen.upper is None else f"a cycle at {seen.upper.start:.6g} rad"
+    return (
+        f"{cycles} of the event map between {seen.low:.4g} and {seen.high:.4g} rad: {seen.motions} motions, the "
+        f"largest |P(a)|/a is {seen.best:.6g} at a = {seen.best_at:.6g} rad; {len(seen.failures)} motions failed",
+        state,
+    )

@@ -1,0 +1,324 @@
+"""A tuning at given controller times: the best gain for every servo of the set, and the servos that are in the way.
+
+At given times everything is a matter of the gain alone.  The hunting margin asks for K >= (1 + margin) K_b, b the worst
+servo of the set, and every demand on the linear loops allows intervals of K (loop_set.py); the cost picks one of what
+they have in common.  To the accuracy of a table,
+
+    v(tau_d, tau_i) = min over K of max(ln((1 + margin) K_b / K), phases missed [rad])
+
+tells how far times are from being feasible (v <= 0).
+
+Folds and worst servos that have been met are kept: every one of them must keep the demands at all times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import NoOrbit
+from ...orbits.adapt import Options
+from ...servo.find_fold import find_fold
+from ...servo.hunting import Model
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo
+from ..uncertainty import Uncertainty, WorstCase, fold_beside, worst_corner
+from .demands import TIMES, Demands, cost_of, log_times, silent, with_times
+from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
+from .problem import Cut
+from .refusal import Nearest
+
+Array = np.ndarray
+
+GAINS = (1e-3, 10.0)
+"""Default bounds of the gain, in units of (1 + margin) times the worst fold gain."""
+GUARD = 2.0
+"""Free times keep the demands with this many tolerances to spare: another mesh must not put the answer outside."""
+TOUCHING = 1e-5
+"""A constraint kept with less than this to spare is binding."""
+SAFE = 1e-12
+"""The gain is rounded up by this part, so that rounding cannot put it below its bound."""
+FASTEST = 200
+"""Gains among which the fastest settling is looked for, before it is polished."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The best gain at some times.
+
+    Attributes
+    ----------
+    servo : with these times.
+    gain : K.
+    worst : the worst servo for the fold.
+    loops : for each demand on the loops the worst one at that gain.
+    binding : what keeps the cost from being less, in words.
+    """
+
+    servo: Servo
+    gain: float
+    worst: WorstCase
+    loops: dict[str, WorstLoop]
+    binding: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Times as they look to the accuracy of a table: `missed` is v, `gain` the best one, or the nearest to one."""
+
+    q: Array
+    missed: float
+    gain: float
+    cost: float
+
+
+class Given:
+    """What is asked for, and what is known of it at some times.
+
+    Attributes
+    ----------
+    limits : bounds of the gain, where given, and of the free times.
+    members : servos that must not hunt, with the times of `servo` times their own factors.
+    cuts : loops that must keep a demand.
+    points : points of the set from which its worst servo is searched too.
+    evaluations : folds computed by the searches for the worst servo.
+    tell : takes sentences that say where the search is.
+    """
+
+    def __init__(
+        self, servo: Servo, model: Model, demands: Demands, uncertainty: Uncertainty | None, free: tuple[str, ...],
+        limits: dict[str, tuple[float, float]], cost: str, options: Options, tell: Callable[[str], None] = silent,
+    ) -> None:  # fmt: skip
+        self.servo, self.model, self.demands, self.uncertainty = servo, model, demands, uncertainty
+        self.free, self.limits, self.cost, self.options, self.tell = free, dict(limits), cost, options, tell
+        self.evaluations = 0
+        self.folds: dict[Servo, HuntingFold | None] = {}
+        self.members: list[Servo] = [servo]
+        self.cuts: list[Cut] = []
+        self.points: list[Array] = []
+
+    # One gain
+
+    def gains(self, needed: float, servo: Servo) -> tuple[float, float]:
+        """Bounds of the gain: as given, or wide around what is needed."""
+        if "gain" in self.limits:
+            return self.limits["gain"]
+        base = needed or (1 + self.demands.margin) * crossover_gain(servo)
+        return GAINS[0] * base, GAINS[1] * base
+
+    def boxes(self, q: Array) -> list[LoopBox]:
+        """The loops of the set, and the nominal one where the set does not contain it."""
+        servo, lag = self.at(q), self.demands.lag
+        boxes = [loop_box(servo, {}, lag)]
+        if self.uncertainty is not None:
+            low, high = self.uncertainty.box(servo)
+            pairs = zip(low.tolist(), high.tolist(), strict=True)
+            whole = loop_box(servo, dict(zip(self.uncertainty.parameters, pairs, strict=True)), lag)
+            inside = (whole.low <= boxes[0].low).all() and (boxes[0].low <= whole.high).all()
+            boxes = [whole] if inside else [whole, *boxes]
+        return boxes
+
+    def at(self, q: Array) -> Servo:
+        """The nominal servo with the times exp(q), where they are free."""
+        return with_times(self.servo, q) if self.free else self.servo
+
+    def answer(self, q: Array) -> tuple[Answer | None, WorstCase]:
+        """The best gain at these times, the whole set considered; None where there is none."""
+        worst = self.worst(self.at(q))
+        self.join(worst, q)
+        servo = self.at(q)
+        needed = (1 + self.demands.margin) * worst.gain * (1 + SAFE)
+        gain = self._best_gain(q, needed)
+        if gain is None:
+            return None, worst
+        loops = {name: shortfall(self.boxes(q), self.demands.loops, gain, name)[1] for name in DEMANDS}
+        return Answer(servo, gain, worst, loops, self._binding(servo, gain, worst, loops)), worst
+
+    def _best_gain(self, q: Array, needed: float) -> float | None:
+        """The gain of least cost that keeps every demand at these times, to rounding."""
+        servo, boxes, demands = self.at(q), self.boxes(q), self.demands.loops
+        low, high = self.gains(needed, servo)
+        first = max(needed, low)
+        if first > high:
+            return None
+        if self.cost != "settling" and all(shortfall(boxes, demands, first, name)[0] <= 0 for name in DEMANDS):
+            return first
+        table = Table(boxes, demands, low, high)
+        sets = common([[(first, high)], *(allowed(boxes, demands, table, name) for name in DEMANDS)])
+        if not sets:
+            return None
+        return sets[0][0] if self.cost != "settling" else min(
+            (fastest(servo, *interval) for interval in sets), key=lambda k: cost_of(self.cost, servo, k)
+        )
+
+    def _binding(
+        self, servo: Servo, gain: float, worst: WorstCase, loops: dict[str, WorstLoop]
+    ) -> tuple[str, ...]:
+        demands = self.demands
+        touching = TOUCHING + (2 * GUARD * self.options.tol if self.free else 0.0)
+        found = []
+        if worst.gain and gain <= (1 + demands.margin) * worst.gain * (1 + touching):
+            found.append("hunting margin")
+        for name, loop in loops.items():
+            if loop.phase - demands.loops.least(name) <= touching:
+                found.append(name)
+        for name in ("gain", *self.free):
+            if name not in self.limits:
+                continue
+            value = gain if name == "gain" else getattr(servo.controller, name)
+            low, high = self.limits[name]
+            if value <= low * (1 + TOUCHING):
+                found.append(f"lower bound of {name}")
+            if value >= high * (1 - TOUCHING):
+                found.append(f"upper bound of {name}")
+        return tuple(found)
+
+    # The worst servos of the set
+
+    def worst(self, servo: Servo) -> WorstCase:
+        """The worst servo of the set, with the controller of `servo`."""
+        nominal = self._fold(servo)
+        if self.uncertainty is None:
+            self.evaluations += 1
+            return WorstCase(servo, nominal, {}, 1)
+        worst = worst_corner(
+            servo, self.model, self.uncertainty, options=self.options, fold=nominal, starts=self.points,
+            report=lambda i: self.tell(f"searching the worst servo of the set: fold {i}"),
+        )  # fmt: skip
+        self.evaluations += worst.evaluations
+        if nominal is not None and nominal.gain > worst.gain:  # intervals may leave the servo itself out
+            return WorstCase(servo, nominal, {}, worst.evaluations, worst.failures)
+        return worst
+
+    def join(self, worst: WorstCase, q: Array) -> bool:
+        """Whether the worst servo is a new one."""
+        self.folds.setdefault(worst.servo, worst.fold)
+        own = with_times(worst.servo, log_times(worst.servo) - q + log_times(self.servo)) if self.free else worst.servo
+        if any(_same(own, member) for member in self.members):
+            return False
+        self.members.append(own)
+        return True
+
+    def cut(self, q: Array, gain: float) -> bool:
+        """Add the worst loops at a point to those that constrain the problem; whether there are new ones."""
+        new = False
+        for name in DEMANDS:
+            for box in self.boxes(q):
+                _, loop = shortfall([box], self.demands.loops, gain, name)
+                values = {
+                    "servo.inertia": loop.inertia, "friction.viscous": loop.viscous,
+                    "servo.motor_gain": loop.kappa / gain,
+                    TIMES[0]: math.exp(math.log(loop.lead_time) - q[0] + log_times(self.servo)[0]),
+                    TIMES[1]: math.exp(math.log(loop.integral_time) - q[1] + log_times(self.servo)[1]),
+                }  # fmt: skip
+                cut = Cut(self.servo.replace(**values), name, self.demands.loops.least(name) + self.guard)
+                if not any(_same(cut.servo, c.servo, 1e-6) and c.demand == name for c in self.cuts):
+                    self.cuts.append(cut)
+                    new = True
+        return new
+
+    @property
+    def guard(self) -> float:
+        """Relative room that the problems over the times keep."""
+        return GUARD * self.options.tol
+
+    def _fold(self, servo: Servo) -> HuntingFold | None:
+        if servo not in self.folds:
+            self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
+            known = [fold for fold in self.folds.values() if fold is not None]
+            near = min(known, key=lambda fold: _distance(fold.orbit.servo, servo), default=None)
+            self.folds[servo] = (
+                fold_of(servo, self.model, self.options) if near is None
+                else fold_beside(servo, self.model, near, options=self.options)
+            )  # fmt: skip
+        return self.folds[servo]
+
+    def folds_at(self, q: Array) -> list[HuntingFold]:
+        """The folds of the members that have one, at the times exp(q).
+
+        Raises
+        ------
+        NoOrbit : one was not computed.
+        """
+        moved = q - log_times(self.servo)
+        members = [with_times(m, log_times(m) + moved) if moved.any() else m for m in self.members]
+        return [fold for fold in map(self._fold, members) if fold is not None]
+
+    # Times as they look
+
+    def outlook(self, q: Array) -> Outlook | None:
+        """v, gain and cost at times, with the servos known so far; None where a fold was not computed."""
+        try:
+            needed = (1 + self.demands.margin) * max((f.gain for f in self.folds_at(q)), default=0.0)
+        except NoOrbit:
+            return None
+        servo = self.at(q)
+        low, high = self.gains(needed, servo)
+        table = Table(self.boxes(q), self.demands.loops, low, high)
+        extra = [needed * (1 + self.guard)] if low < needed < high else []
+        gains = np.append(table.gains, extra)
+        loops = table.missed.max(axis=0)
+        loops = np.append(loops, np.interp(np.log(extra), np.log(table.gains), loops))
+        missed = np.maximum(loops, math.log(needed) - np.log(gains) if needed else -np.inf)
+        fine = np.flatnonzero(missed <= 0)
+        if fine.size:
+            costs = [cost_of(self.cost, servo, float(k)) for k in gains[fine]]
+            i = int(np.argmin(costs))
+            return Outlook(q, float(missed.min()), float(gains[fine[i]]), costs[i])
+        i = int(np.argmin(missed))
+        return Outlook(q, float(missed[i]), float(gains[i]), math.inf)
+
+    def nearest(self, q: Array, worst: WorstCase) -> Nearest:
+        """These times for a refusal."""
+        servo = self.at(q)
+        needed = (1 + self.demands.margin) * worst.gain
+        bounds, span = self.limits.get("gain"), self.gains(needed, servo)
+        return Nearest(servo, worst, needed, bounds, span, self.boxes(q), self.free)
+
+
+def fastest(servo: Servo, low: float, high: float) -> float:
+    """The gain of fastest settling between two: the best of a row of gains, polished by golden section."""
+
+    def settling(gain: float) -> float:
+        return cost_of("settling", servo, gain)
+
+    row = np.geomspace(low, high, FASTEST)
+    row[0], row[-1] = low, high
+    i = int(np.argmin([settling(float(k)) for k in row]))
+    a, b = float(row[max(i - 1, 0)]), float(row[min(i + 1, row.size - 1)])
+    part = (math.sqrt(5) - 1) / 2
+    best = [float(row[i]), low, high]
+    while b / a - 1 > 1e-10:
+        c, d = b * (a / b) ** part, a * (b / a) ** part
+        a, b = (a, d) if settling(c) <= settling(d) else (c, b)
+    return min([*best, math.sqrt(a * b)], key=settling)
+
+
+def crossover_gain(servo: Servo) -> float:
+    """A gain [V/rad] of the right size for a servo without a fold: J/(cm tau_i^2)."""
+    return servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
+
+
+def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:
+    return bool(np.allclose(a.parameters(1.0), b.parameters(1.0), rtol=rtol, atol=0.0))
+
+
+def _distance(a: Servo, b: Servo) -> float:
+    """How far apart two servos are in the logarithms of their parameters (1 for one that is 0 in one of them)."""
+    x, y = a.parameters(1.0), b.parameters(1.0)
+    both = (x > 0) & (y > 0)
+    far = np.where(both, np.log(np.where(both, x, 1.0) / np.where(both, y, 1.0)), x != y)
+    return float(np.linalg.norm(far))
+
+
+def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
+    """The fold; None where no cycle was found at any gain, which the scan at the answer has to confirm."""
+    try:
+        return find_fold(servo, model, options=options)
+    except NoOrbit as error:
+        if error.status is None:
+            return None
+        raise

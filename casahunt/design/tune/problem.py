@@ -1,0 +1,225 @@
+"""One problem of a tuning for IPOPT: cost, folds and linear loops in gain and controller times.
+
+    minimise    c(K, tau_d, tau_i)     demands.py
+    subject to  ln K >= ln(1 + margin) + ln K_b                     for every servo b that must not hunt
+                G_b = 0,  G_b,u^T nu_b = 0,  nu_b . G_b,lambda = 1,   K_b = K_b0 (1 + lambda_b)   its fold
+                |L_c(j w_c)| = 1,    phi_c(w_c) >= least             for every loop c in the way (loop_set.py)
+                bounds on K, tau_d, tau_i
+
+in (ln K, ln tau_d, ln tau_i), the logarithms of the crossovers, and u_b, lambda_b, nu_b of every fold:
+continuation/fold_conditions.py, servo/delayed_loop.py.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
+coefficients of chi(s - rho)/J, the settling cost adds the Routh-Hurwitz conditions of the shifted polynomial, b_2 >= 0,
+b_1 >= 0, b_0 >= 0, b_2 b_1 >= b_0.
+
+Every constraint but the bounds may be broken at a price of `PRICE` per unit of its logarithm or radian.  Below the
+price of breaking it no constraint is broken (exact penalty).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from ...collocation.solve import minimise
+from ...compiled import alone
+from ...continuation.fold_conditions import data_of, fold_conditions
+from ...orbits.orbit import unknowns_of
+from ...servo.delayed_loop import crossover, log_magnitude, phase
+from ...servo.linear_loop import linear_loop
+from ...servo.problem import HuntingFold
+from ...servo.servo import PARAMETERS, Servo
+from .demands import TIMES, log_times, with_times
+from .loop_set import DEMANDS
+
+Array = np.ndarray
+
+PRICE = 1e3
+SLACKS = ("hunting margin", *DEMANDS)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A loop that must keep a demand.
+
+    Attributes
+    ----------
+    servo : its parameters, with the controller times as given; the motor gain may hold a factor of the gain.
+    demand : one of loop_set.DEMANDS.
+    least : smallest phi [rad].
+    """
+
+    servo: Servo
+    demand: str
+    least: float
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A solution of one problem.
+
+    Attributes
+    ----------
+    q, k : ln of the times, ln K.
+    slack : by how much each of `SLACKS` is broken.
+    converged, message : IPOPT's word.
+    """
+
+    q: Array
+    k: float
+    slack: Array
+    converged: bool
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """What one problem is made of.
+
+    Attributes
+    ----------
+    servo : the nominal servo with the times exp(q0) as given.
+    cost : its name.
+    q, k : where it starts.
+    low, high : (2,) bounds of ln of the times; equal where a time is not free, or where it may not move.
+    gains : bounds of K.
+    needed : (1 + margin).
+    folds : of the servos that must not hunt, at the times exp(q).
+    cuts : loops.
+    lag : D [s].
+    """
+
+    servo: Servo
+    cost: str
+    q: Array
+    k: float
+    low: Array
+    high: Array
+    gains: tuple[float, float]
+    needed: float
+    folds: Sequence[HuntingFold]
+    cuts: Sequence[Cut]
+    lag: float
+
+
+@alone
+def solve_round(r: Round) -> Point:
+    """Solve one problem, from its start."""
+    k, times, slack = ca.MX.sym("k"), ca.MX.sym("q", 2), ca.MX.sym("slack", len(SLACKS))
+    p = _Problem()
+    p.add(k, [r.k], math.log(r.gains[0]), math.log(r.gains[1]))
+    p.add(times, r.q, r.low, r.high)
+    p.add(slack, np.zeros(len(SLACKS)), 0.0, np.inf)
+    gain = math.exp(r.k)
+    for cut in r.cuts:
+        _loop(p, cut, log_times(cut.servo) - log_times(r.servo), r, k, times, slack)
+    cost = {"gain": k, "high-frequency": k + times[0]}.get(r.cost)
+    if cost is None:
+        cost = _settling(p, r.servo, k, times, gain)
+    for fold in r.folds:
+        t, u, setting = unknowns_of(fold.orbit)
+        setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
+        z, n = ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
+        lower = np.full(t.size + 1, -np.inf)
+        lower[t.size - t.phases : t.size] = 0.0
+        lower[-1] = -0.9
+        S = float(np.max(np.abs(fold.multipliers)))
+        p.add(z, np.append(u, 0.0), lower, np.inf)
+        p.add(n, fold.multipliers / S, -np.inf, np.inf)
+        excess = k - math.log(r.needed * fold.gain) - ca.log(1 + z[t.size]) + slack[0]
+        p.row(excess, 0.0, np.inf)
+        p.fold(t, times + (log_times(fold.orbit.servo) - r.q), times, z, n, data_of(setting), S)
+    found = p.solve(cost + PRICE * ca.sum1(slack))
+    x = found.x
+    return Point(x[1:3], float(x[0]), x[3 : 3 + len(SLACKS)], found.status.ok, found.message)
+
+
+def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX, slack: ca.MX) -> None:
+    """Crossover and phase of one linear loop."""
+    servo, own = cut.servo, times + offset
+    J, cm, sigma2 = servo.inertia, servo.motor_gain, servo.friction.viscous
+    y = ca.MX.sym("y")
+    here = with_times(servo, r.q + offset)
+    start = math.log(crossover(here, math.exp(r.k)))
+    p.add(y, [start], start - 20, start + 20)
+    p.row(log_magnitude(J, cm, sigma2, k, own, y), 0.0, 0.0)
+    p.row(phase(J, sigma2, r.lag, own, y) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
+
+
+def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) -> ca.MX:
+    """-ln rho, with the conditions that no pole is slower than rho."""
+    rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * crossover(servo, gain))
+    y = ca.MX.sym("ln_rho")
+    p.add(y, [math.log(rate)], math.log(rate) - 20, math.log(rate) + 20)
+    unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
+    J, rho = servo.inertia, ca.exp(y) / unit
+    lead, integral = ca.exp(times[0]), ca.exp(times[1])
+    factor = ca.exp(k) * servo.motor_gain / J
+    a2 = (factor * lead + servo.friction.viscous / J) / unit
+    a1, a0 = factor * (1 + lead / integral) / unit**2, factor / integral / unit**3
+    b2, b1 = a2 - 3 * rho, a1 - 2 * a2 * rho + 3 * rho**2
+    b0 = a0 - a1 * rho + a2 * rho**2 - rho**3
+    for value in (b2, b1, b0, b2 * b1 - b0):
+        p.row(value, 0.0, np.inf)
+    return -y
+
+
+class _Problem:
+    """Variables and rows with their bounds, gathered; the Jacobian of the folds is given, the rest derived."""
+
+    def __init__(self) -> None:
+        self.symbols: list[ca.MX] = []
+        self.starts: list[Array] = []
+        self.bounds: list[Array] = []
+        self.rows: list[ca.MX] = []
+        self.row_bounds: list[Array] = []
+        self.jacobians: list[tuple[ca.MX, list[tuple[ca.MX, ca.MX]]] | None] = []
+
+    def add(self, symbol: ca.MX, start: Array | Sequence[float], low: Array | float, high: Array | float) -> None:
+        """A variable."""
+        x = np.asarray(start, float)
+        self.symbols.append(symbol)
+        self.starts.append(x)
+        self.bounds.append(np.column_stack([np.broadcast_to(low, x.shape), np.broadcast_to(high, x.shape)]))
+
+    def row(self, value: ca.MX, low: float, high: float) -> None:
+        """A scalar constraint."""
+        self.rows.append(value)
+        self.row_bounds.append(np.array([[low, high]]))
+        self.jacobians.append(None)
+
+    def fold(self, t, own: ca.MX, times: ca.MX, z: ca.MX, n: ca.MX, data: Array, S: float) -> None:  # type: ignore[no-untyped-def]
+        """The conditions of a fold, with the controller times exp(own), own = times + numbers."""
+        equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in TIMES))
+        self.rows.append(equations(own, z, n, data, S))
+        right = np.zeros(2 * t.size + 1)
+        right[-1] = 1.0
+        self.row_bounds.append(np.column_stack([right, right]))
+        J = jacobian(own, z, n, data, S)
+        size = t.size + 1
+        self.jacobians.append((J, [(times, J[:, :2]), (z, J[:, 2 : 2 + size]), (n, J[:, 2 + size :])]))
+
+    def solve(self, objective: ca.MX):  # type: ignore[no-untyped-def]
+        """IPOPT's answer."""
+        # A fresh symbol for the whole, of which the pieces are slices: CasADi wants one vector.
+        x = ca.MX.sym("x", sum(s.numel() for s in self.symbols))
+        pieces = ca.vertsplit(x, [0, *np.cumsum([s.numel() for s in self.symbols]).tolist()])
+        few = ca.vertcat(*self.symbols)
+        blocks = []
+        for row, given in zip(self.rows, self.jacobians, strict=True):
+            if given is None:
+                blocks.append(ca.jacobian(row, few))
+                continue
+            height = row.numel()
+            places = {id(symbol): block for symbol, block in given[1]}
+            blocks.append(ca.horzcat(*[
+                places.get(id(s), ca.MX(height, s.numel())) for s in self.symbols
+            ]))  # fmt: skip
+        expressions = [objective, ca.vertcat(*self.rows), ca.vertcat(*blocks)]
+        f, g, J = ca.graph_substitute(expressions, self.symbols, pieces)
+        return minimise(
+            x, f, g, J, np.concatenate(self.starts), np.concatenate(self.bounds), np.concatenate(self.row_bounds)
+        )

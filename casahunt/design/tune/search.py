@@ -1,0 +1,278 @@
+"""The search of a tuning over controller times, worst servos of the set as cutting planes.
+
+v and cost at given times: given.py.  They are computed on a coarse grid over the bounds of the free times; the
+problem of problem.py is solved from the cheapest feasible times, and where that fails, from the next ones.
+Without feasible times on the grid the search goes on where v is least.
+
+The mesh of a fold is made for its servo, so the times move by at most `STEP` in their logarithms; then the folds are
+solved again, on meshes of their own, and the next problem starts from there, until nothing moves.  The worst servos of
+the set, for the fold and for each demand on the loop, are searched again at the result; new ones join the constraints
+(cutting planes), until there is none.  The gain of the answer is the best one at its times.
+
+"Cannot be met" is said of free times where v > 0 all over the grid and where, in every cell of it, v varies less
+between its corners and its middle than the smallest v there is; cells are halved until it is so.  That is evidence
+from samples.  Where it cannot be had the answer is "not found".
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from typing import NoReturn
+
+import numpy as np
+
+from ...errors import NoOrbit, Status
+from ...servo.problem import HuntingFold
+from ..uncertainty import WorstCase
+from .demands import FREE, cost_of, log_times
+from .given import Answer, Given, Outlook
+from .problem import Point, Round, solve_round
+from .refusal import refusal
+
+Array = np.ndarray
+
+STEP = 0.25
+"""Largest change of ln tau between two meshes."""
+SMALLEST_STEP = 1e-3
+STILL = 1e-6
+"""Change of ln tau at which the rounds end."""
+ROUNDS, SEARCHES = 40, 8
+"""Most problems from one start, and most searches for worst servos."""
+COARSE = {"switch": (9, 5), "lugre": (5, 3)}
+"""Points of the grid along the free times: of one free time, and of each of two."""
+MOST_TIMES = {"switch": 90, "lugre": 25}
+"""Pairs of times looked at before nothing is said to be possible."""
+ATTEMPTS = 3
+"""Times from which the problem is tried."""
+WORTH = 1e-4
+"""Part of the cost from which other times, or another round, are worth their while."""
+FINEST = 0.01
+"""Smallest step in ln tau of the search without derivatives."""
+
+
+class Search:
+    """The search of the module docstring.
+
+    Attributes
+    ----------
+    given : the task, with what is known of it.
+    rounds : problems solved.
+    gain_only : the cost with the times as given; None where that cannot be met, or where nothing is free.
+    """
+
+    def __init__(self, given: Given) -> None:
+        self.given = given
+        self.rounds = 0
+        self.gain_only: float | None = None
+        self.seen: dict[tuple[float, ...], Outlook | None] = {}
+        self.known = 0
+        """Servos and loops known when these times were looked at."""
+        self.excluded = False
+        self.axes = self._axes(log_times(given.servo))
+
+    def run(self) -> Answer:
+        """The answer.
+
+        Raises
+        ------
+        NoOrbit : the task cannot be met, or nothing was found; or a fold was not computed.
+        """
+        q = log_times(self.given.servo)
+        answer, worst = self.given.answer(q)
+        if not self.given.free:
+            return answer or self._refuse(q, worst)
+        if answer is not None:
+            self.gain_only = self._cost(answer)
+        found = self._over_times()
+        if found is not None and (answer is None or self._cost(found) <= self._cost(answer)):
+            return found
+        return answer or self._refuse_times()
+
+    def again(self, q: Array, points: list[Array]) -> Answer:
+        """The answer at the times of an answer, or anew, now that points of the set are known that hunt more."""
+        self.given.points += points
+        answer, worst = self.given.answer(q)
+        if answer is None and not self.given.free:
+            self._refuse(q, worst)
+        return answer or self._over_times() or self._refuse_times()
+
+    # Free times
+
+    def _over_times(self) -> Answer | None:
+        """The best answer over the times; None where none is found."""
+        best: Answer | None = None
+        for start in self._starts()[:ATTEMPTS]:
+            try:
+                best = self._descend(start)
+            except NoOrbit:
+                continue
+            if best is not None:
+                break
+        # What is known of the grid by now, should no problem have been solved, or one from the wrong start.
+        for o in sorted(self._good(), key=lambda o: o.cost)[:ATTEMPTS]:
+            now = self._outlook(o.q)
+            if now is not None and now.missed <= 0 and (best is None or now.cost < self._cost(best) * (1 - WORTH)):
+                found = self.given.answer(self._compass(now).q)[0]
+                best = found if found is not None and (best is None or self._cost(found) < self._cost(best)) else best
+        return best
+
+    def _cost(self, answer: Answer) -> float:
+        return cost_of(self.given.cost, answer.servo, answer.gain)
+
+    def _descend(self, start: Outlook) -> Answer | None:
+        """From feasible times to the best ones, servos that turn out to be in the way joining in between."""
+        q, gain = start.q, start.gain
+        self.given.cut(q, gain)
+        answer: Answer | None = None
+        for _ in range(SEARCHES):
+            q, gain = self._rounds(q, gain)
+            members = len(self.given.members)
+            answer, _ = self.given.answer(q)
+            new = self.given.cut(q, answer.gain if answer is not None else gain)
+            if len(self.given.members) == members and not new:
+                break
+            if answer is not None and self._cost(answer) <= cost_of(self.given.cost, answer.servo, gain) * (1 + WORTH):
+                break  # the new ones do not matter there
+        return answer
+
+    def _rounds(self, q: Array, gain: float) -> tuple[Array, float]:
+        """The times of least cost, from mesh to mesh, and the gain there."""
+        step = STEP
+        folds = self.given.folds_at(q)
+        for _ in range(ROUNDS):
+            point = self._solve(q, gain, folds, step)
+            moved = point.q - q
+            try:
+                if not point.converged:
+                    raise NoOrbit(f"the optimisation problem was not solved ({point.message})", Status.NOT_CONVERGED)
+                if np.max(np.abs(moved)) <= STILL:
+                    return q, math.exp(point.k)
+                folds = self.given.folds_at(point.q)
+            except NoOrbit:
+                step /= 4
+                if step < SMALLEST_STEP:
+                    raise
+                continue
+            q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
+        return q, gain
+
+    def _solve(self, q: Array, gain: float, folds: list[HuntingFold], step: float) -> Point:
+        self.rounds += 1
+        self.given.tell(f"optimising the controller times: round {self.rounds}")
+        given = self.given
+        low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
+        needed = (1 + given.demands.margin) * (1 + given.guard)
+        gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), given.at(q))
+        return solve_round(
+            Round(
+                given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
+                np.maximum(q - step, low), np.minimum(q + step, high),
+                gains, needed, folds, given.cuts, given.demands.lag,
+            )
+        )  # fmt: skip
+
+    def _outlook(self, q: Array) -> Outlook | None:
+        """The outlook at times, computed once as long as no servo joins."""
+        if len(self.given.members) != self.known:
+            self.known = len(self.given.members)
+            self.seen.clear()
+        key = tuple(np.round(q, 12).tolist())
+        if key not in self.seen:
+            self.given.tell(f"looking at controller times: pair {len(self.seen) + 1}")
+            self.seen[key] = self.given.outlook(q)
+        return self.seen[key]
+
+    def _axes(self, q: Array) -> list[list[float]]:
+        """Grid of ln tau for each time, the given ones among them; one point for a time that is not free."""
+        points = COARSE[self.given.model][len(self.given.free) - 1]
+        axes = []
+        for i, name in enumerate(FREE):
+            if name not in self.given.free:
+                axes.append([float(q[i])])
+                continue
+            low, high = np.log(self.given.limits[name])
+            grid = np.linspace(low, high, points)
+            own = float(q[i])
+            far = np.abs(grid - own) > 0.4 * (grid[1] - grid[0])
+            keep = far | np.isin(np.arange(points), (0, points - 1))
+            axes.append(sorted({*map(float, grid[keep]), own}))
+        return axes
+
+    def _starts(self) -> list[Outlook]:
+        """Feasible times, cheapest first; the nearest to feasible where none was found, none where there are none."""
+        self._look_at(itertools.product(*self.axes))
+        if not self._good():
+            self.excluded = self._exclude()
+            known = [o for o in self.seen.values() if o is not None]
+            if not self._good() and not self.excluded and known:
+                nearest = self._compass(min(known, key=lambda o: o.missed))
+                return self._good() or [nearest]
+        return sorted(self._good(), key=lambda o: o.cost)
+
+    def _look_at(self, times: Iterable[tuple[float, ...]]) -> list[Outlook | None]:
+        return [self._outlook(np.array(pair)) for pair in times]
+
+    def _good(self) -> list[Outlook]:
+        return [o for o in self.seen.values() if o is not None and o.missed <= 0]
+
+    def _exclude(self) -> bool:
+        """Whether v varies less than its size in every cell of the grid, cells halved where it does not.
+
+        With the middle among the points a valley between straight walls is no deeper than they vary.
+        """
+        edges = [list(zip(axis, axis[1:], strict=False)) or [(axis[0], axis[0])] for axis in self.axes]
+        cells = list(itertools.product(*edges))
+        while cells:
+            cell = cells.pop(0)
+            corners: list[tuple[float, ...]] = list(itertools.product(*[sorted(set(side)) for side in cell]))
+            corners.append(tuple((a + b) / 2 for a, b in cell))
+            if len(self.seen) + len(corners) > MOST_TIMES[self.given.model]:
+                return False
+            found = self._look_at(corners)
+            if any(o is None for o in found):
+                return False
+            values = [o.missed for o in found if o is not None]
+            if min(values) <= 0:
+                return False
+            if max(values) - min(values) < min(values):
+                continue
+            halves = [[(a, b)] if a == b else [(a, (a + b) / 2), ((a + b) / 2, b)] for a, b in cell]
+            cells += itertools.product(*halves)
+        return True
+
+    def _compass(self, start: Outlook) -> Outlook:
+        """From times downhill along the axes and diagonals: in v as long as that is positive, then in the cost."""
+        here, step = start, STEP
+        moves = [np.array(m, float) for m in itertools.product((-1, 0, 1), repeat=2) if any(m)]
+        moves = [m for m in moves if all(name in self.given.free or m[i] == 0 for i, name in enumerate(FREE))]
+        low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
+        while step >= FINEST:
+            tried = [self._outlook(np.clip(here.q + step * m, low, high)) for m in moves]
+            best = min((o for o in tried if o is not None), key=_rank, default=here)
+            if _rank(best) < _rank(here):
+                here = best
+            else:
+                step /= 2
+        return here
+
+    # What is in the way
+
+    def _refuse(self, q: Array, worst: WorstCase) -> NoReturn:
+        raise NoOrbit(refusal(self.given.nearest(q, worst), self.given.demands))
+
+    def _refuse_times(self) -> NoReturn:
+        known = [o for o in self.seen.values() if o is not None]
+        if not known:
+            raise NoOrbit("no fold was computed at any of the times tried; try other bounds", Status.NOT_CONVERGED)
+        nearest = min(known, key=lambda o: o.missed)
+        near = self.given.nearest(nearest.q, self.given.worst(self.given.at(nearest.q)))
+        sentence = refusal(
+            near, self.given.demands, times=len(self.seen), missed=nearest.missed, proven=self.excluded
+        )
+        raise NoOrbit(sentence, None if self.excluded else Status.NOT_CONVERGED)
+
+
+def _rank(o: Outlook) -> tuple[float, float]:
+    return max(o.missed, 0.0), o.cost

@@ -1,0 +1,123 @@
+"""Regulator tasks, simulated until they are decided.
+
+A servo stuck at x1 beside its set point, with the torque m, breaks away after (m + sgn(x1) Fs)/(ki x1) [s]: what it
+does then belongs to the task.  So an undecided motion is simulated again, longer, within limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import NoOrbit
+from ...servo.hunting import Model
+from ...servo.servo import Servo
+from ...servo.simulation.simulate import simulate
+from ...servo.simulation.trajectory import Trajectory
+
+LONGER, MOST_LONGER = 2.0, 14
+"""An undecided task is simulated again, this many times longer, so many times."""
+AFTER_BREAKAWAY = 1.25
+MOST_INTERVALS = 20_000
+"""Intervals of a motion from which it is not simulated any longer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A simulated task.
+
+    Attributes
+    ----------
+    friction : "nominal" or "worst".
+    start : how it starts, in words.
+    motion : the motion.
+    """
+
+    friction: str
+    start: str
+    motion: Trajectory
+
+    @property
+    def hunts(self) -> bool:
+        """The motion ends in a cycle or grows."""
+        return self.motion.verdict.kind in ("hunting", "growing")
+
+    @property
+    def decided(self) -> bool:
+        """The motion shows where it ends."""
+        return self.motion.verdict.kind != "undecided" and self.motion.status.ok
+
+
+def until_decided(servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float]) -> Trajectory:
+    """The motion over `span` [s], or over as much longer as its verdict takes, within limits.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem.
+    span
+        first length [s].
+    start
+        initial values, as `simulate` takes them.
+    """
+    values: dict[str, Any] = dict(start)
+    motion = simulate(servo, model, gain, time=span, **values)
+    for _ in range(MOST_LONGER):
+        if motion.verdict.kind != "undecided" or motion.ended or motion.times.size > MOST_INTERVALS:
+            break
+        span = max(LONGER * span, AFTER_BREAKAWAY * (float(motion.times[-1]) + waits(motion)))
+        try:
+            motion = simulate(servo, model, gain, time=span, **values)
+        except NoOrbit:
+            break
+    return motion
+
+
+def waits(motion: Trajectory) -> float:
+    """Time [s] until a servo that ends stuck breaks away; 0 where it moves, or is at its set point."""
+    x = motion.states[:, -1]
+    _, _, ki = motion.servo.torque_gains(motion.gain)
+    torque = float(motion.torque(x[:, None])[0])
+    static = motion.servo.friction.static
+    if x[0] == 0 or abs(torque) > static or motion.modes[-1] != "stick":
+        return 0.0
+    return float((torque + np.sign(x[0]) * static) / (ki * x[0]))
+
+
+def regulator_tasks(
+    servo: Servo, model: Model, gain: float, span: float, amplitude: float, friction: str, *, decide: bool = True
+) -> list[Task]:
+    """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem.
+    span
+        length of the motions [s].
+    amplitude
+        of the breakaway [rad].
+    friction
+        what the friction is called.
+    decide
+        simulate longer until the verdict is decided.
+    """
+    kp, _, ki = servo.torque_gains(gain)
+    brink = (kp * amplitude - servo.friction.static) / ki
+    starts: list[tuple[str, dict[str, float]]] = [
+        *[(f"a step of {size:g} rad from rest", {"set_point": size}) for size in (1.0, 0.1)],
+        (
+            f"breaking away {amplitude:.4g} rad beside the set point",
+            {"set_point": 0.0, "position": -amplitude, "integral": brink},
+        ),
+    ]
+
+    def motion(values: dict[str, Any]) -> Trajectory:
+        if decide:
+            return until_decided(servo, model, gain, span, values)
+        return simulate(servo, model, gain, time=span, **values)
+
+    return [Task(friction, name, motion(values)) for name, values in starts]

@@ -1,0 +1,177 @@
+"""The controller that costs least and does not hunt: gain, and controller times where they are free.
+
+    minimise    c(K, tau_d, tau_i)                    gain, high-frequency gain or settling time    (demands.py)
+    subject to  K >= (1 + margin) K_fold              for every servo of the uncertainty set
+                phase margin, gain margins, delay     for the linear loop of every servo of the set (loop_set.py)
+                bounds on K, tau_d, tau_i
+
+The search (search.py) takes the worst servos for fold and loops as cutting planes; what the answer rests on
+besides is computed apart from it (check.py).  Servos of the set that the check finds worse join, and the search
+goes on from there.
+
+None of that is a proof: a fold is the largest gain on the branch that is found, the minimum is a local one, the worst
+servo the worst that is found, and the delay is in the linear loop only.
+
+Source of the hunting condition: the fold ends hunting (report DCT 2001.021, section 5); symbols as in servo/servo.py.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ...checks import known
+from ...errors import InputError, Status
+from ...orbits.adapt import Options
+from ...servo.hunting import MODELS, Model
+from ...servo.servo import Servo
+from ..uncertainty import Uncertainty, check_box
+from .check import Verification, verified
+from .demands import COSTS, TIMES, Demands, check_bounds, cost_of, log_times, silent
+from .given import Given
+from .search import Search
+
+REPAIRS = 3
+"""Most times that the check may find servos worse than the worst."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """A tuned servo.
+
+    Attributes
+    ----------
+    model, before : the problem: friction model and the servo given.
+    servo : the servo with the controller times of the answer.
+    gain : K [V/rad].
+    cost, cost_value : name of the cost, and its value in the unit of `COSTS`.
+    gain_only : the cost with the times as given; None where that cannot be met, or where nothing was freed.
+    demands, free, bounds : as asked for; bounds of gain and free times.
+    worst : the worst servo of the uncertainty set; the nominal one without a set.
+    corner : values of the uncertain parameters there.
+    uncertainty : the set, or None.
+    fold_gain : largest fold gain, at the worst servo; 0 where it cannot hunt.
+    binding : what keeps the cost from being less, in words.
+    verification : see there.
+    rounds, evaluations : problems solved, folds computed by the searches for the worst servo.
+    wall_s : time taken [s].
+    """
+
+    model: Model
+    before: Servo
+    servo: Servo
+    gain: float
+    cost: str
+    cost_value: float
+    gain_only: float | None
+    demands: Demands
+    free: tuple[str, ...]
+    bounds: dict[str, tuple[float, float]]
+    worst: Servo
+    corner: dict[str, float]
+    uncertainty: Uncertainty | None
+    fold_gain: float
+    binding: tuple[str, ...]
+    verification: Verification
+    rounds: int
+    evaluations: int
+    wall_s: float
+
+    @property
+    def status(self) -> Status:
+        """CONVERGED where the verification has nothing against it."""
+        return Status.CONVERGED if self.verification.ok else Status.NOT_CONVERGED
+
+
+def tune(
+    servo: Servo,
+    model: Model,
+    *,
+    demands: Demands | None = None,
+    uncertainty: Uncertainty | None = None,
+    free: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    cost: str = "gain",
+    options: Options | None = None,
+    report: Callable[[str], None] | None = None,
+) -> Tuning:
+    """The controller of least cost that does not hunt.
+
+    Parameters
+    ----------
+    servo, model
+        the problem; the controller times are where the search starts.
+    demands
+        margins, delay and sample time.
+    uncertainty
+        a set of servos, each of which must not hunt; default: this servo alone.
+    free
+        controller times to be tuned besides the gain: "lead_time", "integral_time".
+    bounds
+        (low, high) of "gain" and of free times; a free time may double or halve by default.
+    cost
+        one of `COSTS`.
+    options
+        tolerance of every fold.
+    report
+        called, often, with a sentence that says where the computation is.
+
+    Raises
+    ------
+    InputError : a value out of range, or an unknown name.
+    NoOrbit : the task cannot be met, and what is in the way; or a fold was not computed.
+    """
+    began = time.perf_counter()
+    tell = report or silent
+    known("model", model, MODELS)
+    known("cost", cost, COSTS)
+    demands, options = demands or Demands(), options or Options()
+    free = tuple(dict.fromkeys(free))
+    limits = check_bounds(servo, free, bounds or {})
+    if servo.controller.lead_time <= 0:
+        raise InputError("controller.lead_time = 0: must be greater than 0 to tune (there is no phase margin)")
+    _check_set(servo, uncertainty, free)
+    given = Given(servo, model, demands, uncertainty, free, limits, cost, options, tell)
+    search = Search(given)
+    answer = search.run()
+    verification = verified(answer, model, demands, uncertainty, options, tell)
+    for _ in range(REPAIRS):
+        if verification.set_check is None or not verification.set_check.above:
+            break
+        answer = search.again(log_times(answer.servo), list(verification.set_check.above))
+        verification = verified(answer, model, demands, uncertainty, options, tell)
+    bounds_used = {"gain": given.gains((1 + demands.margin) * answer.worst.gain, answer.servo), **given.limits}
+    gain, tuned, worst = answer.gain, answer.servo, answer.worst
+    return Tuning(
+        model=model,
+        before=servo,
+        servo=tuned,
+        gain=gain,
+        cost=cost,
+        cost_value=cost_of(cost, tuned, gain),
+        gain_only=search.gain_only,
+        demands=demands,
+        free=free,
+        bounds=bounds_used,
+        worst=worst.servo,
+        corner=worst.corner,
+        uncertainty=uncertainty,
+        fold_gain=worst.gain,
+        binding=answer.binding,
+        verification=verification,
+        rounds=search.rounds,
+        evaluations=given.evaluations,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
+    for name in uncertainty.parameters if uncertainty is not None else ():
+        if name.removeprefix("controller.") in free:
+            raise InputError(f"free {name.removeprefix('controller.')}: must be left out, it is in the uncertainty set")
+    if uncertainty is not None:
+        check_box(servo, uncertainty)
+        for name, low in zip(uncertainty.parameters, uncertainty.box(servo)[0], strict=True):
+            if name in TIMES and low <= 0:
+                raise InputError(f"{name} = {low:g} in the uncertainty set: must be greater than 0 to tune")

@@ -1,0 +1,7 @@
+"""What a hybrid system is, as data: nothing in this room computes.
+
+    x' = f_k(x; p) in mode k,    h(x, T; p) = 0 on the way out of it
+
+system.py    modes, exits and phases; a cycle x(start) = S x(end) as phases in order
+problem.py   the contract: what the engine must know of whoever poses a problem
+"""

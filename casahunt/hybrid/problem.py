@@ -1,0 +1,168 @@
+"""What the engine must know of whoever poses a problem: the contract between solver and system.
+
+A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S x(end) (system.py), at one p:
+
+    names, vector         the parameters p, by name and as numbers;  with_value changes one
+    cycle                 phase sequence -> the boundary value problem
+    next_sequence, remarch, expected
+                          where a sequence has stopped being a motion: starting points for the one that comes next
+    scheme, largest_step  how it is best computed, where the user does not say
+    principal             the parameter that is followed by default, and freed where at fixed p the equations are
+                          singular: next to a fold
+    title, orbit_type     what refusals call it; the class in which its orbits come back (and fold_type)
+
+A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
+
+A problem is compared by value: two equal ones have the same cycles.  `FixedSequence` is the simplest of them, one cycle
+whose phases are always in the same order.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from .system import Cycle, Signature
+
+Array = np.ndarray
+
+Kind = Literal["gauss", "radau"]
+"""Collocation at Gauss points, for smooth fields, or at Radau IIA points, for stiff ones (scheme.py)."""
+
+
+class Problem(ABC):
+    """A family of cycles at one parameter vector.  Frozen; see the module docstring."""
+
+    orbit_type: ClassVar[type | None] = None
+    """A subclass of `orbit.Orbit` without fields of its own, or None for `Orbit` itself."""
+    fold_type: ClassVar[type | None] = None
+    """The same for `fold_point.Fold`."""
+
+    @property
+    def scheme(self) -> tuple[int, Kind]:
+        """Collocation degree and kind where the user names none."""
+        return 7, "radau"
+
+    @property
+    def largest_step(self) -> float:
+        """Of a walk, in arclength."""
+        return 1.0
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What it is, for the middle of a sentence: "the block on a belt"."""
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of p."""
+
+    @property
+    @abstractmethod
+    def principal(self) -> str:
+        """Name of the parameter that is followed by default, and freed next to a fold."""
+
+    @abstractmethod
+    def vector(self) -> Array:
+        """(np,) the parameters p."""
+
+    @abstractmethod
+    def with_value(self, name: str, value: float) -> Self:
+        """The problem with one parameter changed.  Raises InputError where it cannot have that value."""
+
+    @abstractmethod
+    def cycle(self, signature: Signature, repeats: int) -> Cycle:
+        """The cycle with these phases, `repeats` of which make up the period.
+
+        Raises
+        ------
+        ValueError : the problem has no such cycle.
+        """
+
+    def record(self) -> dict[str, Any]:
+        """The problem as JSON can say it, from which whoever knows it can pose it again."""
+        return {"problem": self.title, "parameters": dict(zip(self.names, self.vector().tolist(), strict=True))}
+
+    def value(self, name: str) -> float:
+        """One parameter."""
+        return float(self.vector()[self.names.index(name)])
+
+    def direction(self, name: str) -> Array:
+        """(np,) direction dp in parameter space that moves one parameter."""
+        dp = np.zeros(len(self.names))
+        dp[self.names.index(name)] = 1.0
+        return dp
+
+    def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:
+        """Starting points for other phase sequences, most promising first, where `phase` has stopped being a motion.
+
+        `soft` allows last resorts that converge everywhere, but slowly.
+        """
+        return []
+
+    def remarch(self, t: Any, u: Array, setting: Any) -> Any | None:
+        """The phases that the motion from the start of u really has, as a starting point; None where unknown."""
+        return None
+
+    def expected(self, t: Any, u: Array, setting: Any) -> list[Any]:
+        """Starting points to try, in turn, from a predicted point of a branch, before any last resort."""
+        return [(t, u, setting)]
+
+
+@dataclass(frozen=True)
+class FixedSequence(Problem):
+    """One cycle at one p: the phases are always these.
+
+    Attributes
+    ----------
+    posed : the cycle.
+    values : the parameters, in the order of its names.
+    followed : the principal parameter.
+    scheme, largest_step : as in `Problem`.
+    """
+
+    posed: Cycle
+    values: tuple[float, ...]
+    followed: str
+    scheme: tuple[int, Kind] = (7, "radau")
+    largest_step: float = 1.0
+
+    def __post_init__(self) -> None:
+        if len(self.values) != len(self.posed.parameters):
+            raise ValueError(f"{len(self.posed.parameters)} parameters are needed, {len(self.values)} given")
+        if self.followed not in self.posed.parameters:
+            raise ValueError(f"{self.followed!r} is none of the parameters {', '.join(self.posed.parameters)}")
+
+    @property
+    def title(self) -> str:
+        """The name of its cycle."""
+        return self.posed.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of its cycle."""
+        return self.posed.parameters
+
+    @property
+    def principal(self) -> str:
+        """As given."""
+        return self.followed
+
+    def vector(self) -> Array:
+        """(np,) the values."""
+        return np.array(self.values, float)
+
+    def with_value(self, name: str, value: float) -> FixedSequence:
+        """The same cycle at another p."""
+        at = self.names.index(name)
+        return replace(self, values=(*self.values[:at], float(value), *self.values[at + 1 :]))
+
+    def cycle(self, signature: Signature, repeats: int) -> Cycle:
+        """Its cycle.  Raises ValueError for another sequence."""
+        if (signature, repeats) != (self.posed.signature, self.posed.repeats):
+            raise ValueError(f"{self.title} has no cycle with the phases {signature} ({repeats} times)")
+        return self.posed

@@ -1,0 +1,6 @@
+"""The initial value problem of any hybrid system: mode by mode, each to its exit.
+
+    x(t) = x_0 + integral of f_k(x; p),    until h(x, T; p) = 0, then the next mode
+
+march.py   interval by interval, with the equations of collocation; what comes out is a mesh with stages
+"""

@@ -1,0 +1,247 @@
+"""Orbits on disk: npz with JSON metadata, no pickle.
+
+A file holds two arrays: `metadata`, UTF-8 bytes of one JSON object, and `numbers`, all states, breaks and
+scales one after the other.  The metadata carry a schema name and version, the problem as it describes itself, the
+method and, for every arc, where its numbers stand and their shapes.  Loading checks all of it and says what is wrong
+with a damaged or foreign file.  Who knows the problem poses it again from its description (`Pose`).
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from ..collocation.scheme import scheme
+from ..errors import InputError, Status
+from ..files import whole
+from ..hybrid.problem import Problem
+from .orbit import Arc, Orbit
+
+Array = np.ndarray
+T = TypeVar("T")
+Pose = Callable[[Mapping[str, Any]], Problem]
+"""From what `Problem.record` gave, and more, to the problem; raises KeyError or ValueError where it is none."""
+
+SCHEMA = "casahunt"
+VERSION = 1
+
+
+class Writer:
+    """Collects arrays; hands out their place."""
+
+    def __init__(self) -> None:
+        self.parts: list[Array] = []
+        self.used = 0
+
+    def put(self, array: Array) -> dict[str, Any]:
+        """Takes an array; where it stands, as JSON can say it."""
+        self.parts.append(np.ascontiguousarray(array, float).ravel())
+        place = {"at": self.used, "shape": list(array.shape)}
+        self.used += array.size
+        return place
+
+    def numbers(self) -> Array:
+        """All of them, one after the other."""
+        return np.concatenate(self.parts) if self.parts else np.zeros(0)
+
+
+def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
+    """One orbit as JSON can say it, its arrays with the `writer`."""
+    return {
+        **orbit.problem.record(),
+        "half": orbit.half,
+        "degree": orbit.degree,
+        "scheme": orbit.kind,
+        "period": orbit.period,
+        "amplitude": orbit.amplitude,
+        "period_error": orbit.period_error,
+        "amplitude_error": orbit.amplitude_error,
+        "parameter_error": orbit.parameter_error,
+        "status": orbit.status.name,
+        "solver": orbit.solver,
+        "iterations": orbit.iterations,
+        "unknowns": orbit.unknowns,
+        "residual": orbit.residual,
+        "wall_s": orbit.wall_s,
+        "scale": writer.put(orbit.scale),
+        "arcs": [
+            {
+                "mode": arc.mode,
+                "event": arc.event,
+                "duration": arc.duration,
+                "breaks": writer.put(arc.breaks),
+                "states": writer.put(arc.states),
+                "end": writer.put(arc.end),
+            }
+            for arc in orbit.arcs
+        ],
+    }
+
+
+def save_orbit(orbit: Orbit, path: str | Path) -> None:
+    """Write an orbit to `path` (npz).  Raises InputError where that is not possible, OSError where the disk is full."""
+    writer = Writer()
+    write(path, "orbit", {"orbit": orbit_record(orbit, writer)}, writer)
+
+
+def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) -> None:
+    """Write a file of this schema.  Raises InputError, OSError as `save_orbit`."""
+    path = Path(path)
+    metadata = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "kind": kind,
+        "numpy": np.__version__,
+        "casadi": ca.__version__,
+        **content,
+    }
+    numbers = writer.numbers()
+    try:
+        text = np.frombuffer(json.dumps(metadata, allow_nan=False).encode(), dtype=np.uint8)
+    except ValueError:
+        text = None
+    if text is None or not np.isfinite(numbers).all():
+        raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
+    if not path.parent.is_dir():
+        raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
+    with whole(path) as stream:
+        np.savez(stream, metadata=text, numbers=numbers)
+
+
+def load_orbit(path: str | Path, pose: Pose) -> Any:
+    """Read an orbit of one kind of problem, written by `save_orbit`.
+
+    Raises
+    ------
+    InputError : anything else, saying what is wrong.
+    """
+    metadata, numbers = read(path, "orbit")
+    return checked(path, lambda: orbit_from(metadata["orbit"], numbers, pose))
+
+
+def checked(path: str | Path, build: Callable[[], T]) -> T:
+    """What `build` makes of a file's content, or InputError where it does not fit."""
+    try:
+        return build()
+    except KeyError as error:
+        what = f"{error} is missing or unknown"
+    except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        what = str(error)
+    raise InputError(f"{str(path)!r} is damaged: its metadata and its numbers do not fit ({what})")
+
+
+def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
+    """(metadata, numbers) of a file.  Raises InputError for what is none of this schema and kind, or damaged."""
+    name = repr(str(path))
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{name}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{name} cannot be read: {error.strerror or error}") from None
+    if not content.startswith(b"PK"):  # every npz file is a zip file, and every zip file begins so
+        raise InputError(f"{name} is no npz file")
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if not {"metadata.npy", "numbers.npy"} <= set(archive.namelist()):
+                raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
+            text = _array(archive, "metadata", np.uint8).tobytes()
+            numbers = _array(archive, "numbers", np.float64)
+    except InputError:
+        raise
+    except Exception as error:  # whatever zipfile, zlib and numpy make of bytes that are not as they were written
+        raise InputError(f"{name} is damaged: {str(error) or 'it ends too early'}") from None
+    try:
+        metadata = json.loads(text, parse_constant=_not_a_number)
+    except (ValueError, RecursionError):
+        raise InputError(f"{name} is damaged: its metadata are not JSON") from None
+    if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
+        raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: its metadata have another schema")
+    if metadata.get("version") != VERSION:
+        version = metadata.get("version")
+        raise InputError(f"{name} has the schema version {version!r}; this program reads version {VERSION}")
+    if metadata.get("kind") != kind:
+        raise InputError(f"{name} holds {_article(metadata.get('kind'))}, not {_article(kind)}")
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{name} is damaged: it holds NaN or infinity")
+    return metadata, numbers
+
+
+def _array(archive: zipfile.ZipFile, name: str, dtype: type) -> Array:
+    """One array of the file, its checksum verified before numpy sees it."""
+    array = np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+    if array.ndim != 1 or array.dtype != dtype:
+        raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
+    return array
+
+
+def _not_a_number(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _article(kind: object) -> str:
+    return f"{'an' if str(kind)[:1] in 'aeiou' else 'a'} {kind}"
+
+
+def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
+    """The orbit of a record.  Raises KeyError, ValueError and such where it is none."""
+    def take(place: dict[str, Any], *shape: int) -> Array:
+        """The array at a place; -1 in `shape` stands for any length."""
+        at, found = place["at"], place["shape"]
+        if len(found) != len(shape) or any(n < 1 or m not in (-1, n) for n, m in zip(found, shape, strict=True)):
+            raise ValueError(f"an array has the shape {found}")
+        size = int(np.prod(found))
+        if not 0 <= at <= numbers.size - size:
+            raise ValueError(f"{numbers.size} numbers are not enough")
+        return numbers[at : at + size].reshape(found).copy()
+
+    problem, repeats = pose(record), 2 if record["half"] else 1
+    cycle = problem.cycle(tuple((a["mode"], a["event"]) for a in record["arcs"]), repeats)
+    n, degree, kind = len(cycle.states), int(record["degree"]), record["scheme"]
+    scheme(degree, kind)  # refuses what does not exist
+
+    def arc(a: dict[str, Any]) -> Arc:
+        breaks = take(a["breaks"], -1)
+        if breaks[0] != 0 or breaks[-1] != 1 or not (np.diff(breaks) > 0).all():
+            raise ValueError("the breaks of an arc do not run from 0 to 1")
+        closed_form = a["states"]["shape"][1:2] == [1]
+        states = take(a["states"], breaks.size - 1, 1 if closed_form else degree + 1, n)
+        return Arc(a["mode"], a["event"], float(a["duration"]), breaks, states, take(a["end"], n))
+
+    orbit = (problem.orbit_type or Orbit)(
+        problem=problem,
+        repeats=repeats,
+        degree=degree,
+        kind=kind,
+        arcs=tuple(arc(a) for a in record["arcs"]),
+        period=float(record["period"]),
+        amplitude=float(record["amplitude"]),
+        period_error=float(record["period_error"]),
+        amplitude_error=float(record["amplitude_error"]),
+        parameter_error=float(record["parameter_error"]),
+        status=Status[record["status"]],
+        solver=record["solver"],
+        iterations=int(record["iterations"]),
+        unknowns=int(record["unknowns"]),
+        residual=float(record["residual"]),
+        wall_s=float(record["wall_s"]),
+        scale=take(record["scale"], n),
+    )
+    if orbit.solver not in ("ipopt", "newton"):
+        raise ValueError(f"the solver {orbit.solver!r} is unknown")
+    if cycle.signature != orbit.signature:
+        raise ValueError("the arcs are not the phases of a cycle")
+    for a, phase in zip(orbit.arcs, cycle.phases, strict=True):
+        if (phase.mode.flow is not None) != (a.states.shape[1] == 1):
+            raise ValueError(f"the arc {a.mode!r} has {a.states.shape[1]} states in an interval")
+    period = cycle.repeats * sum(a.duration for a in orbit.arcs)
+    if not abs(period - orbit.period) <= 1e-9 * period:
+        raise ValueError("the durations of the arcs do not add up to the period")
+    return orbit

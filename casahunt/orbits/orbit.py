@@ -1,0 +1,322 @@
+"""A computed cycle as data: arcs, period, amplitude, error estimate, status, multipliers.
+
+An `Orbit` is frozen numpy in physical units and knows everything needed to go on from it: the problem with its
+parameters, the phase sequence, the mesh and the stages.  Multipliers are computed when they are read.
+
+Symbols: n states, d stages, N intervals of an arc, m sample points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..collocation.mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
+from ..collocation.scheme import Kind, scheme
+from ..collocation.solve import Solution, Solver, solve
+from ..collocation.transcription import Setting, Transcription, transcribe
+from ..errors import Status
+from ..hybrid.problem import Problem
+from ..hybrid.system import Cycle, Signature
+from . import floquet
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """One phase of an orbit.
+
+    Attributes
+    ----------
+    mode, event : names of the phase's mode and of the event at its end.
+    duration : [s].
+    breaks : (N + 1,) interval boundaries as fractions of the duration.
+    states : (N, d + 1, n) start and stages of each interval; (1, 1, n) for a closed-form phase.
+    end : (n,) state at the end.
+    """
+
+    mode: str
+    event: str
+    duration: float
+    breaks: Array
+    states: Array
+    end: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic orbit of a hybrid system, in physical units.
+
+    Attributes
+    ----------
+    problem : whose cycle it is, with its parameters.
+    repeats : how often the computed arcs make up the period: 2 for a half cycle.
+    degree, kind : collocation scheme.
+    arcs : the computed phases.
+    period : [s], of the full cycle.
+    amplitude : largest magnitude of the measured state (Cycle.measured) at the ends of the phases.
+    period_error, amplitude_error : estimated relative errors.
+    parameter_error : estimated relative error of the varied parameter itself, for points of a branch that
+        were computed with it free, such as a fold; 0 where it was given.
+    status : how the computation ended; only a CONVERGED orbit is to be trusted.
+    solver, iterations, unknowns, residual : what the last solve did.
+    wall_s : time from the request to the result [s].
+    """
+
+    problem: Problem
+    repeats: int
+    degree: int
+    kind: Kind
+    arcs: tuple[Arc, ...]
+    period: float
+    amplitude: float
+    period_error: float
+    amplitude_error: float
+    parameter_error: float
+    status: Status
+    solver: Solver
+    iterations: int
+    unknowns: int
+    residual: float
+    wall_s: float
+    scale: Array = field(repr=False)
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated relative error of period, amplitude and (where it was free) parameter: the largest."""
+        return max(self.period_error, self.amplitude_error, self.parameter_error)
+
+    @property
+    def signature(self) -> Signature:
+        """((mode, event), ...) of the computed phases."""
+        return tuple((arc.mode, arc.event) for arc in self.arcs)
+
+    @property
+    def cycle(self) -> Cycle:
+        """The boundary value problem that this orbit solves."""
+        return self.problem.cycle(self.signature, self.repeats)
+
+    @property
+    def half(self) -> bool:
+        """Computed on half a period, x(t + T/2) = S x(t)."""
+        return self.repeats == 2
+
+    @cached_property
+    def multipliers(self) -> floquet.Multipliers:
+        """Floquet multipliers, computed at the first reading on a mesh that is made for them."""
+        return refined_multipliers(*unknowns_of(self), solver=self.solver)[0]
+
+    @cached_property
+    def integrator_multipliers(self) -> floquet.Multipliers:
+        """The multipliers by the second route: CasADi's own integrators, phase by phase (floquet.integrator_chain).
+
+        From the orbit on the mesh of `multipliers`: an error of the orbit grows as the multiplier says.
+        """
+        _, (t, u, setting) = refined_multipliers(*unknowns_of(self), solver=self.solver)
+        return floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
+
+    @property
+    def half_multiplier(self) -> float:
+        """The leading nontrivial multiplier mu of the half-period map (real part); see floquet.py."""
+        leading = self.multipliers.leading
+        return leading.real if self.half else float("nan")
+
+    @property
+    def stable(self) -> bool:
+        """All nontrivial Floquet multipliers inside the unit circle."""
+        return self.multipliers.stable
+
+    def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
+        """The full period, dense where the motion is fast.
+
+        Returns
+        -------
+        times : (m,) [s] from the start of the first phase, increasing.
+        states : (n, m).
+        """
+        s = scheme(self.degree, self.kind)
+        tau = np.linspace(0, 1, per_interval, endpoint=False)
+        matrix = s.interpolation(tau)
+        cycle = self.cycle
+        times, states, start = [], [], 0.0
+        for arc, phase in zip(self.arcs, cycle.phases, strict=True):
+            lengths = np.diff(arc.breaks)
+            if phase.mode.flow is None:
+                times.append((start + arc.duration * (arc.breaks[:-1, None] + lengths[:, None] * tau)).ravel())
+                states.append(np.einsum("kj,ijn->ikn", matrix, arc.states).reshape(-1, arc.end.size))
+            else:
+                times.append(start + arc.duration * tau)
+                p = self.problem.vector()
+                flow = phase.mode.flow
+                states.append(
+                    np.array([np.array(flow(arc.states[0, 0], arc.duration * x, p)).ravel() for x in tau])
+                )
+            start += arc.duration
+        times.append(np.array([start]))
+        states.append(self.arcs[-1].end[None])
+        t_half, x_half = np.concatenate(times), np.concatenate(states)
+        if cycle.repeats == 2:  # x(t + T/2) = S^-1 x(t), an involution
+            t_half = np.concatenate([t_half, t_half[1:] + start])
+            x_half = np.concatenate([x_half, x_half[1:] @ np.linalg.inv(cycle.closure).T])
+        return t_half, x_half.T
+
+
+AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)
+"""An orbit of whatever class its problem names; a function of one gives back the same class."""
+
+MULTIPLIER_TOLERANCE = 1e-9
+"""Error of the period on the mesh on which multipliers are computed."""
+HEALTHY = 4e-9
+"""Trivial multipliers nearer to 1 than this need no finer mesh: that of the full period, its square, is within 1e-8."""
+MORE_HALVINGS = 3
+LARGE, SETTLED = 10.0, 1e-7
+"""Half multipliers beyond LARGE are computed on two meshes at least, until they agree to SETTLED."""
+NEXT_TO_FOLD = 0.02
+"""Share of the parameter in the unit tangent below which a point counts as next to a fold."""
+
+
+def refined_multipliers(
+    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton"
+) -> tuple[floquet.Multipliers, tuple[Transcription, Array, Setting]]:
+    """Multipliers on a mesh made for them, and the orbit there: finer than the orbit's, until the trivial one is 1.
+
+    They depend on the whole linearised flow, which converges later than period and amplitude.
+    """
+    e = estimate(t, u, setting)
+    best: floquet.Multipliers | None = None
+    place = t, u, setting
+    breaks = phase_breaks(t, setting.fractions)
+    if e.error > MULTIPLIER_TOLERANCE:
+        breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
+    weights = _fold_border(t, u, setting)
+    for _ in range(1 + MORE_HALVINGS):
+        t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
+        setting = replace(setting, fractions=fractions)
+        border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
+        solution = solve(t, u, setting, solver=solver, border=border)
+        if not solution.status.ok:
+            break
+        u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
+        found = floquet.multipliers(t, u, setting)
+        # Where the flow expands a lot, the trivial multiplier says nothing about the leading one: it must
+        # come out the same on two meshes.
+        settled = abs(found.leading) < LARGE or (
+            best is not None and abs(found.leading - best.leading) < SETTLED * abs(found.leading)
+        )
+        if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE:
+            best, place = found, (t, u, setting)
+        if best.trivial_error < HEALTHY and settled:
+            break
+    return best or floquet.multipliers(*place), place
+
+
+def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
+    """Weights of the phase-end nodes along which to hold u where the parameter cannot be held: next to a fold.
+
+    There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
+    error of the coarser one.
+    """
+    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p)))
+    _, y = lin.tangent(t.system.border(parameter=1.0))
+    length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
+    if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
+        return None
+    first = y[: t.n] / length if np.isfinite(length) else np.ones(t.n)
+    weights = np.zeros((t.phases + 1, t.n))
+    weights[0] = first
+    return weights
+
+
+def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
+    """The transcription, unknowns and setting that `orbit` solves."""
+    cycle = orbit.cycle
+    counts = tuple(
+        0 if phase.mode.flow is not None else len(arc.states)
+        for arc, phase in zip(orbit.arcs, cycle.phases, strict=True)
+    )
+    t = transcribe(cycle, counts, orbit.degree, orbit.kind)
+    nodes = np.vstack([*(arc.states[:, 0] for arc in orbit.arcs), orbit.arcs[-1].end])
+    collocated = [arc for arc, count in zip(orbit.arcs, counts, strict=True) if count]
+    w = np.concatenate([arc.states for arc in collocated])
+    durations = np.array([arc.duration for arc in orbit.arcs])
+    u = t.pack((w / orbit.scale).reshape(t.intervals, -1), nodes / orbit.scale, durations)
+    fractions = np.concatenate([np.diff(arc.breaks) for arc in collocated])
+    problem = orbit.problem
+    return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """An orbit in the solver's terms.
+
+    Attributes
+    ----------
+    t, solution, setting, estimate : transcription, its solution, the numbers, the error.
+    status : verdict.
+    iterations : total over all meshes.
+    note : what is special about it, in words.
+    """
+
+    t: Transcription
+    solution: Solution
+    setting: Setting
+    estimate: Estimate | None
+    status: Status
+    iterations: int
+    note: str = ""
+
+    def complaint(self) -> str:
+        """The advice of the status with the note."""
+        return self.status.advice + (f" ({self.note})" if self.note else "")
+
+
+def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
+    """The orbit of a solution with an estimate, of the class that its problem names.
+
+    `problem` has the parameters at which the equations were solved.
+    """
+    t, solution, setting, error = solved.t, solved.solution, solved.setting, solved.estimate
+    assert error is not None
+    u = solution.u
+    nodes = t.nodes_of(u) * setting.scale
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
+    durations = t.durations_of(u)
+    breaks = iter(phase_breaks(t, setting.fractions))
+    arcs, start = [], 0
+    for k, phase in enumerate(t.cycle.phases):
+        end = t.phase_end[k]
+        collocated = t.counts[k] > 0
+        arcs.append(
+            Arc(
+                phase.mode.name,
+                phase.end.name,
+                float(durations[k]),
+                next(breaks) if collocated else np.array([0.0, 1.0]),
+                w[t.phase_intervals(k)].copy() if collocated else nodes[start][None, None],
+                nodes[end].copy(),
+            )
+        )
+        start = end
+    return (problem.orbit_type or Orbit)(
+        problem=problem,
+        repeats=t.cycle.repeats,
+        degree=t.degree,
+        kind=t.kind,
+        arcs=tuple(arcs),
+        period=float(np.sum(durations)) * t.cycle.repeats,
+        amplitude=amplitude_row(t, u)[0] * float(setting.scale[t.cycle.measured]),
+        period_error=error.period,
+        amplitude_error=error.amplitude,
+        parameter_error=error.parameter,
+        status=solved.status,
+        solver=solution.solver,
+        iterations=solved.iterations,
+        unknowns=t.size,
+        residual=solution.residual,
+        wall_s=wall_s,
+        scale=setting.scale.copy(),
+    )

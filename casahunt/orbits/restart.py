@@ -1,0 +1,131 @@
+"""Starting points for another phase sequence, from the unknowns of the one at hand or from a simulated motion.
+
+The states of every phase are polynomials (start and stages of its intervals): a phase can be cut at chosen times, three
+phases joined to one, or the same unknowns read as those of another cycle with as many phases and intervals.
+
+    from_segments   a marched motion (motion/march.py) becomes the unknowns of a cycle
+    relabelled      the same unknowns for another cycle
+    assembled       unknowns from the pieces of every phase
+    cut             phases cut where events are to be put
+    merged          a phase that shrinks to nothing taken out, with its neighbours joined
+
+Which sequence comes next, only the problem knows (hybrid/problem.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..collocation.mesh import evaluate_phase, phase_breaks
+from ..collocation.scheme import Kind
+from ..collocation.transcription import Setting, Transcription, transcribe
+from ..hybrid.system import Cycle
+from ..motion.march import Segment
+
+Array = np.ndarray
+Start = tuple[Transcription, Array, Setting]
+"""Transcription, unknowns and setting: where a solve begins."""
+
+Piece = tuple[Array, Array, float]
+"""(breaks in 0..1, w (N, R), duration) of one phase, states scaled."""
+
+
+def from_segments(
+    cycle: Cycle, passes: Sequence[tuple[float, Segment]], p: Array, dp: Array, *, degree: int, kind: Kind
+) -> Start:
+    """Transcription, unknowns and setting of a marched motion.
+
+    Parameters
+    ----------
+    cycle
+        with as many phases as there are `passes`.
+    passes
+        (factor, segment) of each phase: its states are `factor` times those of the segment.
+    p, dp
+        parameters and their direction.
+    degree, kind
+        the scheme that the march had.
+    """
+    n = len(cycle.states)
+    counts, w, nodes, fractions, durations = [], [], [], [], []
+    for (factor, segment), phase in zip(passes, cycle.phases, strict=True):
+        collocated = phase.mode.flow is None
+        counts.append(len(segment.w) if collocated else 0)
+        durations.append(segment.duration)
+        nodes.append(factor * segment.w[:, :n])
+        if collocated:
+            w.append(factor * segment.w)
+            fractions.append(np.diff(segment.breaks))
+    last, segment = passes[-1]
+    nodes.append(last * segment.end[None])
+    t = transcribe(cycle, tuple(counts), degree, kind)
+    all_w, all_nodes = np.vstack(w), np.vstack(nodes)
+    scale = np.max(np.abs(np.vstack([all_nodes, all_w.reshape(-1, n)])), axis=0)
+    u = t.pack(all_w / np.tile(scale, degree + 1), all_nodes / scale, np.array(durations))
+    return t, u, Setting(np.concatenate(fractions), p, scale, dp)
+
+
+def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:
+    """The same unknowns for another cycle with as many phases, collocated where those of `t` are."""
+    return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
+
+
+def breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
+    """(N + 1,) interval boundaries of one collocated phase."""
+    collocated = [k for k, count in enumerate(t.counts) if count]
+    return phase_breaks(t, setting.fractions)[collocated.index(phase)]
+
+
+def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0.0, b: float = 1.0) -> Piece:
+    """The part a..b (fractions) of a collocated phase, from its own polynomials."""
+    breaks = breaks_of(t, setting, phase)
+    inner = breaks[(breaks > a + 1e-3 * (b - a)) & (breaks < b - 1e-3 * (b - a))]
+    part = np.concatenate([[a], inner, [b]])
+    times = part[:-1, None] + np.diff(part)[:, None] * t.scheme.points
+    w = evaluate_phase(t, u, setting.fractions, phase, times.ravel())
+    duration = float((b - a) * t.durations_of(u)[phase])
+    return (part - a) / (b - a), w.reshape(part.size - 1, -1), duration
+
+
+def assembled(cycle: Cycle, t: Transcription, setting: Setting, pieces: list[Piece], end: Array) -> Start:
+    """Unknowns of `cycle` from the pieces of its phases, all of them collocated, and the (n,) last node."""
+    new = transcribe(cycle, tuple(len(w) for _, w, _ in pieces), t.degree, t.kind)
+    w = np.vstack([w for _, w, _ in pieces])
+    nodes = np.vstack([w[:, : t.n], end[None]])
+    u = new.pack(w, nodes, np.array([duration for _, _, duration in pieces]))
+    fractions = np.concatenate([np.diff(breaks) for breaks, _, _ in pieces])
+    return new, u, replace(setting, fractions=fractions)
+
+
+def cut(cycle: Cycle, t: Transcription, u: Array, setting: Setting, cuts: Mapping[int, Array]) -> Start:
+    """Phases cut at the given fractions (by number of the phase); the polynomials stay what they are."""
+    pieces = []
+    for k in range(t.phases):
+        edges = np.concatenate([[0.0], cuts.get(k, np.zeros(0)), [1.0]])
+        pieces += [piece(t, u, setting, k, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return assembled(cycle, t, setting, pieces, t.nodes_of(u)[-1])
+
+
+def merged(cycle: Cycle, t: Transcription, u: Array, setting: Setting, vanishing: Sequence[int]) -> Start:
+    """The phases `vanishing` taken out, each with its two neighbours joined to one phase."""
+    durations = t.durations_of(u)
+    pieces = []
+    j = 0
+    while j < t.phases:
+        if j + 1 not in vanishing:
+            pieces.append(piece(t, u, setting, j))
+            j += 1
+            continue
+        three = (j, j + 1, j + 2)
+        spans = [max(float(durations[i]), 0.0) for i in three]
+        total = sum(spans)
+        parts = [piece(t, u, setting, i) for i in three]
+        # The middle piece may have a negative duration: its states are dropped, its time is nothing.
+        kept = [(q, s, o) for q, s, o in zip(parts, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if s > 0]
+        breaks = np.concatenate([[0.0], *[(o + s * q[0][1:]) / total for q, s, o in kept]])
+        pieces.append((breaks, np.vstack([q[1] for q, _, _ in kept]), total))
+        j += 3
+    return assembled(cycle, t, setting, pieces, t.nodes_of(u)[-1])

@@ -1,0 +1,23 @@
+"""The first tenant: a position servo with dry friction and integral action.
+
+    J x2' = m - F(x2),    m = -(kp x1 + kd x2 + ki x3),    x1' = x2,    x3' = x1
+
+friction.py       friction records and laws
+servo.py          the servo record; TOML in and out
+linear_loop.py    the loop without dry friction: stability, poles, margins
+delayed_loop.py   the same with a delay: margins of phase and gain
+hunting.py        the Switch and LuGre servo as modes, events and cycles
+stick_band.py     the Switch servo with the report's stick band
+equilibria.py     where the servo can stand still, and what linearising there proves
+sequences.py      the next phase sequence of a hunting cycle where one has stopped being a motion
+problem.py        the hunting servo as a problem for the engine; its orbits and folds
+branch.py         a branch of hunting cycles as data
+saved.py          hunting cycles and branches of them in files
+event_map/        from one stick to the next: guesses, and evidence that no cycle exists
+simulation/       the motion from any initial state, and the verdict on its end
+cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
+find_fold.py      from a servo to the largest gain at which it hunts
+find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
+basin.py          the amplitude below which a stuck servo settles
+attraction.py     many initial states: which stick they reach, which rest and which hunt
+"""

@@ -1,0 +1,66 @@
+"""Dry friction of one servo axis: the identified numbers, and the laws as CasADi expressions.
+
+Stribeck curve (report, section 3):     g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2)          [N m]
+Switch model, slip with sign s = +-1:   F = s g(v) + sigma2 v
+LuGre model (bristle deflection z):     z' = v - sigma0 |v| z / g(v)
+                                        F  = sigma0 z + sigma1 z' + sigma2 v
+
+The bristle equation is the report's state equation; the formula printed in its section 3.1 lacks
+sigma0.  Both models have the same steady sliding friction, g(v) sgn(v) + sigma2 v.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from ..checks import require, sensible
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction:
+    """Identified friction parameters; the defaults are Table 1 of the report.
+
+    Attributes
+    ----------
+    static : Fs, static friction torque [N m], at least `coulomb`.
+    coulomb : Fc, Coulomb friction torque [N m], > 0.
+    stribeck_velocity : vs [rad/s], > 0.
+    viscous : sigma2 [N m s/rad], >= 0.
+    stiffness : sigma0, bristle stiffness [N m/rad], > 0 (LuGre only).
+    damping : sigma1, bristle damping [N m s/rad], >= 0 (LuGre only).
+    stick_band, stick_rate : eta [rad/s] and alpha [1/s] of the report's regularised simulation, > 0.
+    """
+
+    static: float = 0.53
+    coulomb: float = 0.44
+    stribeck_velocity: float = 0.02
+    viscous: float = 0.1
+    stiffness: float = 2.2e4
+    damping: float = 7.58
+    stick_band: float = 1e-6
+    stick_rate: float = 10.0
+
+    def __post_init__(self) -> None:
+        sensible("friction.coulomb", self.coulomb)
+        sensible("friction.static", self.static)
+        if self.static < self.coulomb:
+            require("friction.static", self.static, at_least=self.coulomb, unit="friction.coulomb")
+        sensible("friction.stribeck_velocity", self.stribeck_velocity)
+        sensible("friction.viscous", self.viscous, zero=True)
+        sensible("friction.stiffness", self.stiffness)
+        sensible("friction.damping", self.damping, zero=True)
+        sensible("friction.stick_band", self.stick_band)
+        sensible("friction.stick_rate", self.stick_rate)
+
+
+def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:
+    """Stribeck curve g(v) [N m] as a CasADi expression."""
+    return coulomb + (static - coulomb) * ca.exp(-((v / stribeck_velocity) ** 2))
+
+
+def bristle_rate(v: Any, speed: Any, z: Any, g: Any, stiffness: Any) -> Any:
+    """z' = v - sigma0 |v| z / g(v) [rad/s]; `speed` is |v|, given by the caller who knows its sign."""
+    return v - stiffness * speed * z / g

@@ -1,0 +1,264 @@
+"""The servo without dry friction as a linear loop: stability, poles, margins.
+
+    plant         P(s) = cm / (s (J s + sigma2))                            [rad/V]
+    controller    C(s) = K (tau_d s + 1)(tau_i s + 1) / (tau_i s)           [V/rad]
+    loop          L(s) = C(s) P(s)
+    closed loop   chi(s) = J s^3 + (kd + sigma2) s^2 + kp s + ki,
+                  kp = K cm (1 + tau_d/tau_i),  kd = K cm tau_d,  ki = K cm / tau_i
+
+Routh-Hurwitz, all coefficients being positive: chi is stable if and only if (kd + sigma2) kp > J ki, that is
+
+    K cm tau_d + sigma2 > J / (tau_i + tau_d).
+
+Without viscous friction this is K > J / (cm tau_d (tau_i + tau_d)), the report's lower bound (sections 2 and 5;
+0.0321 for its Table 1).  With the viscous friction of Table 1, sigma2 = 0.1 > J/(tau_i + tau_d) = 0.0817, it holds
+for every K > 0: the report's bound ignores sigma2.  A stable linear loop does not mean that the servo does not
+hunt; dry friction is what hunting comes from.
+
+Crossovers of this loop, w = omega^2:
+    |L| = 1      tau_i^2 w^2 (J^2 w + sigma2^2) = (K cm)^2 (tau_d^2 w + 1)(tau_i^2 w + 1): one change of sign in the
+                 coefficients, so exactly one (Descartes)
+    arg L = pi   w = (J - sigma2 (tau_i + tau_d)) / (J tau_i tau_d): one or none; lowering the gain to the Routh-Hurwitz
+                 limit, not raising it, makes the loop unstable there
+`gain_crossovers` and `phase_crossovers` make no use of that and find all crossovers of any rational loop.
+
+Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, section 2, Figure 1 and Table 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks import COMPUTED, sensible
+from ..errors import InputError
+from .servo import Servo
+
+Array = np.ndarray
+
+REAL = 1e-7
+"""A root w of a crossover polynomial counts as real below this ratio of imaginary to absolute part: a double root,
+where a curve touches, is only known to the square root of rounding."""
+POLISH = 3
+"""Newton steps that take a simple real root of numpy.roots to rounding."""
+
+
+@dataclass(frozen=True)
+class Crossover:
+    """A frequency at which the loop crosses |L| = 1, or the negative real axis.
+
+    Attributes
+    ----------
+    frequency : omega [rad/s].
+    margin : at |L| = 1 the phase margin, arg L + 180 degrees in (-180, 180]; at arg L = -180 degrees the
+        factor 1/|L| by which the gain would have to change to put a pole on the imaginary axis.
+    """
+
+    frequency: float
+    margin: float
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLoop:
+    """The linear loop at one gain.
+
+    Attributes
+    ----------
+    gain : K.
+    kp, kd, ki : torque gains [N m/rad, N m s/rad, N m/(rad s)].
+    poles : (3,) complex roots of chi [rad/s], by decreasing real part.
+    stable : by the Routh-Hurwitz inequality, not by the rounded poles.
+    gain_crossovers : where |L| = 1, with phase margins [deg].
+    phase_crossovers : where arg L = -180 degrees, with gain factors.
+    lowest_factor, highest_factor : the loop stays as it is, stable or unstable, while the gain is multiplied by
+        anything between them; 0 and inf where there is no such limit.
+    """
+
+    gain: float
+    kp: float
+    kd: float
+    ki: float
+    poles: Array
+    stable: bool
+    gain_crossovers: tuple[Crossover, ...]
+    phase_crossovers: tuple[Crossover, ...]
+    lowest_factor: float
+    highest_factor: float
+
+    @property
+    def damping_ratio(self) -> float:
+        """-Re s/|s| of the least damped pole; negative for an unstable loop."""
+        return float(np.min(-self.poles.real / np.abs(self.poles)))
+
+
+def routh_hurwitz_gain(servo: Servo) -> float:
+    """Gain above which the loop without friction is stable, J / (cm tau_d (tau_d + tau_i)); inf for no lead."""
+    lead, integral = servo.controller.lead_time, servo.controller.integral_time
+    if lead == 0:
+        return float("inf")
+    return servo.inertia / (servo.motor_gain * lead * (lead + integral))
+
+
+def lowest_stable_gain(servo: Servo) -> float:
+    """Gain above which the loop with viscous friction is stable; 0: for every K > 0; inf: for none."""
+    lead, integral = servo.controller.lead_time, servo.controller.integral_time
+    missing = servo.inertia / (integral + lead) - servo.friction.viscous
+    if lead == 0:
+        return 0.0 if missing < 0 else float("inf")
+    return max(0.0, missing / (servo.motor_gain * lead))
+
+
+def characteristic_polynomial(servo: Servo, gain: float) -> Array:
+    """(4,) coefficients J, kd + sigma2, kp, ki of chi(s), highest power first.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    gain
+        controller gain K > 0.
+    """
+    sensible("gain", gain, power=COMPUTED)
+    kp, kd, ki = servo.torque_gains(gain)
+    return np.array([servo.inertia, kd + servo.friction.viscous, kp, ki])
+
+
+def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
+    """C(j omega) [V/rad] at the frequencies (m,) [rad/s]."""
+    s = 1j * np.asarray(frequencies)
+    c = servo.controller
+    return gain * (c.lead_time * s + 1) * (c.integral_time * s + 1) / (c.integral_time * s)
+
+
+def loop_response(servo: Servo, gain: float, frequencies: Array) -> Array:
+    """L(j omega) at the frequencies (m,) [rad/s]."""
+    s = 1j * np.asarray(frequencies)
+    plant = servo.motor_gain / (s * (servo.inertia * s + servo.friction.viscous))
+    return controller_response(servo, gain, frequencies) * plant
+
+
+def loop_polynomials(servo: Servo, gain: float) -> tuple[Array, Array]:
+    """Numerator and denominator of L(s), highest power first."""
+    lead, integral = servo.controller.lead_time, servo.controller.integral_time
+    numerator = gain * servo.motor_gain * np.array([lead * integral, lead + integral, 1.0])
+    denominator = integral * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
+    return np.trim_zeros(numerator, "f"), denominator
+
+
+def linear_loop(servo: Servo, gain: float) -> LinearLoop:
+    """Poles, stability, crossovers and margins of the loop without dry friction.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    gain
+        controller gain K.
+
+    Raises
+    ------
+    InputError : gain not a finite number > 0.
+    """
+    chi = characteristic_polynomial(servo, gain)
+    kp, kd, ki = servo.torque_gains(gain)
+    poles = np.roots(chi)
+    poles = poles[np.lexsort((-poles.imag, -poles.real))]
+    numerator, denominator = loop_polynomials(servo, gain)
+    crossings = phase_crossovers(numerator, denominator)
+    factors = [c.margin for c in crossings]
+    return LinearLoop(
+        gain=gain,
+        kp=kp,
+        kd=kd,
+        ki=ki,
+        poles=poles,
+        stable=bool(chi[1] * kp > servo.inertia * ki),
+        gain_crossovers=gain_crossovers(numerator, denominator),
+        phase_crossovers=crossings,
+        lowest_factor=max((f for f in factors if f <= 1), default=0.0),
+        highest_factor=min((f for f in factors if f >= 1), default=math.inf),
+    )
+
+
+def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
+    """All frequencies with |L(j omega)| = 1, by increasing frequency, with their phase margins [deg].
+
+    Parameters
+    ----------
+    numerator, denominator
+        of L(s), highest power first.
+
+    Raises
+    ------
+    InputError : |L| = 1 at every frequency, as for an all-pass.
+    """
+    a, b = _along_the_axis(numerator), _along_the_axis(denominator)
+    found = []
+    for omega in _frequencies(np.polysub(_square(a), _square(b)), "|L| = 1"):
+        phase = math.degrees(float(np.angle(np.polyval(a, omega) / np.polyval(b, omega))))
+        margin = phase + 180
+        found.append(Crossover(omega, margin if margin <= 180 else margin - 360))
+    return tuple(found)
+
+
+def phase_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
+    """All frequencies with L(j omega) real and negative, by increasing frequency, with the factors 1/|L|.
+
+    Parameters
+    ----------
+    numerator, denominator
+        of L(s), highest power first.
+
+    Raises
+    ------
+    InputError : L is real at every frequency.
+    """
+    a, b = _along_the_axis(numerator), _along_the_axis(denominator)
+    imaginary = np.polymul(a, np.conj(b)).imag  # odd in omega: only every other coefficient is there
+    found = []
+    for omega in _frequencies(_odd_part(imaginary), "a real L"):
+        value = complex(np.polyval(a, omega) / np.polyval(b, omega))
+        if value.real < 0:
+            found.append(Crossover(omega, 1 / abs(value)))
+    return tuple(found)
+
+
+def _along_the_axis(polynomial: Sequence[float] | Array) -> Array:
+    """Coefficients in omega of a polynomial in s = j omega."""
+    c = np.asarray(polynomial, dtype=float)
+    powers = np.array([1, 1j, -1, -1j])  # exact, as 1j**k is not
+    return c * powers[np.arange(c.size)[::-1] % 4]
+
+
+def _square(c: Array) -> Array:
+    """|c(omega)|^2 as a polynomial in w = omega^2."""
+    full = np.polymul(c, np.conj(c)).real
+    return full[::-1][::2][::-1]
+
+
+def _odd_part(c: Array) -> Array:
+    """c(omega)/omega as a polynomial in w = omega^2, for an odd c."""
+    return c[::-1][1::2][::-1]
+
+
+def _frequencies(polynomial: Array, what: str) -> list[float]:
+    """omega = sqrt(w) for the positive roots w of a polynomial in w = omega^2, increasing."""
+    size = float(np.max(np.abs(polynomial), initial=0.0))
+    if size == 0:
+        raise InputError(f"crossover {what}: every frequency is one")
+    c = np.trim_zeros(polynomial, "f")
+    derivative = np.polyder(c)
+    found = []
+    for root in np.roots(c):
+        if root.real <= 0 or abs(root.imag) > REAL * abs(root):
+            continue
+        w = float(root.real)
+        for _ in range(POLISH):
+            slope = float(np.polyval(derivative, w))
+            step = float(np.polyval(c, w)) / slope if slope else 0.0
+            w = w - step if abs(step) < 1e-6 * w else w
+        found.append(math.sqrt(w))
+    return sorted(found)

@@ -1,0 +1,144 @@
+"""The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
+
+A problem is (model, servo, gain): p is the vector of servo.PARAMETERS, the gain K is what is followed, and the cycles
+are those of hunting.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..collocation.scheme import Kind
+from ..collocation.transcription import Setting, Transcription
+from ..continuation.fold import Fold
+from ..hybrid.problem import Problem
+from ..hybrid.system import Cycle, Signature
+from ..orbits.orbit import Orbit
+from ..orbits.restart import Start
+from .hunting import SCHEMES, SYSTEMS, Model, hunting_cycle
+from .sequences import harden, merge_vanishing, next_sequence, remarch
+from .servo import PARAMETERS, Servo, flatten
+
+Array = np.ndarray
+
+LARGEST_STEP = {"switch": 1.0, "lugre": 0.5}
+"""Of a walk, in arclength."""
+
+
+class HuntingOrbit(Orbit):
+    """A hunting cycle; amplitude max |x1| [rad].
+
+    States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+    """
+
+    problem: Hunting
+
+    @property
+    def model(self) -> Model:
+        """The friction model: "switch" or "lugre"."""
+        return self.problem.model
+
+    @property
+    def servo(self) -> Servo:
+        """The servo."""
+        return self.problem.servo
+
+    @property
+    def gain(self) -> float:
+        """The controller gain K."""
+        return self.problem.gain
+
+
+class HuntingFold(Fold[HuntingOrbit]):
+    """The largest (at a second fold the smallest) gain at which a servo hunts."""
+
+    @property
+    def gain(self) -> float:
+        """The fold gain K."""
+        return self.value
+
+    @property
+    def gain_error(self) -> float:
+        """Estimated relative error of the gain."""
+        return self.value_error
+
+    @property
+    def optimised_gain(self) -> float:
+        """The fold gain of the optimisation problem on the same mesh (of the turning point, by Newton alone)."""
+        return self.optimised_value
+
+
+@dataclass(frozen=True)
+class Hunting(Problem):
+    """The hunting of one servo with one friction model at one gain."""
+
+    orbit_type: ClassVar[type | None] = HuntingOrbit
+    fold_type: ClassVar[type | None] = HuntingFold
+
+    model: Model
+    servo: Servo
+    gain: float
+
+    @property
+    def title(self) -> str:
+        """ "the switch servo" or "the lugre servo"."""
+        return f"the {self.model} servo"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """servo.PARAMETERS."""
+        return PARAMETERS
+
+    @property
+    def principal(self) -> str:
+        """The gain."""
+        return "gain"
+
+    @property
+    def scheme(self) -> tuple[int, Kind]:
+        """Gauss for the smooth slip, Radau IIA for the stiff bristle."""
+        return SCHEMES[self.model]
+
+    @property
+    def largest_step(self) -> float:
+        """Of a walk, in arclength."""
+        return LARGEST_STEP[self.model]
+
+    def vector(self) -> Array:
+        """(np,) the values of servo.PARAMETERS."""
+        return self.servo.parameters(self.gain)
+
+    def record(self) -> dict[str, Any]:
+        """Model, servo and gain."""
+        return {"model": self.model, "servo": flatten(self.servo), "gain": self.gain}
+
+    def with_value(self, name: str, value: float) -> Hunting:
+        """With one parameter of servo.PARAMETERS changed.  Raises InputError where a servo cannot have that value."""
+        if name == "gain":
+            return replace(self, gain=value)
+        return replace(self, servo=self.servo.replace(**{name: value}))
+
+    def cycle(self, signature: Signature, repeats: int) -> Cycle:
+        """The hunting cycle with these phases; two mirrored halves of them where `repeats` = 1."""
+        modes = SYSTEMS[self.model].modes
+        if any(mode not in modes for mode, _ in signature):
+            raise ValueError(f"{self.title} has no cycle with the phases {signature}")
+        half = repeats == 2
+        return hunting_cycle(self.model, signature if half else signature[: len(signature) // 2], half=half)
+
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+        """See sequences.next_sequence."""
+        return next_sequence(self.model, t, u, setting, phase, soft=soft)
+
+    def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
+        """See sequences.remarch."""
+        return remarch(self.model, t, u, setting)
+
+    def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
+        """The sequence at hand, unsplit phases given their sign again; and without a pair about to vanish."""
+        start = (t, u, setting)
+        starts = [harden(self.model, *start) or start, merge_vanishing(self.model, *start)]
+        return [candidate for candidate in starts if candidate is not None]

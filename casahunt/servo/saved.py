@@ -1,0 +1,92 @@
+"""Hunting cycles and branches of them on disk (orbits/archive.py): the problem is written as model, servo and gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..checks import known, require
+from ..continuation.special_points import Missed, SpecialPoint
+from ..orbits import archive
+from ..orbits.archive import Writer, checked, orbit_from, orbit_record, read, save_orbit, write
+from .branch import Branch
+from .hunting import MODELS
+from .problem import Hunting, HuntingOrbit
+from .servo import flatten, unflatten
+
+Array = np.ndarray
+
+__all__ = ["load_branch", "load_orbit", "load_run", "save_branch", "save_orbit"]
+
+
+def _pose(record: Mapping[str, Any]) -> Hunting:
+    model: Any = known("model", record["model"], MODELS)
+    return Hunting(model, unflatten(record["servo"]), require("gain", record["gain"], above=0))
+
+
+def load_orbit(path: str | Path) -> HuntingOrbit:
+    """Read an orbit written by `save_orbit`.  Raises InputError for anything else, saying what is wrong."""
+    return archive.load_orbit(path, _pose)
+
+
+def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None) -> None:
+    """Write a branch to `path` (npz).
+
+    Parameters
+    ----------
+    branch, path
+        what, and where to.
+    run
+        how it was computed, as JSON can say it: `load_run` gives it back.
+
+    Raises
+    ------
+    InputError : there can be no file at `path`, or the branch holds NaN or infinity.
+    OSError : the disk is full.
+    """
+    writer = Writer()
+    content = {
+        "model": branch.model,
+        "servo": flatten(branch.servo),
+        "ended": branch.ended,
+        "orbits": [orbit_record(orbit, writer) for orbit in branch.orbits],
+        "special": [
+            {"kind": s.kind, "meaning": s.meaning, "orbit": orbit_record(s.orbit, writer)} for s in branch.special
+        ],
+        "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
+        "run": dict(run or {}),
+    }
+    write(path, "branch", content, writer)
+
+
+def load_branch(path: str | Path) -> Branch:
+    """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong."""
+    metadata, numbers = read(path, "branch")
+    return checked(path, lambda: _branch(metadata, numbers))
+
+
+def load_run(path: str | Path) -> dict[str, Any]:
+    """What `save_branch` was told about the run; empty where nothing was.  Raises InputError as `load_branch`."""
+    run = read(path, "branch")[0].get("run", {})
+    return run if isinstance(run, dict) else {}
+
+
+def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
+    branch = Branch(
+        model=metadata["model"],
+        servo=unflatten(metadata["servo"]),
+        orbits=tuple(orbit_from(record, numbers, _pose) for record in metadata["orbits"]),
+        ended=str(metadata["ended"]),
+        special=tuple(
+            SpecialPoint(str(s["kind"]), orbit_from(s["orbit"], numbers, _pose), str(s["meaning"]))
+            for s in metadata["special"]
+        ),
+        missed=tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in metadata.get("missed", [])),
+    )
+    others = [orbit.model for orbit in (*branch.orbits, *(s.orbit for s in branch.special))]
+    if any(model != branch.model for model in others):
+        raise ValueError("the branch holds orbits of another model")
+    return branch

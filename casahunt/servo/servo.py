@@ -1,0 +1,231 @@
+"""The servo: one inertia with friction under a PID-type controller, as frozen records; TOML in and out.
+
+    C(s) = K (tau_d s + 1)(tau_i s + 1) / (tau_i s)                   [V/rad], times cm [N m/V]
+    kp = K cm (1 + tau_d/tau_i),   kd = K cm tau_d,   ki = K cm / tau_i
+    m = -(kp x1 + kd x2 + ki x3)                                      motor torque on the inertia [N m]
+    J x2' = m - F,   x1' = x2,   x3' = x1                             report, section 3.2
+
+x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3 = integral of x1 [rad s].  The gain K is not part
+of the servo: it is the argument of every computation.
+
+Numerical modules see a servo as the vector p of `PARAMETERS`, gain last.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..checks import known, number, quoted, require, sensible
+from ..errors import InputError
+from .friction import Friction
+
+PARAMETERS = (
+    "servo.inertia",
+    "servo.motor_gain",
+    "controller.lead_time",
+    "controller.integral_time",
+    "friction.static",
+    "friction.coulomb",
+    "friction.stribeck_velocity",
+    "friction.viscous",
+    "friction.stiffness",
+    "friction.damping",
+    "gain",
+)
+"""Names of the entries of the parameter vector p, in order."""
+
+_TABLE_1_TIME = 1 / (2 * np.pi)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Controller:
+    """Shape of the controller; the gain K multiplies it.
+
+    Attributes
+    ----------
+    lead_time : tau_d [s], >= 0.
+    integral_time : tau_i [s], > 0.
+    """
+
+    lead_time: float = _TABLE_1_TIME
+    integral_time: float = _TABLE_1_TIME
+
+    def __post_init__(self) -> None:
+        sensible("controller.lead_time", self.lead_time, zero=True)
+        sensible("controller.integral_time", self.integral_time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Servo:
+    """A servo with dry friction; the defaults are Table 1 of the report.
+
+    Attributes
+    ----------
+    inertia : J [kg m2], > 0.
+    motor_gain : cm [N m/V], > 0.
+    controller, friction : the records of those names.
+    """
+
+    inertia: float = 0.026
+    motor_gain: float = 16.0
+    controller: Controller = field(default_factory=Controller)
+    friction: Friction = field(default_factory=Friction)
+
+    def __post_init__(self) -> None:
+        sensible("servo.inertia", self.inertia)
+        sensible("servo.motor_gain", self.motor_gain)
+
+    def parameters(self, gain: float) -> np.ndarray:
+        """The vector p of `PARAMETERS` for this servo at controller gain `gain` > 0."""
+        p = self._parameters.copy()
+        p[-1] = require("gain", gain, above=0)
+        return p
+
+    @cached_property
+    def _parameters(self) -> np.ndarray:
+        values = flatten(self) | {"gain": np.nan}
+        return np.array([values[name] for name in PARAMETERS])
+
+    def torque_gains(self, gain: float) -> tuple[float, float, float]:
+        """(kp, kd, ki) in N m/rad, N m s/rad and N m/(rad s) at controller gain `gain`."""
+        factor = gain * self.motor_gain
+        lead, integral = self.controller.lead_time, self.controller.integral_time
+        return factor * (1 + lead / integral), factor * lead, factor / integral
+
+    def replace(self, **changes: float) -> Servo:
+        """A copy with values changed by dotted key: ``servo.replace(**{"friction.static": 0.5})``.
+
+        Raises
+        ------
+        InputError : unknown key, or a value out of range.
+        """
+        return unflatten(flatten(self) | {known("key", k, KEYS): number(k, v) for k, v in changes.items()})
+
+
+def _record_keys(section: str, record: type) -> list[str]:
+    return [f"{section}.{f.name}" for f in dataclasses.fields(record)]
+
+
+KEYS = (
+    "servo.inertia",
+    "servo.motor_gain",
+    *_record_keys("controller", Controller),
+    *_record_keys("friction", Friction),
+)
+"""Every key of a servo file, dotted."""
+
+
+def flatten(servo: Servo) -> dict[str, float]:
+    """The servo as {dotted key: value}."""
+    tree = {
+        "servo": {"inertia": servo.inertia, "motor_gain": servo.motor_gain},
+        "controller": dataclasses.asdict(servo.controller),
+        "friction": dataclasses.asdict(servo.friction),
+    }
+    return {f"{section}.{key}": float(value) for section, table in tree.items() for key, value in table.items()}
+
+
+def unflatten(values: Mapping[str, float]) -> Servo:
+    """The servo of a full or partial {dotted key: value}; what is missing is Table 1."""
+    tree: dict[str, dict[str, float]] = {"servo": {}, "controller": {}, "friction": {}}
+    for key, value in values.items():
+        known("key", key, KEYS)
+        section, name = key.split(".")
+        tree[section][name] = number(key, value)
+    return Servo(
+        **tree["servo"],
+        controller=Controller(**tree["controller"]),
+        friction=Friction(**tree["friction"]),
+    )
+
+
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """The tables of a TOML file; InputError, beginning with `what`, where it cannot be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            return tomllib.load(stream)
+    except FileNotFoundError:
+        raise InputError(f"{what}: no such file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{what}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{what}: cannot be read: its brackets are nested too deeply") from None
+    except ValueError:  # Python's limit for the digits of an integer
+        raise InputError(f"{what}: cannot be read: it holds a number of too many digits") from None
+    except OSError as error:
+        raise InputError(f"{what}: cannot be read: {error.strerror}") from None
+
+
+def load(path: str | Path) -> Servo:
+    """Read a servo from a TOML file with the tables [servo], [controller] and [friction].
+
+    Keys that the file leaves out keep the value of Table 1.
+
+    Raises
+    ------
+    InputError : missing file, broken TOML, unknown key, a value that is not a number or out of range.
+    """
+    tree = read_toml(path, f"servo file {str(path)!r}")
+    try:
+        return unflatten(_values(tree))
+    except InputError as error:
+        raise InputError(f"servo file {str(path)!r}: {error}") from None
+
+
+def _values(tree: Mapping[str, Any]) -> dict[str, float]:
+    """{dotted key: value} of a parsed servo file."""
+    values: dict[str, float] = {}
+    sections = sorted({key.split(".")[0] for key in KEYS})
+    for section, table in tree.items():
+        owner = [key.split(".")[0] for key in KEYS if key.split(".")[1] == section]
+        if owner:
+            raise InputError(f"{section} = {quoted(table)}: must stand in its table [{owner[0]}]")
+        known("section", section, sections)
+        if not isinstance(table, dict):
+            raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
+        for name, value in table.items():
+            key = known("key", f"{section}.{name}", KEYS)
+            values[key] = number(key, value)
+    return values
+
+
+def dump(servo: Servo) -> str:
+    """The servo as TOML text; `load` reads back exactly the same numbers."""
+    lines: list[str] = []
+    section = ""
+    for key, value in flatten(servo).items():
+        head, name = key.split(".")
+        if head != section:
+            lines += ([""] if lines else []) + [f"[{head}]"]
+            section = head
+        lines.append(f"{name} = {value!r}")
+    return "\n".join(lines) + "\n"
+
+
+def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
+    """Apply ``section.key=value`` texts, as the command line's --set gives them.
+
+    Raises
+    ------
+    InputError : no "=", unknown key, or a value that is not a number or out of range.
+    """
+    changes: dict[str, Any] = {}
+    for text in assignments:
+        key, sign, value = text.partition("=")
+        key = key.strip()
+        if not sign:
+            raise InputError(f"--set {text!r}: must have the form section.key=value")
+        known("key", key, KEYS)
+        try:
+            changes[key] = float(value)
+        except ValueError:
+            raise InputError(f"{key} = {value!r}: must be a finite number") from None
+    return servo.replace(**changes)

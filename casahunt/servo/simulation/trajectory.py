@@ -1,0 +1,172 @@
+"""A simulated motion as data; what its end shows is judged in verdict.py.
+
+States are x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3 = integral of x1 [rad s] and, for LuGre, x4 = z [rad].
+Inside an interval a motion is its collocation polynomial; simulate.py computes it.
+
+Symbols: n states, d stages, N intervals, m samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ...collocation.scheme import Scheme, scheme
+from ...errors import InputError, Status
+from ..hunting import SCHEMES, Model, motor_torque
+from ..servo import Servo
+from .verdict import Verdict, judge
+
+Array = np.ndarray
+
+@dataclass(frozen=True)
+class Happening:
+    """An event of a motion.
+
+    Attributes
+    ----------
+    time : [s].
+    name : "stop", "breakaway+", "breakaway-" (Switch), "reversal", "centre" (LuGre), "band", "slip+", "slip-",
+        "stick" (Switch with a stick band).
+    before, after : modes.  A stop that is followed by a slip is a reversal without stick.
+    error : estimated error of the time [s]; nan where the coarser motion did not have the same events.
+    """
+
+    time: float
+    name: str
+    before: str
+    after: str
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A simulated motion.
+
+    Attributes
+    ----------
+    model, servo, gain, set_point : the problem; set point theta_d [rad].
+    regularised : with the report's stick band (Switch).
+    times : (N + 1,) interval boundaries [s].
+    states : (n, N + 1) states there: x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+    modes : (N,) names of the mode in each interval.
+    events : in order.
+    tol : the tolerance asked for.
+    time_error : estimated largest error of an event time [s].
+    end_error : estimated error of x1, x2, x3 at the end, relative to the largest |x1|, |x2|, |x3| of the motion.
+    state_errors : (n,) estimated largest error of each state at any time, in its own unit.
+    status : CONVERGED where time_error and end_error are at most `tol`.
+    ended : why the motion was not followed to the time asked for; "" where it was.
+    wall_s : time to compute it [s].
+    """
+
+    model: Model
+    servo: Servo
+    gain: float
+    set_point: float
+    regularised: bool
+    times: Array
+    states: Array
+    modes: tuple[str, ...]
+    events: tuple[Happening, ...]
+    tol: float
+    time_error: float
+    end_error: float
+    state_errors: Array
+    status: Status
+    ended: str
+    wall_s: float
+    stages: Array = field(repr=False)
+    """(N, d + 1, n) start and stages of each interval."""
+
+    @property
+    def error_estimate(self) -> float:
+        """The larger one of time_error [s] and end_error."""
+        return max(self.time_error, self.end_error)
+
+    @property
+    def end(self) -> Array:
+        """(n,) state at the end."""
+        return self.states[:, -1]
+
+    @property
+    def scheme(self) -> Scheme:
+        """The collocation scheme."""
+        return scheme(*SCHEMES[self.model])
+
+    def sample(self, times: Array) -> Array:
+        """States at any times of the motion.
+
+        Parameters
+        ----------
+        times
+            (m,) [s], between 0 and the end of the motion.
+
+        Returns
+        -------
+        (n, m).
+
+        Raises
+        ------
+        InputError : a time outside the motion, or not a number.
+        """
+        t = np.asarray(times, float).ravel()
+        outside = ~((t >= 0) & (t <= self.times[-1]))
+        if outside.any():
+            raise InputError(f"time = {t[outside][0]!r}: must lie between 0 and {self.times[-1]:.6g} s")
+        return self._inside(t, self._interval_at(t))
+
+    def _interval_at(self, t: Array) -> Array:
+        return np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.times.size - 2)
+
+    def _inside(self, t: Array, i: Array) -> Array:
+        length = self.times[i + 1] - self.times[i]
+        tau = np.divide(t - self.times[i], length, out=np.zeros_like(t), where=length > 0)
+        x = np.einsum("mj,mjn->nm", self.scheme.interpolation(tau), self.stages[i])
+        # The end of an interval is more accurate than its polynomial.
+        last = t == self.times[-1]
+        x[:, last] = self.states[:, -1:]
+        return x
+
+    def dense(self, per_interval: int = 4) -> tuple[Array, Array]:
+        """Times (m,) and states (n, m), dense where the motion is fast."""
+        tau = np.linspace(0, 1, per_interval, endpoint=False)
+        t = np.append((self.times[:-1, None] + np.diff(self.times)[:, None] * tau).ravel(), self.times[-1])
+        i = np.append(np.repeat(np.arange(self.times.size - 1), per_interval), self.times.size - 2)
+        return t, self._inside(t, i)
+
+    def mode_at(self, times: Array) -> list[str]:
+        """Names of the modes at times (m,) [s]."""
+        return [self.modes[i] for i in self._interval_at(np.asarray(times, float).ravel())]
+
+    def torque(self, states: Array) -> Array:
+        """Motor torque m (m,) [N m] at states (n, m)."""
+        return np.asarray(motor_torque(states, self.servo.parameters(self.gain)), float)
+
+    def shape(self) -> tuple[Array, Array]:
+        """Swings of the motion from one crossing of the set point to the next.
+
+        Returns
+        -------
+        crossings : (k,) times [s] at which x1 changes sign.
+        peaks : (k + 1,) largest |x1| [rad] before the first crossing, between crossings and after the last one.
+        """
+        t, x = self.dense(8)
+        side = np.sign(x[0])
+        seen = np.flatnonzero(side)
+        turn = np.flatnonzero(np.diff(side[seen]))
+        low, high, sign = t[seen[turn]], t[seen[turn + 1]], side[seen[turn]]
+        for _ in range(60):
+            middle = (low + high) / 2
+            before = self.sample(middle)[0] * sign > 0 if middle.size else np.zeros(0, bool)
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        edges = np.concatenate([[0], seen[turn + 1], [t.size]])
+        peaks = [float(np.max(np.abs(x[0, a:b]))) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return (low + high) / 2, np.array(peaks)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What the end of the motion shows: hunting, decaying, growing, at rest or undecided."""
+        return judge(self)

@@ -1,0 +1,215 @@
+"""casahunt diagram: both branches, the fold, pictures and files; every point is on disk before the next begins."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+from ... import effort
+from ...checks import known
+from ...continuation.special_points import FOLD
+from ...design.diagram import DEFAULT_START, DiagramPoint, diagram
+from ...design.diagram_files import INTERRUPTED, Task, begun, keep
+from ...errors import InputError, NoOrbit
+from ...files import drop_replaced, set_aside
+from ...interrupts import held, word
+from ...orbits.adapt import Options
+from ...servo.branch import Branch
+from ...servo.hunting import MODELS
+from .console import (
+    add_common,
+    add_solver,
+    complain,
+    finite,
+    folder,
+    positive,
+    progress,
+    progress_line,
+    say,
+    servo_of,
+    solver_of,
+)
+
+PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
+"""What `casahunt diagram` draws."""
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    picture = commands.add_parser(
+        "diagram", allow_abbrev=False, help="amplitude and period against the gain, round the fold"
+    )
+    add_common(picture)
+    picture.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
+    picture.add_argument(
+        "--from", dest="start", default=DEFAULT_START, metavar="K", help=f"gain to start from (default {DEFAULT_START})"
+    )
+    add_solver(picture)
+    picture.add_argument(
+        "--natural", action="store_true",
+        help="natural continuation in the gain instead of pseudo-arclength: it ends at the fold",
+    )  # fmt: skip
+    picture.add_argument("--out", default="casahunt-diagram", metavar="DIR", help="folder to write into")
+    picture.add_argument(
+        "--resume", action="store_true", help="go on behind the points that an interrupted run has left in the folder"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute, write and print; returns the exit code."""
+    models = [known("model", model, MODELS) for model in options.model or MODELS]
+    if len(set(models)) != len(models):
+        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+    start = positive("from", options.start)
+    how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
+    task = Task(servo_of(options), start, how, options.natural)
+    stream = progress(options.quiet)
+    branches: list[Branch] = []
+    failures: list[str] = []
+    began = time.perf_counter()
+    files = {model: [f"{model}.csv", f"{model}.npz"] for model in models}
+    with folder(options.out, [*PICTURES, *sum(files.values(), [])]) as out:
+        there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}  # type: ignore[arg-type]
+        # What an earlier run has left makes room when this one has its first point, and not before.
+        stale = [out / name for name in (*PICTURES, *sum((files[m] for m in models if not there[m][0]), []))]
+        moved: dict[Path, Path] = {}
+
+        def make_room() -> None:
+            moved.update(set_aside(stale))
+            stale.clear()
+
+        try:
+            for model in models:
+                try:
+                    branches.append(_one_branch(task, model, there[model], make_room, out, stream))
+                    failure = _shortfall(branches[-1], start, options.natural)
+                except NoOrbit as error:
+                    failure = str(error)
+                if failure:
+                    failures.append(failure)
+                    complain("casahunt diagram", failure)
+                for gap in branches[-1].missed if branches and branches[-1].model == model else ():
+                    complain("casahunt diagram", f"{model}: {gap.meaning}")
+                    if gap.kind == FOLD.kind:  # what the diagram is there for
+                        failures.append(gap.meaning)
+            if branches:
+                options.outputs.write(_pictures, branches, out)
+                for aside in drop_replaced(moved):
+                    complain("casahunt diagram", f"{aside} is of an earlier run, which this one has not replaced")
+        except KeyboardInterrupt:
+            computed = not stale or any(points for points, _ in there.values())
+            where = f"the points computed so far are in {out}" if computed else "no point was computed"
+            raise KeyboardInterrupt(f"{word()}; {where}") from None
+    if options.json:
+        summary = {
+            "out": str(out) if branches else None,
+            "continuation": "natural" if options.natural else "pseudo-arclength",
+            "solver": how.solver,
+            "branches": [_branch_record(branch) for branch in branches],
+            "failures": failures,
+            "wall_s": time.perf_counter() - began,
+        }
+        print(json.dumps(summary))
+    elif branches:
+        for branch in branches:
+            print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
+            for special in branch.special:
+                print(f"  {special.meaning}")
+        if not options.outputs.troubles:
+            print(f"written to {out}")
+    return 1 if failures else 0
+
+
+def _one_branch(
+    task: Task,
+    model: Any,
+    there: tuple[list[DiagramPoint], str],
+    make_room: Callable[[], None],
+    out: Path,
+    stream: IO[str] | None,
+) -> Branch:
+    """Compute a branch, from the points that are there on; every point is on disk before the next one is begun."""
+    found, ended = list(there[0]), there[1]
+    if found:
+        say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
+    if found and ended != INTERRUPTED:
+        return keep(task, model, found, ended, out)
+    points = diagram(
+        task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
+    )
+    while True:
+        try:
+            point = next(points)
+        except StopIteration as end:
+            return keep(task, model, found, str(end.value), out)
+        except NoOrbit as error:
+            if not found:  # nothing is written for a servo that does not hunt
+                raise
+            return keep(task, model, found, str(error), out)
+        make_room()
+        with held():
+            found.append(point)
+            keep(task, model, found, INTERRUPTED, out)
+        for special in point.special:
+            say(stream, f"{model:7s} {special.meaning}")
+        say(stream, progress_line(point.orbit))
+        effort.heard()
+
+
+def _shortfall(branch: Branch, start: float, natural: bool) -> str:
+    """What is missing of a branch that does not come back to the gain where it began; "" where nothing is.
+
+    Natural continuation is to end at a fold.
+    """
+    if natural:
+        if branch.special and branch.special[-1].orbit is branch.orbits[-1]:
+            return ""
+        return (
+            f"the branch of the {branch.model} servo was followed by natural continuation from gain {start:g} to gain "
+            f"{branch.orbits[-1].gain:.10g}, but not to a fold: {branch.ended}; without --natural it may lead further"
+        )
+    if len(branch.orbits) > 1 and branch.orbits[-1].gain == start:
+        return ""
+    return (
+        f"the branch of the {branch.model} servo was followed from gain {start:g} to gain "
+        f"{branch.orbits[-1].gain:.6g}, but not back to where it began: {branch.ended}; "
+        "another --tol or --from may lead further"
+    )
+
+
+def _branch_record(branch: Branch) -> dict[str, Any]:
+    return {
+        "model": branch.model,
+        "points": len(branch.orbits),
+        "ended": branch.ended,
+        "gain_range": [float(branch.gains.min()), float(branch.gains.max())],
+        "special": [
+            {
+                "kind": s.kind,
+                "gain": s.orbit.gain,
+                "amplitude": s.orbit.amplitude,
+                "period": s.orbit.period,
+                "meaning": s.meaning,
+            }
+            for s in branch.special
+        ],
+        "missed": [{"kind": gap.kind, "meaning": gap.meaning} for gap in branch.missed],
+    }
+
+
+def _pictures(branches: list[Branch], out: Path) -> None:
+    from ..pictures import plotting
+
+    firsts = [branch.orbits[0] for branch in branches]
+    figures = (
+        plotting.diagram(branches),
+        plotting.multipliers(branches),
+        plotting.time_traces(firsts),
+        plotting.phase_portrait(firsts),
+    )
+    for figure, name in zip(figures, PICTURES, strict=True):
+        plotting.save(figure, out / name)

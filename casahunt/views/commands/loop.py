@@ -1,0 +1,98 @@
+"""casahunt loop: the linear loop without dry friction, at one or more gains."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import Any
+
+from ...errors import InputError
+from ...servo.linear_loop import Crossover, LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
+from .console import add_common, positive, servo_of, writable
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    loop = commands.add_parser("loop", allow_abbrev=False, help="the linear loop: stability, poles and margins")
+    add_common(loop, tol=False)
+    loop.add_argument("--gain", action="append", default=[], help="controller gain K; may be given several times")
+    loop.add_argument("--plot", metavar="F.png", help="write the Bode picture of controller and loop")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute and print; returns the exit code."""
+    if not options.gain:
+        raise InputError("gain: must be given, for example --gain 0.1 --gain 0.4")
+    gains = [positive("gain", text) for text in options.gain]
+    servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    loops = [linear_loop(servo, gain) for gain in gains]
+    if plot:
+        from ..pictures import loop as pictures_loop
+        from ..pictures import plotting
+
+        options.outputs.draw(lambda: plotting.save(pictures_loop.bode(servo, loops), plot))
+    frictionless, viscous = routh_hurwitz_gain(servo), lowest_stable_gain(servo)
+    if options.json:
+        record = {
+            "lowest_stable_gain": _number(viscous),
+            "lowest_stable_gain_without_viscous_friction": _number(frictionless),
+            "loops": [_record(loop) for loop in loops],
+        }
+        print(json.dumps(record))
+        return 0
+    print("linear loop, dry friction left out")
+    print(f"  with viscous friction     {_stable_from(viscous)}")
+    print(f"  without any friction      {_stable_from(frictionless)}")
+    for loop in loops:
+        print(f"gain {loop.gain:.10g}: {'stable' if loop.stable else 'unstable'}")
+        print(f"  poles            {', '.join(_pole(pole) for pole in loop.poles)} 1/s")
+        for c in loop.gain_crossovers:
+            print(f"  phase margin     {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1")
+        print(f"  gain margin      {_gain_margin(loop)}")
+    print("A stable linear loop does not say that the servo does not hunt: dry friction is not in it.")
+    return 0
+
+
+def _record(loop: LinearLoop) -> dict[str, Any]:
+    def crossovers(items: tuple[Crossover, ...], name: str) -> list[dict[str, float]]:
+        return [{"frequency": c.frequency, name: c.margin} for c in items]
+
+    return {
+        "gain": loop.gain,
+        "kp": loop.kp,
+        "kd": loop.kd,
+        "ki": loop.ki,
+        "stable": loop.stable,
+        "poles": [[pole.real, pole.imag] for pole in loop.poles],
+        "damping_ratio": loop.damping_ratio,
+        "gain_crossovers": crossovers(loop.gain_crossovers, "phase_margin_deg"),
+        "phase_crossovers": crossovers(loop.phase_crossovers, "gain_factor"),
+        "lowest_factor": loop.lowest_factor,
+        "highest_factor": _number(loop.highest_factor),
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _stable_from(gain: float) -> str:
+    if gain == 0:
+        return "stable for every gain K > 0 (Routh-Hurwitz)"
+    return f"stable for K > {gain:.10g} (Routh-Hurwitz)" if math.isfinite(gain) else "stable for no gain"
+
+
+def _pole(pole: complex) -> str:
+    return f"{pole.real:.8g}{pole.imag:+.8g}j" if pole.imag else f"{pole.real:.8g}"
+
+
+def _gain_margin(loop: LinearLoop) -> str:
+    becomes = "unstable" if loop.stable else "stable"
+    limits = [
+        f"{becomes} where K is multiplied by {factor:.8g}"
+        for factor in (loop.lowest_factor, loop.highest_factor)
+        if 0 < factor < math.inf
+    ]
+    return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"

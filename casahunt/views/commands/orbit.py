@@ -1,0 +1,156 @@
+"""casahunt orbit: the hunting cycle at one gain."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from typing import Any
+
+from ...checks import known, to_error
+from ...errors import InputError
+from ...orbits.adapt import Options
+from ...orbits.archive import save_orbit
+from ...orbits.floquet import Multipliers
+from ...servo.find_orbit import BRANCHES, find_orbit
+from ...servo.hunting import MODELS
+from ...servo.problem import HuntingOrbit
+from .console import (
+    add_common,
+    add_solver,
+    complex_text,
+    finite,
+    positive,
+    progress,
+    progress_line,
+    say,
+    servo_of,
+    solver_of,
+    writable,
+)
+
+CHECK = "their accuracy   the one that must be 1 is off by"
+ROUTES = ("collocation", "integrator")
+"""Ways to the multipliers; the second comes on top of the first."""
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    orbit = commands.add_parser("orbit", allow_abbrev=False, help="the hunting cycle at one gain")
+    add_common(orbit)
+    orbit.add_argument("--model", default="switch", help="switch (default) or lugre")
+    orbit.add_argument("--gain", help="controller gain K, required")
+    orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
+    orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
+    add_solver(orbit)
+    orbit.add_argument(
+        "--multipliers", default="collocation",
+        help="collocation (default), or integrator: by CasADi's integrators too, with the difference",
+    )  # fmt: skip
+    orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
+    orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute and print; returns the exit code."""
+    model = known("model", options.model, MODELS)
+    branch = known("branch", options.branch, BRANCHES)
+    route = known("multipliers", options.multipliers, ROUTES)
+    if options.gain is None:
+        raise InputError("gain: must be given, for example --gain 0.1")
+    gain = positive("gain", options.gain)
+    how = Options(tol=finite("tol", options.tol), solver=solver_of(options), half=not options.full)
+    servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    save = writable("save", options.save, (".npz",))
+    began = time.perf_counter()
+    orbit = find_orbit(servo, model, gain, branch=branch, options=how)  # type: ignore[arg-type]
+    record = orbit_record(orbit, branch)
+    second = orbit.integrator_multipliers if route == "integrator" else None
+    if second is not None:
+        record["integrator"] = _second_route(orbit, second)
+    record["wall_s"] = time.perf_counter() - began
+    say(progress(options.quiet), progress_line(orbit))
+    if save:
+        options.outputs.write(save_orbit, orbit, save)
+    if plot:
+        from ..pictures import plotting
+
+        options.outputs.draw(lambda: plotting.save(plotting.time_traces([orbit]), plot))
+    if options.json:
+        print(json.dumps(record))
+        return 0
+    m = orbit.multipliers
+    kind = {True: "stable hunting cycle", False: "unstable hunting cycle", None: "hunting cycle of unknown stability"}
+    print(f"{model} servo at gain {gain:.10g}: {kind[record['stable']]}")
+    if orbit.half and orbit.multipliers.leading.real < -1:
+        print("  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place")
+    print(f"  amplitude        {to_error(orbit.amplitude, orbit.amplitude_error)} rad")
+    print(f"  period           {to_error(orbit.period, orbit.period_error)} s")
+    if m.trusted:
+        name = "half multiplier" if orbit.half else "multiplier"
+        print(f"  {name:15}  {complex_text(m.leading, m.trivial_error)}  (log10 of its size: {m.log10_leading:.4f})")
+        print(f"  multipliers      {', '.join(complex_text(value, m.trivial_error) for value in m.full)}")
+        print(f"  {CHECK} {m.trivial_error:.1e}")
+    else:
+        print(f"  multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
+    if second is not None:
+        _print_second_route(orbit, second)
+    print(f"  error estimate   {orbit.error_estimate:.1e} (relative, period and amplitude)")
+    print(f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
+          f"{orbit.iterations} iterations, {record['wall_s']:.2f} s")  # fmt: skip
+    return 0
+
+
+def _difference(one: Multipliers, other: Multipliers) -> float:
+    """|mu_1 - mu_2| / max(1, |mu_1|) of the leading multipliers: next to a superstable cycle mu itself is 0."""
+    return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
+
+
+def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
+    """What the integrators say, for JSON; None where it is not to be trusted."""
+    trusted = m.trusted and orbit.multipliers.trusted
+    return {
+        "half_multiplier": m.leading.real if m.trusted and orbit.half else None,
+        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
+        "trivial_multiplier_error": m.trivial_error if math.isfinite(m.trivial_error) else None,
+        "difference": _difference(orbit.multipliers, m) if trusted else None,
+    }
+
+
+def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
+    print("  by integrators   (CasADi's forward sensitivities, phase by phase)")
+    if not m.trusted:
+        print(f"    multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
+        return
+    print(f"    {'half multiplier' if orbit.half else 'multiplier':15}  {complex_text(m.leading, m.trivial_error)}")
+    print(f"    multipliers      {', '.join(complex_text(value, m.trivial_error) for value in m.full)}")
+    print(f"    {CHECK} {m.trivial_error:.1e}")
+    if orbit.multipliers.trusted:
+        off = _difference(orbit.multipliers, m)
+        print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")
+
+
+def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
+    """The JSON object of `casahunt orbit`; None for what is not to be trusted, or not known for a full cycle."""
+    m = orbit.multipliers
+    return {
+        "model": orbit.model,
+        "gain": orbit.gain,
+        "branch": branch,
+        "amplitude": orbit.amplitude,
+        "period": orbit.period,
+        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
+        "log10_abs_half_multiplier": (m.log10_leading if orbit.half else m.log10_leading / 2) if m.trusted else None,
+        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
+        "trivial_multiplier_error": m.trivial_error if math.isfinite(m.trivial_error) else None,
+        "multipliers_trusted": m.trusted,
+        "stable": orbit.stable if m.trusted else None,
+        "error_estimate": orbit.error_estimate,
+        "status": orbit.status.name.lower(),
+        "solver": orbit.solver,
+        "unknowns": orbit.unknowns,
+        "iterations": orbit.iterations,
+        "wall_s": orbit.wall_s,
+    }

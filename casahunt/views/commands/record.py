@@ -1,0 +1,190 @@
+"""casahunt record: amplitude and frequency of a measured hunting record, beside the predicted cycle.
+
+Keys of the JSON object: file; columns, for time and position the column read, its unit, the factor to s or rad, and who
+stated the unit ("header", "option", "nobody": taken as s or rad); kind ("hunting", "decaying", "growing", "irregular",
+"still"), reason (null for "hunting"), periods (number of whole ones); amplitude, frequency, period [rad, Hz, s], each
+with _scatter (standard deviation over the periods) and _error (estimate of the error of the mean); mean_level [rad],
+offset [rad] from the set point, drift [rad/s], noise [rad], quantum [rad] (step of rounded positions, 0 if they are
+not), above (part of a period above the level), null where there is nothing to average; left_out_before,
+left_out_behind and missing [s], the time at either end and in between that is in no whole period; amplitudes [rad] and
+period_lengths [s], one by one; predicted, null or an object with model, gain, amplitude, period, frequency,
+error_estimate and the ratios amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or
+why there is none; wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from ...checks import known, moderate
+from ...design.record.file import Record, read_record
+from ...design.record.measure import Measurement, measure
+from ...errors import InputError, NoOrbit
+from ...orbits.adapt import Options
+from ...servo.find_orbit import find_orbit
+from ...servo.hunting import MODELS
+from ...servo.problem import HuntingOrbit
+from .console import add_common, complain, finite, positive, progress, say, servo_of, writable
+
+LARGE, MANY = 2e7, 1_000_000
+"""Bytes that take more than two seconds to read, and samples that take as long to measure."""
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser("record", allow_abbrev=False, help="a measured hunting record beside the prediction")
+    command.add_argument("file", metavar="F.csv", help="times and positions; units as its header states them")
+    add_common(command)
+    command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
+    command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
+    command.add_argument("--model", default="switch", help="switch (default) or lugre, for the prediction")
+    command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
+    command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
+    command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
+    command.add_argument("--plot", metavar="F.png", help="write a picture of the record, folded, with the prediction")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, compute and print; returns the exit code."""
+    model = known("model", options.model, MODELS)
+    gain = None if options.gain is None else positive("gain", options.gain)
+    set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
+    start = None if options.start is None else finite("from", options.start)
+    how = Options(tol=finite("tol", options.tol))
+    servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    began = time.perf_counter()
+    stream = progress(options.quiet)
+    with suppress(OSError):
+        size = Path(options.file).stat().st_size
+        if size >= LARGE:
+            say(stream, f"reading {size / 1e6:.0f} MB")
+    record = read_record(options.file, time_unit=options.time_unit, position_unit=options.position_unit)
+    if start is not None:
+        record = record.after(start)
+        if record.times.size == 0:
+            raise InputError(f"from = {start:g}: must lie before the end of {record.name}")
+    if record.times.size >= MANY:
+        say(stream, f"{record.times.size} samples read, looking for the period")
+    found = measure(record)
+    orbit, failure = None, None
+    if gain is not None:
+        try:
+            orbit = find_orbit(servo, model, gain, options=how)  # type: ignore[arg-type]
+        except NoOrbit as error:
+            failure = str(error)
+    wall_s = time.perf_counter() - began
+    if plot and found.periods.size:
+        from ..pictures import plotting
+        from ..pictures import simulation as pictures_simulation
+
+        options.outputs.draw(lambda: plotting.save(pictures_simulation.folded(record, found, orbit), plot))
+    if options.json:
+        print(json.dumps(_record(options.file, record, found, orbit, failure, set_point, wall_s)))
+    else:
+        _show(options.file, record, found, orbit, set_point)
+    if not found.hunting:
+        complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
+    if failure:
+        complain("casahunt record", f"nothing predicted: {failure}")
+    return 0 if found.hunting and failure is None else 1
+
+
+def _show(file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None) -> None:
+    kind = "no oscillation" if m.kind == "still" else m.kind
+    print(f"record {file}: {kind}, {m.periods.size} whole periods")
+    if record.reading is not None:
+        print(f"  {record.reading.sentence}")
+    rows = [
+        ("amplitude", "rad", m.amplitude, m.amplitude_error, m.amplitude_scatter, orbit and orbit.amplitude),
+        ("frequency", "Hz", m.frequency, m.frequency_error, m.frequency_scatter, orbit and 1 / orbit.period),
+        ("period", "s", m.period, m.period_error, m.period_scatter, orbit and orbit.period),
+    ]
+    if m.periods.size:
+        beside = f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""
+        print(f"  {'':9}  {'measured':>12}  {'error':>10}  {'scatter':>10}{beside}")
+        for name, unit, value, error, scatter, predicted in rows:
+            beside = f"  {predicted:12.6g}  {value / predicted:7.4f}" if predicted else ""
+            print(f"  {name:9}  {value:12.6g}  {error:10.2g}  {scatter:10.2g}{beside}  {unit}")
+    elif orbit:
+        print(f"  predicted: amplitude {orbit.amplitude:.6g} rad, frequency {1 / orbit.period:.6g} Hz")
+    offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
+    print(f"  mean position {m.mean_level:.6g} rad{offset}, drift {m.drift:.2g} rad/s")
+    if m.periods.size:
+        print(f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)")
+        for sentence in _remarks(m):
+            print(f"  {sentence}")
+    if orbit:
+        source = f"{orbit.model} model at gain {orbit.gain:.10g}"
+        print(f"  predicted by the {source}, error estimate {orbit.error_estimate:.1e}")
+
+
+def _remarks(m: Measurement) -> list[str]:
+    """What a reader must know of the averages."""
+    remarks = []
+    before, behind = (time > 1.25 * m.period for time in m.left_out)
+    if before:
+        remarks.append(f"left out: the first {m.left_out[0]:.4g} s, which do not repeat like the rest (a transient?)")
+    if behind:
+        remarks.append(f"left out: the last {m.left_out[1]:.4g} s, which hold no whole period")
+    if m.missing > 0.01 * m.period:
+        remarks.append(f"left out: {m.missing:.4g} s in between, in gaps or without a whole period")
+    if m.quantum > 0:
+        remarks.append(f"positions come in steps of {m.quantum:.4g} rad; the error of the amplitude covers that")
+    return remarks
+
+
+def _record(
+    file: str,
+    record: Record,
+    m: Measurement,
+    orbit: HuntingOrbit | None,
+    failure: str | None,
+    set_point: float | None,
+    wall_s: float,
+) -> dict[str, Any]:
+    def number(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    names = (
+        "amplitude", "amplitude_scatter", "amplitude_error", "frequency", "frequency_scatter", "frequency_error",
+        "period", "period_scatter", "period_error", "mean_level", "drift", "noise", "quantum", "above", "missing",
+    )  # fmt: skip
+    reading, columns = record.reading, {}
+    if reading is not None:
+        for what, c in (("time", reading.time), ("position", reading.position)):
+            columns[what] = {"column": c.name, "unit": c.unit.name, "factor": c.unit.factor, "stated_by": c.origin}
+    predicted = None
+    if orbit is not None:
+        predicted = {
+            "model": orbit.model,
+            "gain": orbit.gain,
+            "amplitude": orbit.amplitude,
+            "period": orbit.period,
+            "frequency": 1 / orbit.period,
+            "error_estimate": orbit.error_estimate,
+            "amplitude_ratio": number(m.amplitude / orbit.amplitude),
+            "frequency_ratio": number(m.frequency * orbit.period),
+        }
+    return {
+        "file": file,
+        "columns": columns,
+        "kind": m.kind,
+        "reason": m.reason or None,
+        "periods": int(m.periods.size),
+        **{name: number(getattr(m, name)) for name in names},
+        "offset": None if set_point is None else number(m.mean_level - set_point),
+        "left_out_before": m.left_out[0],
+        "left_out_behind": m.left_out[1],
+        "amplitudes": m.amplitudes.tolist(),
+        "period_lengths": m.periods.tolist(),
+        "predicted": predicted,
+        "prediction_failed": failure,
+        "wall_s": wall_s,
+    }

@@ -1,0 +1,190 @@
+"""casahunt simulate: the motion of the closed loop from an initial state.
+
+Keys of the JSON object: model, gain, set_point, time (reached), regularised, tol; verdict ("hunting", "decaying",
+"growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null without whole periods), swings (their
+number); judged: swings [rad], since [s], ratios of each to the one before, limit (the cycle's swing, also
+of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or null), floor [rad] below
+which nothing is judged, map_motions (beyond the motion itself);
+position, velocity, integral and bristle (null for Switch) at the end; events, a list of [time, name, mode before,
+mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown);
+status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...checks import known, moderate
+from ...errors import InputError
+from ...files import whole_text
+from ...servo.hunting import MODELS
+from ...servo.simulation.simulate import simulate
+from ...servo.simulation.trajectory import Trajectory
+from ...tables import table as csv_table
+from .console import add_common, complain, finite, positive, servo_of, writable
+
+COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
+"""Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
+MOST_ROWS = 10_000_000
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser("simulate", allow_abbrev=False, help="the motion from an initial state")
+    add_common(command)
+    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    command.add_argument("--gain", help="controller gain K, required")
+    command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
+    command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
+    command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")
+    command.add_argument("--velocity", default=0.0, help="velocity at the start in rad/s (default 0)")
+    command.add_argument("--integral", default=0.0, help="integral of theta - theta_d so far in rad s (default 0)")
+    command.add_argument("--bristle", default=0.0, help="bristle deflection at the start in rad (lugre, default 0)")
+    command.add_argument("--regularised", action="store_true", help="switch with the report's stick band eta")
+    command.add_argument("--csv", metavar="F.csv", help="write the motion")
+    command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
+    command.add_argument("--plot", metavar="F.png", help="write a picture of the motion")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute and print; returns the exit code."""
+    model = known("model", options.model, MODELS)
+    if options.gain is None:
+        raise InputError("gain: must be given, for example --gain 0.04")
+    gain = positive("gain", options.gain)
+    length = positive("time", options.time)
+    keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
+    numbers = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
+    step = None if options.step is None else positive("step", options.step)
+    if step is not None and options.csv is None:
+        raise InputError("step: must be left out without --csv")
+    if step is not None and length / step > MOST_ROWS:
+        raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
+    servo = servo_of(options)
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    table = writable("csv", options.csv, (".csv",))
+    began = time.perf_counter()
+    found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)  # type: ignore[arg-type]
+    verdict = found.verdict
+    wall_s = time.perf_counter() - began
+    if table:
+        options.outputs.write(_write, found, table, step)
+    if plot:
+        from ..pictures import plotting
+        from ..pictures import simulation as pictures_simulation
+
+        options.outputs.draw(lambda: plotting.save(pictures_simulation.motion(found), plot))
+    advice = None if found.status.ok else _advice(found)
+    if options.json:
+        print(json.dumps(_record(found, advice, wall_s)))
+    else:
+        x = found.end
+        name = f"{model} servo{' with stick band' if found.regularised else ''} at gain {gain:.10g}"
+        print(f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}")
+        print(f"  because          {verdict.sentence}")
+        if verdict.judged:
+            swings = ", ".join(f"{a:.6g}" for a in verdict.judged)
+            print(f"  judged from      {swings} rad since {verdict.since:.6g} s; floor {verdict.floor:.1e} rad")
+        if math.isfinite(verdict.amplitude):
+            of = f"mean of the last {verdict.swings} periods" if verdict.swings else "the cycle's: no period agrees yet"
+            print(f"  amplitude        {verdict.amplitude:.10g} rad ({of})")
+        if math.isfinite(verdict.period):
+            print(f"  period           {verdict.period:.10g} s")
+        print(f"  at the end       position {found.set_point + x[0]:.10g} rad, velocity {x[1]:.10g} rad/s")
+        print(f"  events           {_counts(found)}")
+        end = f"{_short(found.end_error)} of the final state"
+        print(f"  error estimate   {_short(found.time_error)} s of event times, {end}")
+        print(f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
+    if advice:
+        complain("casahunt simulate", advice)
+    cut = bool(found.ended) and verdict.kind != "growing"
+    if cut:
+        complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
+    return 0 if found.status.ok and not cut else 1
+
+
+def _size(key: str, text: Any) -> float:
+    return moderate(key, finite(key, text))
+
+
+def _advice(found: Trajectory) -> str:
+    what = f"the event times to {_short(found.time_error)} s and the final state to {_short(found.end_error)}"
+    if not math.isfinite(found.time_error):
+        what = "not even its sequence of events"
+    return (
+        f"the motion is computed, but not to the tolerance {found.tol:g}: known are {what}; ask for a larger "
+        "tolerance or a shorter time"
+    )
+
+
+def _short(value: float) -> str:
+    return f"{value:.1e}" if math.isfinite(value) else "unknown"
+
+
+def _counts(found: Trajectory) -> str:
+    names = [event.name for event in found.events]
+    listed = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys(names))
+    return f"{len(names)}{f' ({listed})' if names else ''}"
+
+
+def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, Any]:
+    def number(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    x, verdict = found.end, found.verdict
+    return {
+        "model": found.model,
+        "gain": found.gain,
+        "set_point": found.set_point,
+        "time": float(found.times[-1]),
+        "regularised": found.regularised,
+        "tol": found.tol,
+        "verdict": verdict.kind,
+        "reason": verdict.sentence,
+        "amplitude": number(verdict.amplitude),
+        "period": number(verdict.period),
+        "swings": verdict.swings,
+        "judged": {
+            "swings": list(verdict.judged),
+            "since": number(verdict.since),
+            "ratios": [number(ratio) for ratio in verdict.ratios],
+            "limit": number(verdict.limit),
+            "multiplier": number(verdict.multiplier),
+            "floor": number(verdict.floor),
+            "map_motions": verdict.motions,
+        },
+        "position": found.set_point + float(x[0]),
+        "velocity": float(x[1]),
+        "integral": float(x[2]),
+        "bristle": float(x[3]) if x.size > 3 else None,
+        "events": [[e.time, e.name, e.before, e.after, number(e.error)] for e in found.events],
+        "time_error": number(found.time_error),
+        "end_error": number(found.end_error),
+        "state_errors": [number(value) for value in found.state_errors],
+        "status": found.status.name.lower(),
+        "advice": advice,
+        "ended": found.ended or None,
+        "intervals": len(found.modes),
+        "wall_s": wall_s,
+    }
+
+
+def _write(found: Trajectory, path: Path, step: float | None) -> None:
+    """The motion as CSV; numbers in full, so that they read back exactly."""
+    if step is None:
+        t, x = found.dense()
+    else:
+        t = np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
+        x = found.sample(t)
+    columns = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
+    numbers = np.vstack([t, found.set_point + x[0], x[1:], found.torque(x)]).T
+    with whole_text(path) as stream:
+        write = csv_table(stream, columns)
+        write([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))

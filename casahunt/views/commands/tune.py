@@ -1,0 +1,199 @@
+"""casahunt tune: gain and controller times of least cost that do not hunt, verified; with an evidence page.
+
+Keys of the JSON object (units: rad, s, V, N m; null where there is no number):
+model; gain, lead_time, integral_time: the answer; cost (its name), cost_meaning, cost_value, cost_unit, cost_gain_only
+(with the times as given; null where nothing was freed or where that cannot be met);
+fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for), demands {phase_margin, gain_margin,
+delay, sample_time}, free, bounds {gain: [low, high], ...}; worst {corner {parameter: value}, fold_gain, evaluations};
+fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
+over the uncertainty set; binding: what keeps the cost from being less;
+verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, margin,
+margin_kept, scan, scan_clear, loops_kept, loops_checked, loops {nominal, worst (friction), and of the servos of the set
+with the least "phase margin", "gain margin (lowering)", "gain margin (raising)": {crossover, phase_margin,
+lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
+tasks [{friction, start, time, verdict, reason, status}]};
+elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
+before {gain, lead_time, integral_time, tasks}, null unless --gain or --out is given; servo {key: value}: as given;
+rounds, evaluations, status, wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ...checks import known, to_error
+from ...design.tune.demands import COSTS, FREE, Demands
+from ...design.tune.tuning import Tuning, tune
+from ...design.uncertainty import load_uncertainty
+from ...errors import InputError
+from ...files import together, whole_text
+from ...orbits.adapt import Options
+from ...servo.hunting import MODELS
+from ..evidence import before_tasks, page, record_of
+from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
+
+FILES = ["tune.html", "tune.json"]
+"""What --out writes."""
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser("tune", allow_abbrev=False, help="the gain of least cost that does not hunt")
+    add_common(command)
+    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    command.add_argument("--margin", default=0.1, help="gain above the fold gain, relative (default 0.1)")
+    command.add_argument("--uncertainty", metavar="FILE.toml", help="servos that must not hunt either")
+    command.add_argument("--free", action="append", default=[], metavar="TIME", help="lead_time, integral_time")
+    command.add_argument(
+        "--bounds", action="append", default=[], metavar="NAME=LOW,HIGH", help="of gain, lead_time, integral_time"
+    )
+    command.add_argument("--cost", default="gain", help=f"{', '.join(COSTS)} (default gain)")
+    command.add_argument("--phase-margin", default=30.0, help="of the linear loop, degrees (default 30)")
+    command.add_argument("--gain-margin", default=2.0, help="factor, up and down (default 2)")
+    command.add_argument("--delay", default=0.0, help="of the loop, s (default 0)")
+    command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
+    command.add_argument("--gain", help="gain used now, for the simulated tasks before")
+    command.add_argument("--out", metavar="DIR", help="write the evidence: tune.html and tune.json")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Tune, verify and print; returns the exit code."""
+    model = known("model", options.model, MODELS)
+    cost = known("cost", options.cost, COSTS)
+    how = Options(tol=finite("tol", options.tol))
+    demands = Demands(
+        margin=finite("margin", options.margin),
+        phase_margin=finite("phase-margin", options.phase_margin),
+        gain_margin=finite("gain-margin", options.gain_margin),
+        delay=finite("delay", options.delay),
+        sample_time=finite("sample-time", options.sample_time),
+    )
+    servo = servo_of(options)
+    now = None if options.gain is None else positive("gain", options.gain)
+    uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
+    free = [known("free", name, FREE) for name in options.free]
+    bounds = bounds_of(options.bounds)
+
+    stream = progress(options.quiet)
+
+    def tuned() -> Tuning:
+        with telling(stream) as tell:
+            return tune(
+                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,  # type: ignore[arg-type]
+                options=how, report=tell,
+            )  # fmt: skip
+
+    if options.out is None:
+        tuning = tuned()
+        record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
+    else:
+        with folder(options.out, FILES) as out:
+            tuning = tuned()
+            say(stream, "simulating the tasks with the gain used now, and drawing")
+            before = before_tasks(tuning, now)
+            record = record_of(tuning, before)
+            from ..pictures import tune as pictures_tune
+
+            images = pictures_tune.evidence_images(tuning, before)
+            options.outputs.write(_write, out, page(record, images), record)
+    if options.json:
+        print(json.dumps(record))
+    else:
+        _print(record, how.tol)
+        if options.out is not None and not options.outputs.troubles:
+            print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
+    for sentence in tuning.verification.unverified:
+        complain("casahunt tune", f"not verified: {sentence}")
+    if tuning.verification.against:
+        reasons = "; ".join(tuning.verification.against)
+        complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
+    return 1 if tuning.verification.against else 0
+
+
+def _write(out: Path, html: str, record: dict[str, Any]) -> None:
+    """The evidence; both files are of the same tuning."""
+    with together():
+        with whole_text(out / FILES[0]) as stream:
+            stream.write(html)
+        with whole_text(out / FILES[1]) as stream:
+            stream.write(json.dumps(record, indent=1) + "\n")
+
+
+def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """`NAME=LOW,HIGH` as numbers; names and order are checked by `tune`."""
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, sign, pair = text.partition("=")
+        parts = pair.split(",")
+        if not sign or len(parts) != 2:
+            raise InputError(f"--bounds {text!r}: must have the form NAME=LOW,HIGH, for example lead_time=0.05,1")
+        found[name.strip()] = (finite(f"bounds {name}", parts[0]), finite(f"bounds {name}", parts[1]))
+    return found
+
+
+def _print(record: dict[str, Any], tol: float) -> None:
+    """The answer as text; `tol` is the error of what is computed to the tolerance and has no estimate of its own."""
+    check, fold = record["verification"], record["fold"]
+    error = tol  # of the fold gain: what is estimated, and what two computations differ by
+    if check["fold_gain"]:
+        error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
+    known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
+    print(f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad")
+    if record["free"]:
+        lead, integral = (to_error(record[name], tol) for name in ("lead_time", "integral_time"))
+        print(f"  controller times lead_time {lead} s, integral_time {integral} s")
+    only = record["cost_gain_only"]
+    print(
+        f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
+        + (f" ({to_error(only, tol)} with the times as given)" if only is not None else "")
+    )
+    if record["fold_gain"]:
+        where = ", ".join(f"{name} = {value:.6g}" for name, value in record["worst"]["corner"].items())
+        largest = to_error(record["fold_gain"], error)
+        print(f"  hunting          possible up to gain {largest}" + (f" at {where}" if where else ""))
+        if where and fold["nominal"] is not None:
+            print(f"                   up to {to_error(fold['nominal'], fold['error'])} at the nominal friction")
+    else:
+        print("  hunting          possible at no gain")
+    print(f"  binding          {', '.join(record['binding']) or 'nothing'}")
+    print(f"checked apart from the optimisation: {check['result']}")
+    if check["fold_gain"] is not None:
+        again = to_error(check["fold_gain"], error)
+        # K/K_fold - 1 has the error of K_fold.
+        part = 1 + 1 / check["margin"] if check["margin"] else 1.0
+        above = to_error(100 * check["margin"], abs(part) * error, most=6)
+        print(f"  fold once more   {again}; the gain is {above} % above it")
+    print(f"  event map        {check['scan']}")
+    if check["set"]:
+        number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
+        print(f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)}")
+    for name, loop in check["loops"].items():
+        if name == "nominal" or loop != check["loops"]["nominal"]:
+            at = ", ".join(f"{key} = {value:.6g}" for key, value in check["loop_corners"].get(name, {}).items())
+            what = {"worst": "worst friction"}.get(name, f"least {name}" if name in check["loop_corners"] else name)
+            where = f"{what} ({at})" if at else what
+            print(f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+    for task in check["tasks"]:
+        print(f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}")
+    for task in (record["before"] or {"tasks": []})["tasks"]:
+        print(f"  before           gain {record['before']['gain']:.6g}, {task['start']}: {task['verdict']}")
+    for sentence in check["against"]:
+        print(f"  against it       {sentence}")
+    for sentence in check["unverified"]:
+        print(f"  not verified     {sentence}")
+    print("not proved by this")
+    for sentence in record["proves_not"]:
+        print(f"  {sentence}")
+    print(f"  {record['wall_s']:.2f} s")
+
+
+def _factors(loop: dict[str, Any]) -> str:
+    low, high = loop["lowest_factor"], loop["highest_factor"]
+    if not loop["stable"]:
+        return "unstable"
+    falls = f"gain may fall to {low:.5g} times" if low else "gain may fall without limit"
+    return falls + (f", rise to {high:.5g} times" if high is not None else ", rise without limit")

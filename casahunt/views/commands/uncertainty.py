@@ -1,0 +1,150 @@
+"""casahunt uncertainty: the fold gain of a servo whose parameters are not known exactly."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
+from typing import Any
+
+from ... import interrupts
+from ...checks import known, quoted, to_error
+from ...design.uncertainty import Samples, Uncertainty, draw, load_uncertainty, sample, summary, worst_corner
+from ...errors import InputError, NoOrbit, Status
+from ...orbits.adapt import Options
+from ...servo.find_fold import find_fold
+from ...servo.hunting import MODELS
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo
+from .console import add_common, finite, progress, progress_line, say, servo_of, teller, writable
+
+SAMPLES = 200
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser(
+        "uncertainty", allow_abbrev=False, help="the fold gain where parameters are not known exactly"
+    )
+    add_common(command)
+    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, required")
+    command.add_argument("--samples", default=SAMPLES, metavar="N", help=f"servos to solve (default {SAMPLES})")
+    command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
+    command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
+    command.add_argument("--plot", metavar="F.png", help="write a histogram of the fold gains")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute and print; returns the exit code."""
+    began = time.perf_counter()
+    model: Any = known("model", options.model, MODELS)
+    how = Options(tol=finite("tol", options.tol))
+    n, jobs = _whole("samples", options.samples, 1), _whole("jobs", options.jobs, 1)
+    seed = _whole("seed", options.seed, 0)
+    servo = servo_of(options)
+    if options.uncertainty is None:
+        raise InputError("uncertainty: must be given, for example --uncertainty friction.toml")
+    uncertainty = load_uncertainty(options.uncertainty, servo)
+    draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
+    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    out = progress(options.quiet)
+
+    say(out, "computing the fold of the servo itself")
+    fold = find_fold(servo, model, options=how)
+    say(out, progress_line(fold.orbit, mu="+1 (fold)"))
+    say(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
+    tell = teller(out)
+    samples = _solved(servo, model, uncertainty, n, seed, jobs, how, fold, lambda i: tell(f"{i} of {n} samples solved"))
+    say(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
+    low, high = uncertainty.box(servo)
+    inside = samples.worst is not None and bool(
+        ((low <= samples.parameters[samples.worst]) & (samples.parameters[samples.worst] <= high)).all()
+    )
+    starts = [samples.parameters[samples.worst]] if inside else []
+    worst = worst_corner(
+        servo, model, uncertainty, options=how, fold=fold, starts=starts,
+        report=lambda i: tell(f"searching the worst corner: fold {i}"),
+    )
+    seen = summary(fold, uncertainty, samples, worst)
+    if plot:
+        from ..pictures import plotting
+        from ..pictures import uncertainty as pictures_uncertainty
+
+        options.outputs.draw(lambda: plotting.save(pictures_uncertainty.histogram(fold, samples, worst, seen), plot))
+    complete = not samples.failures and not worst.failures
+    status = Status.CONVERGED if complete else Status.NOT_CONVERGED
+    wall = time.perf_counter() - began
+    if options.json:
+        record = {
+            "model": model,
+            "gain": fold.gain,
+            "linear": {"low": seen.linear[0], "high": seen.linear[1], "std": seen.std},
+            "worst": {"gain": worst.gain, "corner": worst.corner},
+            "samples": {"n": n, "failures": len(samples.failures), "quantiles": seen.quantiles},
+            "misleading": seen.misleading,
+            "status": status.name.lower(),
+            "wall_s": wall,
+        }
+        print(json.dumps(record))
+    else:
+        error = fold.gain_error
+        print(f"{model} servo: hunting is possible up to gain {to_error(fold.gain, error)}; with the uncertainty")
+        low_text, high_text = (to_error(value, error, most=6) for value in seen.linear)
+        print(f"  linearised       {low_text} to {high_text} ({seen.range_name}; standard deviation {seen.std:.3g})")
+        if seen.quantiles:
+            shown = ", ".join(f"{key} {to_error(value, how.tol, most=6)}" for key, value in seen.quantiles.items())
+            print(f"  {n} samples      {shown}")
+        largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
+        print(f"  worst corner     {largest} ({worst.evaluations} folds computed), at")
+        for name, value in worst.corner.items():
+            print(f"    {name:28s} {value:.8g}")
+        print(f"  {seen.misleading}")
+        print(f"  {wall:.1f} s")
+    for i, sentence in samples.failures:
+        say(out, f"sample {i + 1} was not computed: {sentence}")
+    for sentence in worst.failures:
+        say(out, f"in the search for the worst corner: {sentence}")
+    if not samples.computed.any():
+        raise NoOrbit(f"none of the {n} samples was computed: {samples.failures[0][1]}", Status.NOT_CONVERGED)
+    return 0
+
+
+def _solved(
+    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: HuntingFold,
+    report: Callable[[int], None],
+) -> Samples:
+    if jobs == 1:
+        return sample(servo, model, uncertainty, n, seed=seed, options=how, fold=fold, report=report)
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=interrupts.serve)
+    done = False
+    try:
+        with interrupts.kept_from_children():
+            for _ in range(jobs):  # every task starts a process, as long as none is idle
+                pool.submit(int)
+        samples = sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold, report=report)
+        done = True
+        return samples
+    except BrokenExecutor:
+        raise NoOrbit(
+            "a process that solves samples has died, perhaps for want of memory; take fewer --jobs",
+            Status.NOT_CONVERGED,
+        ) from None
+    finally:
+        pool.shutdown(wait=done, cancel_futures=True)  # an interrupt does not wait for what is under way
+
+
+def _whole(key: str, text: Any, least: int) -> int:
+    try:
+        value = int(str(text))
+    except ValueError:
+        raise InputError(f"{key} = {quoted(text)}: must be a whole number") from None
+    if value < least:
+        raise InputError(f"{key} = {value}: must be at least {least}")
+    return value

@@ -1,0 +1,79 @@
+"""Equilibria as pictures: the stick region of Switch, the generalised Jacobian of LuGre."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...servo.equilibria import Equilibria, cubic
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
+
+LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
+"""Values of c whose eigenvalues get a colour of their own."""
+
+
+def picture(found: Equilibria) -> Figure:
+    """Stick region and equilibria of Switch in the plane (x1, x3), or the eigenvalues of LuGre.
+
+    Parameters
+    ----------
+    found
+        the equilibria.
+    """
+    return _strip(found) if found.model == "switch" else _eigenvalues(found)
+
+
+def _strip(found: Equilibria) -> Figure:
+    figure = new_figure()
+    axes = figure.subplots()
+    a, b = found.position_limit, found.integral_limit
+    x1 = np.linspace(-3, 3, 121)
+    axes.fill_between(x1, -1 - x1, 1 - x1, color="0.9", label="stick: |kp x1 + ki x3| ≤ Fs, x2 = 0")
+    for sign in (1, -1):
+        leaves = sign * x1 >= 0  # x3' = x1: the upper line is left for x1 > 0
+        axes.plot(x1[leaves], (sign - x1)[leaves], color=MORE_LOOKS[0].colour, linewidth=1.6,
+                  label="breakaway" if sign > 0 else None)  # fmt: skip
+        axes.plot(x1[~leaves], (sign - x1)[~leaves], color=NEUTRAL, linewidth=1.2, linestyle="--",
+                  label="boundary where motions enter" if sign > 0 else None)  # fmt: skip
+    for start in (-2.0, -1.0, -0.4, 0.4, 1.0, 2.0):
+        side = np.sign(start)
+        axes.annotate("", (start, 0.85 * side - start), (start, -0.85 * side - start),
+                      arrowprops={"arrowstyle": "->", "color": NEUTRAL, "linewidth": 0.9})  # fmt: skip
+    axes.plot([0, 0], [-1, 1], color=LOOKS["switch"].colour, linewidth=5, solid_capstyle="butt", label="equilibria")
+    axes.set_xlim(-3, 3)
+    axes.set_ylim(-4, 4)
+    axes.set_xlabel(f"x$_1$ / (Fs/kp), Fs/kp = {a:.4g} rad")
+    axes.set_ylabel(f"x$_3$ / (Fs/ki), Fs/ki = {b:.4g} rad s")
+    axes.set_title(f"stick region of the Switch servo, K = {found.gain:.6g}", fontsize=10)
+    axes.grid(True, color="0.95", linewidth=0.6)
+    axes.legend(fontsize=SMALL, loc="upper right")
+    return figure
+
+
+def _eigenvalues(found: Equilibria) -> Figure:
+    figure = new_figure()
+    left, right = figure.subplots(1, 2)
+    c = np.geomspace(1e-7, 2, 300)
+    largest = [float(np.max(np.roots(row).real)) for row in cubic(found.servo, found.gain, c)]
+    left.plot(c, largest, color=LOOKS["switch"].colour, linewidth=1.8)
+    left.axhline(0, color=NEUTRAL, linewidth=0.9)
+    left.set_xscale("log")
+    left.set_yscale("symlog", linthresh=1e-3)
+    left.grid(True, color="0.9", linewidth=0.6)
+    left.set_xlabel("c of the member; ends of the segment: c → 0")
+    left.set_ylabel("largest real part beside the 0 [1/s]")
+    left.set_title(f"sharp condition {'holds' if found.sharp_holds else 'fails'}", fontsize=10)
+    looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
+    for look, level in zip(looks, LEVELS, strict=False):
+        roots = np.roots(cubic(found.servo, found.gain, np.array([level]))[0])
+        right.plot(roots.real, roots.imag, marker=look.marker, linestyle="none", color=look.colour,
+                   markeredgecolor="black", markeredgewidth=0.4, label=f"c = {level:g}")  # fmt: skip
+    right.axvline(0, color=NEUTRAL, linewidth=0.9)
+    right.set_xscale("symlog", linthresh=1.0)
+    right.set_yscale("symlog", linthresh=1.0)
+    right.set_xlabel("real part [1/s]")
+    right.set_ylabel("imaginary part [1/s]")
+    right.set_title("c = 1 − (2α − 1) σ$_0$z/Fs", fontsize=10)
+    right.grid(True, color="0.9", linewidth=0.6)
+    right.legend(fontsize=SMALL)
+    figure.suptitle(f"generalised Jacobian of the LuGre servo, K = {found.gain:.6g}", fontsize=10)
+    return figure

@@ -1,0 +1,77 @@
+"""The event map of the Switch servo as a cobweb picture: P(a) and the line P = a, with motions between them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...motion.march import MarchFailure
+from ...servo.event_map.fixed_points import FixedPoints, map_at
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
+
+SWINGS = 12
+"""Half periods drawn of each motion."""
+ASIDE = 0.02
+"""A motion starts this part above and below the unstable fixed point."""
+
+
+def cobweb(seen: FixedPoints) -> Figure:
+    """P(a) against a, both logarithmic, gaps at jumps, with two motions from beside the innermost fixed point.
+
+    Parameters
+    ----------
+    seen
+        a scan of the map.
+    """
+    figure = new_figure()
+    axes = figure.subplots()
+    a = np.array([p.start for p in seen.points])
+    P = np.array([abs(p.position) for p in seen.points])
+    back = np.array([p.position < 0 for p in seen.points])
+    shown = np.where(P > 0, P, np.nan)
+    for jump in seen.jumps:
+        where = int(np.searchsorted(a, jump.start))
+        a, shown, back = np.insert(a, where, jump.start), np.insert(shown, where, np.nan), np.insert(back, where, False)
+    look = LOOKS["switch"]
+    axes.plot(a, np.where(back, np.nan, shown), color=look.colour, linewidth=1.8, label="P(a), across the set point")
+    if np.any(back):
+        axes.plot(a, np.where(back, shown, np.nan), color=look.colour, linewidth=1.8, linestyle=":",
+                  label="|P(a)|, stuck on the same side")  # fmt: skip
+    axes.plot([seen.low, seen.high], [seen.low, seen.high], color=NEUTRAL, linewidth=1.0, label="P = a")
+    for f in seen.fixed:
+        axes.plot(
+            f.amplitude, f.amplitude, marker="o", markersize=8, linestyle="none", zorder=8, markeredgecolor="black",
+            markerfacecolor=look.colour if f.stable else "white",
+            label=f"{'stable' if f.stable else 'unstable'}, a = {f.amplitude:.4g} rad, μ = {f.multiplier:.4g}",
+        )  # fmt: skip
+    if seen.fixed:
+        inner = seen.fixed[0].amplitude
+        for factor, more, word in ((1 + ASIDE, MORE_LOOKS[0], "above"), (1 - ASIDE, MORE_LOOKS[1], "below")):
+            x, y = _web(seen, inner * factor)
+            axes.plot(x, y, color=more.colour, linewidth=1.1, linestyle=more.dashes, zorder=5,
+                      label=f"motion from 2 % {word} the innermost")  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(seen.low, seen.high)
+    axes.set_ylim(seen.low, seen.high)
+    axes.set_xlabel("stick position a [rad]")
+    axes.set_ylabel("next stick position P(a) [rad]")
+    axes.set_title(f"event map of the Switch servo, K = {seen.gain:.6g}", fontsize=10)
+    axes.grid(True, color="0.9", linewidth=0.6)
+    figure.legend(fontsize=SMALL, loc="outside upper center", frameon=False, ncols=2)
+    return figure
+
+
+def _web(seen: FixedPoints, a: float) -> tuple[list[float], list[float]]:
+    """Corners of the cobweb from a."""
+    x, y = [a], [a]
+    for _ in range(SWINGS):
+        try:
+            P = abs(map_at(seen.servo, seen.gain, a).position)
+        except MarchFailure:
+            break
+        if not P > 0:
+            break
+        x += [a, P]
+        y += [P, P]
+        a = P
+    return x, y

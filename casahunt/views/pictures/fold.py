@@ -1,0 +1,51 @@
+"""Pictures of a fold: the elasticities of its gain, as bars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...design.sensitivity import NAMES, Sensitivities
+from ...errors import InputError
+from ...servo.problem import HuntingFold
+from .plotting import LOOKS, Figure, new_figure
+
+MINUS = "\N{MINUS SIGN}"
+
+
+def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) -> Figure:
+    """Per cent of the fold gain for one per cent of each parameter, the largest on top.
+
+    Parameters
+    ----------
+    folds, slopes
+        folds and their sensitivities, one of each model at most.
+
+    Raises
+    ------
+    InputError : none, or not as many sensitivities as folds.
+    """
+    if not folds or len(folds) != len(slopes):
+        raise InputError(f"{len(folds)} folds with {len(slopes)} sensitivities: must be as many, at least one")
+    figure = new_figure()
+    axes = figure.subplots()
+    largest = {name: max(abs(s.elasticities[name]) for s in slopes) for name in NAMES}
+    names = sorted((name for name in NAMES if largest[name] > 0), key=lambda name: largest[name])
+    place = np.arange(len(names))
+    height = 0.8 / len(folds)
+    for k, (fold, slope) in enumerate(zip(folds, slopes, strict=True)):
+        values = np.array([slope.elasticities[name] for name in names])
+        look = LOOKS[fold.orbit.model]
+        bars = axes.barh(
+            place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look.colour,
+            label=f"{fold.orbit.model}, K = {fold.gain:.6g}",
+        )  # fmt: skip
+        axes.bar_label(bars, [f"{value:+.3g}".replace("-", MINUS) for value in values], padding=3, fontsize=9)
+    axes.set_yticks(place, [name.replace("_", " ").replace(".", ": ") for name in names])
+    axes.axvline(0, color="0.3", linewidth=0.8)
+    axes.margins(x=0.15)
+    axes.set_xlabel("per cent of the fold gain for one per cent more of the parameter")
+    axes.set_title("What moves the gain at which hunting ends")
+    axes.legend(loc="lower right")
+    return figure

@@ -1,0 +1,111 @@
+"""Picture of fold curves: the gains with and without hunting, against another parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...design.fold_curve import FoldCurve, hermite
+from ...errors import InputError
+from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Figure, new_figure
+
+LABELS = {
+    "servo.inertia": "inertia J [kg m$^2$]",
+    "servo.motor_gain": "motor gain c$_m$ [N m/V]",
+    "controller.lead_time": "lead time τ$_d$ [s]",
+    "controller.integral_time": "integral time τ$_i$ [s]",
+    "friction.static": "static friction F$_s$ [N m]",
+    "friction.coulomb": "Coulomb friction F$_c$ [N m]",
+    "friction.stribeck_velocity": "Stribeck velocity v$_s$ [rad/s]",
+    "friction.viscous": "viscous friction σ$_2$ [N m s/rad]",
+    "friction.stiffness": "bristle stiffness σ$_0$ [N m/rad]",
+    "friction.damping": "bristle damping σ$_1$ [N m s/rad]",
+}
+"""Name, symbol and unit of every parameter."""
+SHADE = 0.16
+WIDE = 30.0
+"""Ratio of the values of an axis from which on it is logarithmic."""
+ROOM = 1.12
+"""The axis reaches this factor beyond the highest gain."""
+
+
+def regions(curves: Sequence[FoldCurve]) -> Figure:
+    """The fold gain against a parameter of the servo, the gains with hunting shaded.
+
+    The line is the cubic through the computed points with their exact slopes.  A curve that turns back in a cusp is
+    drawn without shade: what lies below it is not the gains with hunting.
+
+    Parameters
+    ----------
+    curves
+        fold curves in the same parameter, one of each model at most.
+
+    Raises
+    ------
+    InputError : none, or curves in different parameters.
+    """
+    if not curves or len({curve.vary for curve in curves}) != 1:
+        raise InputError(f"{len(curves)} fold curves: must be at least one, all in the same parameter")
+    vary = curves[0].vary
+    figure = new_figure()
+    axes = figure.subplots()
+    highest = max(float(curve.gains.max()) for curve in curves)
+    lowest = min(float(curve.gains.min()) for curve in curves)
+    wide = highest > WIDE * lowest and not any(curve.vanishes for curve in curves)
+    if wide:
+        axes.set_yscale("log")
+    floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * ROOM)
+    for curve in curves:
+        look = LOOKS[curve.model]
+        q, K = hermite(curve)
+        label = f"fold, {NAMES[curve.model]} friction"
+        axes.plot(q, K, color=look.colour, linewidth=look.width, zorder=look.zorder)
+        axes.plot(
+            curve.values, curve.gains, color=look.colour, linestyle="none", marker=look.marker, markersize=4,
+            zorder=look.zorder,
+        )  # fmt: skip
+        axes.plot([], [], color=look.colour, linewidth=look.width, marker=look.marker, markersize=4, label=label)
+        if not curve.cusps:
+            axes.fill_between(q, floor, K, color=look.colour, alpha=SHADE, linewidth=0, zorder=1)
+        for cusp in curve.cusps:
+            axes.plot(cusp.value, cusp.gain, color=look.colour, marker="D", markersize=8, fillstyle="none", zorder=9)
+            axes.annotate("cusp", (cusp.value, cusp.gain), textcoords="offset points", xytext=(8, 4), fontsize=SMALL)
+    axes.set_ylim(floor, ceiling)
+    least, most = min(float(c.values.min()) for c in curves), max(float(c.values.max()) for c in curves)
+    if least > 0 and most > WIDE * least:
+        axes.set_xscale("log")
+    axes.set_xlim(least, most)
+    if not any(curve.cusps for curve in curves):
+        _words(axes, curves, wide)
+    axes.set_xlabel(LABELS[vary])
+    axes.set_ylabel(GAIN_LABEL)
+    axes.grid(True, which="major", color="0.88", linewidth=0.6)
+    axes.legend(loc="best", fontsize=SMALL)
+    axes.set_title("The largest gain at which the servo can hunt")
+    return figure
+
+
+def _words(axes: Any, curves: Sequence[FoldCurve], wide: bool) -> None:
+    """What the regions are, where each is widest."""
+    left, right = axes.get_xlim()
+    floor, ceiling = axes.get_ylim()
+    spread = np.geomspace if axes.get_xscale() == "log" else np.linspace
+    place = spread(left, right, 41)[5:-5]
+    size = np.log if wide else np.asarray
+    lower = np.full(place.size, np.inf)
+    upper = np.full(place.size, -np.inf)
+    for curve in curves:
+        q, K = hermite(curve)
+        order = np.argsort(q)
+        there = np.interp(place, q[order], K[order])
+        lower, upper = np.minimum(lower, there), np.maximum(upper, there)
+    back = np.exp if wide else np.asarray
+    below, above = int(np.argmax(size(lower))), int(np.argmin(size(upper)))
+    texts = (
+        (place[below], back((size(floor) + size(lower[below])) / 2), "hunting"),
+        (place[above], back((size(upper[above]) + size(ceiling)) / 2), "no hunting cycle"),
+    )
+    for x, y, text in texts:
+        axes.text(x, float(y), text, color=NEUTRAL, ha="center", va="center", zorder=10)

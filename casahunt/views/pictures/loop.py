@@ -1,0 +1,91 @@
+"""Bode pictures of the linear loop: the fixed controller shape of the report's Figure 1, and the loop itself.
+
+    C(s) = K (tau_d s + 1)(tau_i s + 1)/(tau_i s) [V/rad],   L(s) = C(s) cm/(s (J s + sigma2))
+
+The gain moves the magnitude curves up and down; the phase curves are the same for every gain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...errors import InputError
+from ...servo.linear_loop import LinearLoop, controller_response, loop_response
+from ...servo.servo import Servo
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
+
+POINTS = 600
+ROOM = 30.0
+"""The frequencies drawn reach this factor beyond every corner and crossover."""
+
+
+def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
+    """Magnitude and phase of the controller C (left) and of the loop L (right), crossovers marked.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    loops
+        its linear loops at the gains to be drawn.
+
+    Raises
+    ------
+    InputError : no loop.
+    """
+    if not loops:
+        raise InputError("loops = []: must be at least one to draw")
+    crossings = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
+    c = servo.controller
+    corners = [1 / tau for tau in (c.lead_time, c.integral_time) if tau > 0]
+    low, high = min(corners + crossings), max(corners + crossings)
+    omega = np.geomspace(low / ROOM, high * ROOM, POINTS)
+    figure = new_figure()
+    (c_size, l_size), (c_phase, l_phase) = figure.subplots(2, 2, sharex=True)
+    looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
+    handles = []
+    for i, loop in enumerate(loops):
+        look = looks[i % len(looks)]
+        style = {"color": look.colour, "linewidth": look.width, "linestyle": look.dashes}
+        handles += c_size.plot(
+            omega, np.abs(controller_response(servo, loop.gain, omega)),
+            label=f"K = {loop.gain:.4g} ({'stable' if loop.stable else 'unstable'})", **style,
+        )  # fmt: skip
+        l_size.plot(omega, np.abs(loop_response(servo, loop.gain, omega)), **style)
+        for crossing in loop.gain_crossovers:
+            l_size.plot(crossing.frequency, 1.0, marker="o", markersize=5, color=look.colour, markeredgecolor="black")
+            l_phase.plot(
+                crossing.frequency, crossing.margin - 180, marker="o", markersize=5, color=look.colour,
+                markeredgecolor="black", zorder=5,
+            )  # fmt: skip
+    unit = loops[0].gain
+    c_phase.semilogx(omega, _degrees(controller_response(servo, unit, omega)), color=NEUTRAL)
+    l_phase.semilogx(omega, _degrees(loop_response(servo, unit, omega)), color=NEUTRAL)
+    l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
+    l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)
+    for axes, label in ((c_size, "|C| [V/rad]"), (l_size, "|L| [–]")):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_ylabel(label)
+    for axes, label in ((c_phase, "phase of C [°], every K"), (l_phase, "phase of L [°], every K")):
+        axes.set_ylabel(label)
+        axes.set_xlabel("frequency ω [rad/s]")
+        bottom, top = axes.get_ylim()
+        step = 45 if top - bottom > 90 else 15
+        axes.set_yticks(np.arange(math.floor(bottom / step), math.ceil(top / step) + 1) * step)
+    for axes in (c_size, l_size, c_phase, l_phase):
+        axes.grid(True, color="0.9", linewidth=0.6)
+    c_size.set_title("controller C", fontsize=10)
+    l_size.set_title("loop L, dry friction left out; dots: |L| = 1", fontsize=10)
+    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False, ncols=min(len(loops), 4))
+    return figure
+
+
+def _degrees(response: np.ndarray) -> np.ndarray:
+    """Phase [deg], continuous along the curve, starting in (-360, 0]."""
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    start = math.fmod(phase[0], 360)
+    return phase - phase[0] + (start if start <= 0 else start - 360)

@@ -1,0 +1,120 @@
+"""Pictures of simulated motions and of measured records beside the predicted cycle.
+
+Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...design.record.file import Record
+from ...design.record.measure import Measurement
+from ...servo.problem import HuntingOrbit
+from ...servo.simulation.trajectory import Trajectory
+from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
+
+PER_INTERVAL = 8
+MOST_DOTS = 20_000
+"""Samples of a record that are drawn."""
+SHADE = "0.9"
+"""Colour behind a stick."""
+LEVEL_COLOUR = "#b03020"
+
+
+def motion(trajectory: Trajectory) -> Figure:
+    """Position, velocity and motor torque of a simulated motion against time [s].
+
+    Where the Switch servo sticks the background is grey; the torque is shown with the static friction +-Fs.
+    """
+    t, x = trajectory.dense(PER_INTERVAL)
+    look, static = LOOKS[trajectory.model], trajectory.servo.friction.static
+    figure = new_figure()
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(1.4, 1, 1))
+    curves = (
+        (trajectory.set_point + x[0], "position θ [rad]"),
+        (x[1], "velocity θ' [rad/s]"),
+        (trajectory.torque(x), "motor torque m [N m]"),
+    )
+    sticks = [i for i, mode in enumerate(trajectory.modes) if mode == "stick"]
+    for axes, (values, label) in zip(panels, curves, strict=True):
+        for i in sticks:
+            axes.axvspan(trajectory.times[i], trajectory.times[i + 1], color=SHADE, linewidth=0, zorder=0)
+        axes.plot(t, values, color=look.colour, linewidth=ALONE, zorder=4)
+        axes.set_ylabel(label)
+        axes.grid(True, color="0.85", linewidth=0.6)
+        axes.margins(x=0, y=0.08)
+    dashed = {"color": NEUTRAL, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 3}
+    panels[0].axhline(trajectory.set_point, **dashed)
+    for level in (-static, static):
+        panels[2].axhline(level, **dashed)
+    panels[2].set_xlabel("time [s]")
+    figure.align_ylabels(panels)
+    verdict = trajectory.verdict
+    name = f"{NAMES[trajectory.model]}{' with stick band' if trajectory.regularised else ''}, K = {trajectory.gain:.4g}"
+    name += f": {verdict.kind}"
+    if verdict.kind == "hunting":
+        name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
+    handles = [
+        Line2D([], [], label="set point; static friction ±F$_s$", **dashed),
+    ]
+    panels[0].set_title(name, fontsize="medium")
+    if sticks:
+        handles.append(Line2D([], [], color=SHADE, linewidth=8, label="stick"))
+    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False, ncols=len(handles))
+    return figure
+
+
+def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None) -> Figure:
+    """A record above, and below all its periods laid over each other with one period of the predicted cycle.
+
+    Parameters
+    ----------
+    record
+        the samples that were measured.
+    measurement
+        of a record with whole periods (record.measure).
+    orbit
+        the prediction, or None.
+    """
+    figure = new_figure()
+    above, below = figure.subplots(2, 1, height_ratios=(1, 1.6))
+    every = max(1, record.times.size // MOST_DOTS)
+    t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
+    gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap
+    above.plot(np.insert(t, gap, np.nan), np.insert(y, gap, np.nan), color=NEUTRAL, linewidth=0.8, zorder=3)
+    above.plot(t, level, color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), zorder=4)
+    for edge in measurement.crossings:
+        above.axvline(edge, color="0.8", linewidth=0.7, zorder=1)
+    above.set(xlabel="time [s]", ylabel="position [rad]")
+    above.margins(x=0, y=0.08)
+
+    dots = {"linestyle": "none", "marker": "o", "markersize": 2.2, "color": "0.55", "alpha": 0.6, "zorder": 2}
+    period = measurement.period
+    for edge, own in zip(measurement.starts, measurement.periods, strict=True):
+        here = (t >= edge - period / 4) & (t < edge + own - period / 4)
+        below.plot(t[here] - edge, (y - level)[here], **dots)
+    averages = f"amplitude {measurement.amplitude:.4g} rad, frequency {measurement.frequency:.4g} Hz"
+    handles = [
+        Line2D([], [], label=f"record, {measurement.periods.size} periods: {averages}", **dots | {"markersize": 4}),
+        Line2D([], [], color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), label="level"),
+    ]
+    if orbit is not None:
+        look, sense = LOOKS[orbit.model], 1.0 if measurement.rising else -1.0
+        times, states = orbit.sample(PER_INTERVAL)
+        times, states = rolled(times, sense * states)
+        below.plot(times, sense * states[0], color=look.colour, linewidth=2.0, zorder=5)
+        handles.append(
+            Line2D(
+                [], [], color=look.colour, linewidth=2.0,
+                label=f"{NAMES[orbit.model]} at K = {orbit.gain:.4g}: amplitude {orbit.amplitude:.4g} rad, "
+                f"frequency {1 / orbit.period:.4g} Hz",
+            )
+        )  # fmt: skip
+    below.axhline(0, color="0.6", linewidth=0.7, zorder=1)
+    rise = "rise" if measurement.rising else "fall"
+    below.set(xlabel=f"time from the {rise} through the level [s]", ylabel="position − level [rad]")
+    below.grid(True, color="0.9", linewidth=0.6)
+    below.margins(x=0.01, y=0.1)
+    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False)
+    figure.align_ylabels([above, below])
+    return figure

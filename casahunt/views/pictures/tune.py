@@ -1,0 +1,126 @@
+"""Pictures of a tuning: the bifurcation diagram with the operating point, and the tasks before and after."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...design.diagram import collect, diagram
+from ...design.sensitivity import fold_sensitivities
+from ...design.tune.tasks import Task
+from ...design.tune.tuning import Tuning
+from ...errors import NoOrbit
+from ...orbits.adapt import Options
+from ...servo.branch import Branch
+from .fold import elasticities
+from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
+from .plotting import diagram as drawn_diagram
+
+START = 0.1
+"""Gain at which the diagram starts, in units of the fold gain."""
+SWINGS = 6
+"""Hunting periods that the picture of the tasks shows."""
+BEFORE, AFTER = "#b03020", "#1d6b3f"
+
+
+def operating_point(tuning: Tuning, branch: Branch) -> Figure:
+    """The diagram of the worst servo with the recommended gain and the fold gain plus margin.
+
+    Parameters
+    ----------
+    tuning
+        the tuning.
+    branch
+        of its worst servo.
+    """
+    figure = drawn_diagram([branch], equilibria=False)
+    for axes in figure.axes:
+        low, high = axes.get_xlim()
+        reach = max(high, tuning.gain + 0.06 * (tuning.gain - low))
+        if tuning.fold_gain:
+            axes.axvspan(tuning.fold_gain, (1 + tuning.demands.margin) * tuning.fold_gain, color="0.9", zorder=0)
+        axes.axvline(tuning.gain, color=AFTER, linewidth=2.0, zorder=3)
+        axes.set_xlim(low, reach)
+    for text in figure.axes[0].texts:  # the label of the fold stands where the lines are
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.5})
+        text.set_zorder(10)
+    handles = [
+        Line2D([], [], color=AFTER, linewidth=2.0, label=f"recommended gain {tuning.gain:.4g}"),
+        Line2D([], [], color="0.85", linewidth=8, label="margin"),
+    ]
+    figure.axes[0].legend(handles=handles, loc="lower center", fontsize=SMALL)
+    return figure
+
+
+def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Figure:
+    """Distance from the set point [rad] against time [s], the same tasks before and after.
+
+    Parameters
+    ----------
+    before
+        gain and tasks.
+    after
+        tasks with the tuned controller.
+    """
+    tasks = [task for task in after if task.friction == "nominal"]
+    pairs = list(zip(before[1], tasks, strict=True))
+    swings = [old.motion.verdict.period for old, _ in pairs if old.motion.verdict.kind == "hunting"]
+    whole = min(float(task.motion.times[-1]) for pair in pairs for task in pair)
+    shown = min(whole, SWINGS * max(swings)) if swings else whole
+    figure = new_figure()
+    panels = np.atleast_1d(figure.subplots(len(pairs), 1, sharex=True))
+    for axes, (old, new) in zip(panels, pairs, strict=True):
+        for task, colour, width, dashes in ((old, BEFORE, ALONE, "-"), (new, AFTER, 2.2, (0, (5, 2)))):
+            t, x = task.motion.dense(8)
+            label = f"K = {task.motion.gain:.4g}: {task.motion.verdict.kind}"
+            axes.plot(t, x[0], color=colour, linewidth=width, linestyle=dashes, label=label)
+        t, x = old.motion.dense(8)
+        size = 4 * float(np.max(np.abs(x[0, t >= t[-1] / 2])))
+        if 0 < size < 0.5 * float(np.max(np.abs(old.motion.states[0]))):
+            axes.set_ylim(-size, size)  # hunting is small beside the step
+        axes.set_title(old.start, fontsize=SMALL + 1, loc="left")
+        axes.axhline(0, color=NEUTRAL, linewidth=0.8)
+        axes.grid(True, color="0.88", linewidth=0.6)
+        axes.margins(x=0)
+        axes.set_xlim(0, shown)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.3 * (high - low))  # room for the legend
+        axes.legend(loc="upper right", fontsize=SMALL, ncols=2)
+        axes.set_ylabel("θ - θ$_d$ [rad]".replace("-", "\N{MINUS SIGN}"))
+    panels[-1].set_xlabel("time [s]")
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as the bytes of a PNG file."""
+    stream = io.BytesIO()
+    figure.savefig(stream, dpi=DPI * 2 // 3, format="png")
+    return stream.getvalue()
+
+
+def evidence_images(
+    tuning: Tuning, before: tuple[float, Sequence[Task]], options: Options | None = None
+) -> dict[str, bytes]:
+    """The images of the evidence page, as PNG; what cannot be drawn is left out.
+
+    Parameters
+    ----------
+    tuning, before
+        the tuning, and gain and tasks before.
+    options
+        of the diagram.
+    """
+    images: dict[str, bytes] = {}
+    fold = tuning.verification.fold
+    if fold is not None:
+        try:
+            points = diagram(tuning.worst, tuning.model, start=START * fold.gain, options=options)
+            images["diagram"] = png(operating_point(tuning, collect(tuning.worst, tuning.model, points)))
+        except NoOrbit:
+            pass  # a servo without a cycle at that gain: the page says its fold in numbers
+        images["sensitivities"] = png(elasticities([fold], [fold_sensitivities(fold)]))
+    if any(task.friction == "nominal" for task in tuning.verification.tasks):
+        images["responses"] = png(responses(before, tuning.verification.tasks))
+    return images

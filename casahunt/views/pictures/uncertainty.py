@@ -1,0 +1,57 @@
+"""Picture of an uncertain fold gain: histogram of the samples, the linear interval, the worst corner."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...design.uncertainty import Samples, Summary, WorstCase
+from ...errors import InputError
+from ...servo.problem import HuntingFold
+from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, SMALL, Figure, new_figure
+
+MOST_BINS = 40
+
+
+def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary) -> Figure:
+    """Fold gains of the samples, with the servo's own, the linear interval and the worst corner.
+
+    Parameters
+    ----------
+    fold, samples, worst
+        what `find_fold`, `sample` and `worst_corner` returned.
+    seen
+        their `summary`.
+
+    Raises
+    ------
+    InputError : no sample was computed.
+    """
+    gains = samples.gains[samples.computed]
+    if not gains.size:
+        raise InputError("samples: at least one must be computed to draw")
+    figure = new_figure()
+    axes = figure.subplots()
+    bins = int(np.clip(1.3 * np.sqrt(gains.size), 5, MOST_BINS))
+    look = LOOKS[fold.orbit.model]
+    alive = int((gains > 0).sum())
+    dead = "" if alive == gains.size else f", {gains.size - alive} cannot hunt (0)"
+    heights, _, _ = axes.hist(
+        gains, bins=bins, color="#c9d3e6", edgecolor="0.35", linewidth=0.5, label=f"{gains.size} samples{dead}"
+    )
+    top = float(np.max(heights))
+    axes.axvline(fold.gain, color=look.colour, linewidth=1.8, label=f"servo as given: {fold.gain:.4g}")
+    low, high = seen.linear
+    axes.errorbar(
+        [(low + high) / 2], [1.08 * top], xerr=[[(high - low) / 2]] * 2, color=NEUTRAL, linewidth=1.8, capsize=6,
+        capthick=1.8, label=f"linear {seen.range_name.replace('+-', '±')}: {low:.4g} to {high:.4g}",
+    )  # fmt: skip
+    axes.axvline(
+        worst.gain, color="#7a1f3d", linewidth=1.8, linestyle=(0, (6, 2)), label=f"worst corner: {worst.gain:.4g}"
+    )
+    axes.set_ylim(0, 1.15 * top)
+    axes.set_xlabel(GAIN_LABEL.replace("controller gain", "fold gain"))
+    axes.set_ylabel("samples")
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.set_title("Up to which gain the servo may hunt")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=SMALL)
+    return figure

@@ -1,0 +1,194 @@
+"""An independent engine for the tests: Taylor series with events, no collocation, no CasADi.
+
+Servo: x1' = x2, J x2' = m - F, x3' = x1, m = -(kp x1 + kd x2 + ki x3), friction as in the report.
+Every right-hand side is a chain of sums, products, quotients and one exponential, whose Taylor
+coefficients follow from recurrences (Griewank and Walther, Evaluating Derivatives, chapter 13):
+
+    w = u v:    w_k = sum_j u_j v_{k-j}
+    w = u / v:  w_k = (u_k - sum_{j<k} w_j v_{k-j}) / v_0
+    w = exp u:  k w_k = sum_{j>=1} j u_j w_{k-j}
+
+The step is chosen from the last coefficients; events are roots of the polynomial in the step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from casahunt.servo.servo import Servo
+
+ORDER = 22
+EPS = 1e-17
+
+
+class Flow:
+    """One smooth piece of the motion: Taylor coefficients of all states at a point."""
+
+    def __init__(self, servo: Servo, gain: float, model: str) -> None:
+        f, c = servo.friction, servo.controller
+        factor = gain * servo.motor_gain
+        self.J = servo.inertia
+        self.kp, self.kd = factor * (1 + c.lead_time / c.integral_time), factor * c.lead_time
+        self.ki = factor / c.integral_time
+        self.Fs, self.Fc, self.vs, self.s2 = f.static, f.coulomb, f.stribeck_velocity, f.viscous
+        self.s0, self.s1 = f.stiffness, f.damping
+        self.model = model
+
+    def torque(self, x: np.ndarray) -> float:
+        return -(self.kp * x[0] + self.kd * x[1] + self.ki * x[2])
+
+    def series(self, x: np.ndarray, sign: float) -> np.ndarray:
+        """(n, ORDER + 1) Taylor coefficients for friction direction `sign`."""
+        n = x.size
+        a = np.zeros((n, ORDER + 1))
+        a[:, 0] = x
+        w, e, q = np.zeros(ORDER + 1), np.zeros(ORDER + 1), np.zeros(ORDER + 1)
+        g, zv = np.zeros(ORDER + 1), np.zeros(ORDER + 1)
+        for k in range(ORDER):
+            v = a[1]
+            w[k] = -(v[: k + 1] @ v[k::-1]) / self.vs**2
+            e[k] = math.exp(w[0]) if k == 0 else sum(j * w[j] * e[k - j] for j in range(1, k + 1)) / k
+            g[k] = (self.Fs - self.Fc) * e[k] + (self.Fc if k == 0 else 0.0)
+            m = -(self.kp * a[0, k] + self.kd * v[k] + self.ki * a[2, k])
+            if self.model == "switch":
+                friction = sign * g[k] + self.s2 * v[k]
+            else:
+                zv[k] = v[: k + 1] @ a[3, k::-1]
+                q[k] = (zv[k] - q[:k] @ g[k:0:-1]) / g[0]
+                rate = v[k] - self.s0 * sign * q[k]
+                friction = self.s0 * a[3, k] + self.s1 * rate + self.s2 * v[k]
+                a[3, k + 1] = rate / (k + 1)
+            a[0, k + 1] = v[k] / (k + 1)
+            a[1, k + 1] = (m - friction) / self.J / (k + 1)
+            a[2, k + 1] = a[0, k] / (k + 1)
+        return a
+
+
+def _value(a: np.ndarray, h: float) -> np.ndarray:
+    out = a[:, -1].copy()
+    for k in range(ORDER - 1, -1, -1):
+        out = out * h + a[:, k]
+    return out
+
+
+def _step(a: np.ndarray, scale: np.ndarray, vs: float) -> float:
+    # Several coefficients: a single one may pass through zero and promise too long a step.
+    orders = range(ORDER - 5, ORDER + 1)
+    sizes = [np.max(np.abs(a[:, k]) / scale) for k in orders]
+    steps = [(EPS / s) ** (1 / k) for s, k in zip(sizes, orders, strict=True) if s > 0]
+    h = 0.8 * min([*steps, 1e3])
+    # Far above vs the exponential has no visible coefficients: it must not come back within a step.
+    allowed = max(vs, abs(a[1, 0]) - 7 * vs)
+    while abs(_value(a, h)[1] - a[1, 0]) > allowed:
+        h *= 0.7
+    return h
+
+
+def _root(a: np.ndarray, row: np.ndarray, low: float, high: float) -> float:
+    """Root of row . x(h) between low and high, by bisection and Newton."""
+    c = row @ a
+    f_low = float(np.polynomial.polynomial.polyval(low, c))
+    for _ in range(60):
+        middle = (low + high) / 2
+        f = float(np.polynomial.polynomial.polyval(middle, c))
+        if f * f_low > 0:
+            low = middle
+        else:
+            high = middle
+    h = (low + high) / 2
+    derivative = np.polynomial.polynomial.polyder(c)
+    for _ in range(3):
+        slope = float(np.polynomial.polynomial.polyval(h, derivative))
+        if slope:
+            h -= float(np.polynomial.polynomial.polyval(h, c)) / slope
+    return h
+
+
+def switch_half_cycle(
+    servo: Servo, gain: float, a: float, *, thrown_out: float = math.inf, most_slips: float = math.inf
+) -> tuple[float, float, list[float]]:
+    """From breakaway at x1 = -a: (stick position reached, half period, slip durations).
+
+    A motion that turns beyond `thrown_out`, or for the `most_slips`-th time without having stuck, is not followed any
+    further: (its |x1|, nan, slip durations).
+    """
+    flow = Flow(servo, gain, "switch")
+    x = np.array([-a, 0.0, (flow.kp * a - flow.Fs) / flow.ki])
+    sign, time, slips = 1.0, 0.0, []
+    velocity = np.array([0.0, 1.0, 0.0])
+    while True:
+        began, first = time, True
+        scale = np.array([a, max(a, 1e-6), abs(flow.Fs / flow.ki)])
+        while True:
+            c = flow.series(x, sign)
+            h = _step(c, scale, flow.vs)
+            if first:
+                # Velocity and acceleration vanish at breakaway: keep the first step inside the slip.
+                h = min(h, 1e-3)
+            samples = np.array([sign * _value(c, s)[1] for s in np.linspace(0, h, 9)[1:]])
+            if not first and (samples < 0).any():
+                i = int(np.flatnonzero(samples < 0)[0])
+                h = _root(c, velocity, h * i / 8, h * (i + 1) / 8)
+                x = _value(c, h)
+                time += h
+                break
+            x, time, first = _value(c, h), time + h, False
+        slips.append(time - began)
+        x[1] = 0.0
+        m = flow.torque(x)
+        if abs(m) > flow.Fs and (abs(x[0]) > thrown_out or len(slips) >= most_slips):
+            return abs(float(x[0])), math.nan, slips
+        if abs(m) <= flow.Fs:
+            way_out = -np.sign(x[0])
+            return float(x[0]), time + (m - way_out * flow.Fs) / (flow.ki * x[0]), slips
+        sign = float(np.sign(m))
+
+
+def lugre_half_cycle(servo: Servo, gain: float, x: np.ndarray, sign: float = 1.0) -> tuple[np.ndarray, float, float]:
+    """From x1 = 0 in mid-slip to the next x1 = 0: (state, time, max |x1|)."""
+    flow = Flow(servo, gain, "lugre")
+    scale = np.array([np.max(np.abs(x[2] * flow.ki / flow.kp)), np.abs(x[1]), np.abs(x[2]), flow.Fs / flow.s0])
+    time, largest = 0.0, 0.0
+    velocity, position = np.array([0, 1.0, 0, 0]), np.array([1.0, 0, 0, 0])
+    side = sign
+    started = False
+    while True:
+        c = flow.series(x, sign)
+        h = _step(c, scale, flow.vs)
+        grid = np.linspace(0, h, 9)
+        values = np.array([_value(c, s) for s in grid])
+        reverse = np.flatnonzero(sign * values[1:, 1] < 0)
+        cross = np.flatnonzero(side * values[1:, 0] < 0) if started else np.zeros(0, int)
+        events = [(int(r[0]), row) for r, row in ((reverse, velocity), (cross, position)) if r.size]
+        if events:
+            i, row = min(events, key=lambda event: event[0])
+            h = _root(c, row, grid[i], grid[i + 1])
+            x = _value(c, h)
+            time += h
+            largest = max(largest, abs(x[0]))
+            if row is position:
+                return x, time, largest
+            x[1] = 0.0
+            sign = -sign
+            # A first step off the reversal, so that x2 = 0 is not met again.
+            c = flow.series(x, sign)
+            tiny = 1e-3 * _step(c, scale, flow.vs)
+            x, time = _value(c, tiny), time + tiny
+        else:
+            x, time = values[-1], time + h
+        started = started or side * x[0] > 1e-3 * scale[0]
+        largest = max(largest, abs(x[0]))
+
+
+def switch_cycle(servo: Servo, gain: float, guess: float) -> tuple[float, float]:
+    """(amplitude, period) of the symmetric Switch cycle next to `guess`, by the secant method on P(a) = a."""
+    a0, a1 = guess, guess * (1 + 1e-6)
+    f0 = switch_half_cycle(servo, gain, a0)[0] - a0
+    for _ in range(30):
+        f1 = switch_half_cycle(servo, gain, a1)[0] - a1
+        if f1 == f0 or abs(a1 - a0) <= 1e-15 * a1:
+            break
+        a0, a1, f0 = a1, a1 - f1 * (a1 - a0) / (f1 - f0), f1
+    return a1, 2 * switch_half_cycle(servo, gain, a1)[1]

@@ -1,0 +1,192 @@
+"""The event map as a second engine: against Taylor series, the collocation orbits, and folds of wide servos."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from casahunt.servo.servo.event_map import fixed_points as module
+
+from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
+from casahunt.servo.event_map.fixed_points import fixed_points, map_at, map_error, map_fold, rounding
+from casahunt.servo.event_map.scan import _fixed_point, half_cycle
+from problems import table1
+from problems.taylor import switch_half_cycle
+
+UNSTABLE = {row["K"]: row for row in table1.REFERENCE["switch"]["unstable"]}
+STABLE = {row["K"]: row for row in table1.REFERENCE["switch"]["stable"]}
+
+
+@pytest.mark.parametrize(("gain", "a"), [(0.04, 0.05), (0.1, 0.0003478), (0.1, 0.01), (0.61, 0.0015), (0.02, 3.0)])
+def test_map_against_taylor(gain, a):
+    """P to a few roundings of the start times the slope; P' by a central difference of the Taylor engine."""
+    p = map_at(Servo(), gain, a)
+    h = 1e-5 if gain > 0.6 else 1e-4
+    exact = switch_half_cycle(Servo(), gain, a)[0]
+    noise = 20 * rounding(Servo(), gain, a) * (1 + abs(p.slope) * a / abs(exact))
+    assert p.position == pytest.approx(exact, rel=max(noise, 3e-12))
+
+    def difference(step: float) -> float:
+        up, down = (switch_half_cycle(Servo(), gain, a * (1 + s))[0] for s in (step, -step))
+        return (up - down) / (2 * a * step)
+
+    richardson = (4 * difference(h) - difference(2 * h)) / 3
+    assert p.slope == pytest.approx(richardson, rel=2e-5)
+    gains = [map_at(Servo(), gain * (1 + s), a).position for s in (1e-5, -1e-5)]
+    assert p.gain_slope == pytest.approx((gains[0] - gains[1]) / (2e-5 * gain), rel=1e-5)
+
+
+@pytest.mark.parametrize("gain", [0.04, 0.1, 0.4, 0.61])
+def test_fixed_points_are_the_orbits(orbit, gain):
+    """Amplitudes to 1e-9 on both branches, whatever the slope; mu to 1e-9, and to 1000 |mu| eps where that is more.
+
+    That much is rounding: at mu = 1e5 the map's own slope jumps by 2e-8 between gains 1e-5 apart.
+    """
+    seen = fixed_points(Servo(), gain)
+    assert seen.conclusive and [f.stable for f in seen.fixed] == [False, True]
+    for f, branch in zip(seen.fixed, ("unstable", "stable"), strict=True):
+        known = orbit("switch", gain, branch, 1e-11)
+        size = max(1e-9, 1000 * abs(f.multiplier) * 2.2e-16)
+        assert f.amplitude == pytest.approx(known.amplitude, rel=1e-9)
+        assert f.multiplier == pytest.approx(known.half_multiplier, rel=size)
+        assert f.period == pytest.approx(known.period, rel=1e-9)
+    # And the published-quality digits of the table, the last of which is not certain.
+    for rows, f in ((UNSTABLE, seen.fixed[0]), (STABLE, seen.fixed[1])):
+        if gain in rows:
+            assert f.amplitude == pytest.approx(rows[gain]["amplitude"], rel=2e-9)
+            assert f.multiplier == pytest.approx(rows[gain]["mu"], rel=2e-7)
+
+
+def test_error_is_measured():
+    position, slope = map_error(Servo(), 0.6, STABLE[0.6]["amplitude"])
+    assert position < 1e-11 and slope < 1e-10
+
+
+def test_a_rising_map_and_no_cycle_above_the_fold():
+    """Above the fold gain of Table 1, 0.6473, none; just below it two, however close."""
+    fold = table1.REFERENCE["switch"]["fold"]
+    above = fixed_points(Servo(), fold["K"] * 1.001)
+    assert above.fixed == () and above.conclusive and above.sentence().startswith("no fixed point")
+    near = fixed_points(Servo(), fold["K"] * (1 - 1e-6), fold["amplitude"] * 0.9, fold["amplitude"] * 1.1)
+    assert len(near.fixed) == 2 and near.fixed[0].multiplier > 1 > near.fixed[1].multiplier
+    # Square root law: amplitudes a* (1 -+ O(sqrt(1e-6))).
+    assert near.fixed[0].amplitude < fold["amplitude"] < near.fixed[1].amplitude
+
+
+def test_jumps_are_not_fixed_points():
+    """Table 1 at K = 0.1: P leaps from 1e-3 to 2e-2 rad next to a = 3.487e-4, far above P = a on both sides."""
+    seen = fixed_points(Servo(), 0.1, 3.4e-4, 3.6e-4, points=9)
+    assert len(seen.fixed) == 1 and len(seen.jumps) == 1
+    jump = seen.jumps[0]
+    assert not jump.crosses and jump.below < 3e-3 < 0.02 < jump.above
+    low, high = (switch_half_cycle(Servo(), 0.1, jump.start * (1 + s))[0] for s in (-1e-6, 1e-6))
+    assert low < 3e-3 < 0.02 < high
+
+
+def test_a_wall_across_the_diagonal_is_no_fixed_point_of_the_scan():
+    """Fs = 0.9: P leaps from below a to 25 a between two doubles, and the scan's bracket ends in mid-air, at 1.3 a."""
+    servo = Servo().replace(**{"friction.static": 0.9})
+    jump = 4.15186e-4
+    low, high = (switch_half_cycle(servo, 1.0, jump * (1 + s))[0] for s in (-2e-6, 2e-6))
+    assert low < jump and high > 20 * jump
+    below, above = (half_cycle("switch", servo, 1.0, jump * s) for s in (0.95, 1.05))
+    assert _fixed_point(lambda a: half_cycle("switch", servo, 1.0, a), above, below, tight=True) is None
+
+
+def test_a_map_of_jumps_without_end_is_given_up(monkeypatch):
+    """Motions of an unstable loop swing dozens of times before they stick: slips are what costs, not motions."""
+    servo = Servo().replace(
+        **{
+            "servo.inertia": 0.16838869820931657, "servo.motor_gain": 28.31674240323281,
+            "controller.lead_time": 0.02338545420603901, "controller.integral_time": 0.04264053025708951,
+            "friction.static": 0.13830258634315928, "friction.coulomb": 0.07339314036116219,
+            "friction.stribeck_velocity": 0.021644533942020733, "friction.viscous": 0.15333309269969053,
+        }
+    )  # fmt: skip
+    monkeypatch.setattr(module, "MOST_SLIPS_IN_ALL", 60)
+    unit = servo.friction.static / servo.torque_gains(2.155)[0]
+    seen = fixed_points(servo, 2.155, unit, 20 * unit, points=5)
+    assert seen.unresolved and not seen.conclusive and len(seen.points) < 30
+
+
+def test_fold_of_the_map_is_the_fold():
+    """Independent of the collocation equations; the tolerance of the collocation fold is 1e-9."""
+    found = map_fold(Servo())
+    assert found.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-11)
+    assert found.gain == pytest.approx(find_fold(Servo(), "switch", options=Options(tol=1e-9)).gain, rel=1e-9)
+    assert found.multiplier == pytest.approx(1, abs=1e-5) and abs(found.excess) < 1e-11
+
+
+def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
+    """Where the climb stops too early, what is located is some fold, not the last one."""
+    honest = module._outermost
+
+    def one_more(servo, gain):
+        return (gain, None) if gain > 0.9 else honest(servo, gain)
+
+    monkeypatch.setattr(module, "CLIMB", ())
+    monkeypatch.setattr(module, "_outermost", one_more)
+    with pytest.raises(NoOrbit, match="not the last one"):
+        map_fold(Servo())
+
+
+def test_bad_input():
+    for arguments in ((0.1, -1.0), (0.1, 1.0, 0.5), (-1.0,), (float("nan"),)):
+        with pytest.raises(InputError):
+            fixed_points(Servo(), *arguments)
+    with pytest.raises(InputError):
+        fixed_points(Servo(), 0.1, points=1)
+    with pytest.raises(NoOrbit):
+        map_fold(Servo().replace(**{"friction.static": 0.44}))
+
+
+def test_command(capsys, tmp_path):
+    picture = tmp_path / "map.png"
+    words = ["map", "--gain", "0.6", "--from", "1e-3", "--to", "3e-3", "--points", "9"]
+    assert cli.main([*words, "--json", "--plot", str(picture)]) == 0
+    out = capsys.readouterr().out
+    record = json.loads(out)
+    assert out.count("\n") == 1 and picture.stat().st_size > 10_000 and record["conclusive"]
+    assert [f["stable"] for f in record["fixed_points"]] == [False, True]
+    assert cli.main(words) == 0 and "mu = P'" in capsys.readouterr().out
+    for wrong in ([], ["--gain", "0"], [*words[1:5], "--to", "1e-4"], [*words[1:3], "--points", "x"]):
+        assert cli.main(["map", *wrong]) == 2
+
+
+WIDE = (
+    {"friction.static": 0.7},
+    {"servo.inertia": 0.005},
+    {"controller.lead_time": 1.0},
+    {"friction.stribeck_velocity": 0.005},
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", WIDE, ids=str)
+def test_folds_of_wide_servos_by_taylor(changes):
+    """2e-4 below the fold gain some motion grows, 1e-5 above it none does, by series with no collocation in them."""
+    # P climbs to its peak within 1e-4 to 1e-12 of a, at a place that moves with the gain: first the foot of that wall
+    # is found by bisection, then positions are tried at log-spaced distances beyond it, and around the fold's own.
+    servo = Servo().replace(**changes)
+    fold = find_fold(servo, "switch", options=Options(tol=1e-9))
+    delta = np.geomspace(1e-10, 1e-2, 30)
+    around = fold.orbit.amplitude * (1 + np.concatenate([-delta[::-1], [0.0], delta]))
+
+    def excess(gain: float, a: float) -> float:
+        return switch_half_cycle(servo, gain, a)[0] / a - 1
+
+    def largest(gain: float) -> float:
+        below, above = fold.orbit.amplitude * 0.98, fold.orbit.amplitude * 1.01
+        assert excess(gain, below) < -0.5 < excess(gain, above)
+        tried = []
+        for _ in range(60):
+            middle = (below + above) / 2
+            tried.append(excess(gain, middle))
+            below, above = (middle, above) if tried[-1] < -0.5 else (below, middle)
+        near = above * (1 + np.geomspace(1e-16, 1e-2, 160))
+        return max(tried + [excess(gain, float(a)) for a in (*near, *around)])
+
+    # Below the fold the peak is so steep that doubles may step over its last 1e-4; above it none may be there at all.
+    assert largest(fold.gain * (1 - 2e-4)) > 0, "no motion grows just below the fold gain"
+    assert largest(fold.gain * (1 + 1e-5)) < 0, "a motion grows just above the fold gain"

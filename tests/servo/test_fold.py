@@ -1,0 +1,292 @@
+"""Folds: the reference, the optimisation problem, the extended system, and exact symmetries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
+from casahunt.continuation.fold import confirmed
+from casahunt.continuation.special_points import FOLD, GRAZING
+from casahunt.orbits.orbit import unknowns_of
+from casahunt.servo.find_fold import find_any_orbit
+from casahunt.servo.hunting import Model
+from casahunt.servo.linear_loop import routh_hurwitz_gain
+from casahunt.servo.problem import HuntingFold
+from problems import table1, taylor
+
+
+@cache
+def fold_of(model: Model, tol: float) -> HuntingFold:
+    """The fold of Table 1, for all tests that read it."""
+    return find_fold(table1.servo(), model, options=Options(tol=tol))
+
+
+@pytest.mark.parametrize(
+    ("model", "tol", "limit"),
+    [
+        ("switch", 1e-10, 1e-10),
+        ("switch", 1e-9, 1e-9),
+        ("lugre", 1e-9, 1e-8),
+        ("switch", 1e-6, 1e-6),
+        ("lugre", 1e-6, 1e-6),
+    ],
+)
+def test_reference_folds(model, tol, limit):
+    row = table1.REFERENCE[model]["fold"]
+    fold = fold_of(model, tol)
+    assert fold.gain == pytest.approx(row["K"], rel=limit)
+    assert fold.optimised_gain == pytest.approx(row["K"], rel=limit)
+    assert fold.orbit.amplitude == pytest.approx(row["amplitude"], rel=1e-6)
+    assert fold.orbit.period == pytest.approx(row["period"], rel=1e-6)
+    true = abs(fold.gain / row["K"] - 1)
+    assert true <= 10 * fold.error_estimate + 1e-11
+    assert fold.error_estimate <= tol
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_extended_system(model):
+    """J v = 0, |v| = 1 at the fold: the full sparse Jacobian is singular there, by a dense SVD."""
+    import casadi as ca
+
+    from casahunt.collocation.graphs import graphs
+
+    fold = fold_of(model, 1e-9)
+    t, u, setting = unknowns_of(fold.orbit)
+    setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
+    g = graphs(t)
+    data = np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
+    jacobian = np.array(ca.Function("J", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data))
+    left, singular, right = np.linalg.svd(jacobian[:, :-1])
+    # One simple zero: the others are a million times larger.
+    assert singular[-1] < 1e-6 * singular[-2]
+    # Transversal: the fold cannot be removed by moving the gain.
+    assert abs(left[:, -1] @ jacobian[:, -1]) > 1e-6
+    # The null vector is the tangent of the branch there.
+    assert np.abs(right[-1]).max() > 0
+
+
+def test_optimisation_multipliers_are_the_left_null_vector():
+    """nu . dG/du = 0 and nu . dG/dlambda = 1 (stationarity of -lambda + nu . G)."""
+    import casadi as ca
+
+    from casahunt.collocation.graphs import graphs
+
+    fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
+    t, u, setting = unknowns_of(fold.orbit)
+    setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
+    g = graphs(t)
+    data = np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
+    jacobian = np.array(ca.Function("J", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data))
+    gradient = fold.multipliers @ jacobian
+    assert np.abs(gradient[:-1]).max() < 1e-5 * np.abs(fold.multipliers).max()
+    assert gradient[-1] == pytest.approx(1, rel=1e-5)
+
+
+def switch_fold(**changes: float) -> float:
+    return find_fold(Servo().replace(**changes), "switch", options=Options(tol=1e-10)).gain
+
+
+def test_fold_times_motor_gain_is_constant():
+    assert switch_fold(**{"servo.motor_gain": 5.0}) * 5 == pytest.approx(switch_fold() * 16, rel=1e-9)
+
+
+def test_fold_depends_on_friction_through_the_drop_over_velocity():
+    """K_fold depends on Fs, Fc, vs only through (Fs - Fc)/vs."""
+    weaker = switch_fold(**{"friction.static": 0.50})
+    wider = switch_fold(**{"friction.stribeck_velocity": 0.03})
+    shifted = switch_fold(**{"friction.static": 0.70, "friction.coulomb": 0.64})
+    assert weaker == pytest.approx(wider, rel=1e-9)
+    assert shifted == pytest.approx(wider, rel=1e-9)
+
+
+def test_controller_times_can_be_swapped():
+    """tau_i <-> tau_d leaves amplitude and period alone with K/tau_i fixed."""
+    one = Servo().replace(**{"controller.integral_time": 0.12, "controller.lead_time": 0.25})
+    two = Servo().replace(**{"controller.integral_time": 0.25, "controller.lead_time": 0.12})
+    a = find_fold(one, "switch", options=Options(tol=1e-10))
+    b = find_fold(two, "switch", options=Options(tol=1e-10))
+    assert a.gain / 0.12 == pytest.approx(b.gain / 0.25, rel=1e-9)
+    assert a.orbit.amplitude == pytest.approx(b.orbit.amplitude, rel=1e-6)
+    assert a.orbit.period == pytest.approx(b.orbit.period, rel=1e-6)
+
+
+def test_steepness_in_static_friction():
+    """+5 % Fs gives +30 %, -5 % Fs -31 % of K_fold (design figures)."""
+    base = switch_fold()
+    assert switch_fold(**{"friction.static": 0.53 * 1.05}) / base == pytest.approx(1.30, abs=0.01)
+    assert switch_fold(**{"friction.static": 0.53 * 0.95}) / base == pytest.approx(0.69, abs=0.01)
+
+
+def test_unseen_servo_without_help():
+    changes = {"servo.inertia": 2.0, "servo.motor_gain": 0.7, "friction.static": 9.0, "friction.coulomb": 6.0}
+    servo = Servo().replace(**changes)
+    fold = find_fold(servo, "switch", options=Options(tol=1e-8))
+    assert fold.status.ok
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-8)
+
+
+def test_pure_coulomb_friction_has_no_fold():
+    with pytest.raises(NoOrbit, match="no hunting limit cycle"):
+        find_fold(Servo().replace(**{"friction.static": 0.44}), "switch")
+    with pytest.raises(NoOrbit, match="no hunting limit cycle"):
+        find_any_orbit(Servo().replace(**{"friction.static": 0.44}), "switch", options=Options())
+
+
+def test_only_folds_are_confirmed(orbit):
+    with pytest.raises(InputError, match="must be a fold"):
+        confirmed(SpecialPoint("superstable", orbit("switch", 0.3), ""), "gain", Options())
+
+
+def test_a_point_off_the_fold_is_refused(orbit):
+    with pytest.raises(NoOrbit, match="not confirmed"):
+        confirmed(SpecialPoint("fold", orbit("switch", 0.64), ""), "gain", Options(tol=1e-9))
+
+
+def test_folds_do_not_depend_on_what_was_computed_before(orbit):
+    """Many structures in between push graphs out of the caches; the Hessian must not outlive its symbols."""
+    from casahunt.collocation.graphs import graphs
+    from casahunt.collocation.solve import _ipopt_solver
+
+    first = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
+    graphs.cache_clear()
+    _ipopt_solver.cache_clear()
+    again = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
+    assert (first.gain, first.optimised_gain) == (again.gain, again.optimised_gain)
+
+
+def test_sharp_fold_of_stronger_friction():
+    """At Fs = 0.66 the slip nearly stops half-way and the fold is 1e-7 wide."""
+    fold = find_fold(Servo().replace(**{"friction.static": 0.66}), "switch")
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_servo_whose_cycles_exist_in_a_narrow_range_of_gains():
+    """The loop is unstable without dry friction up to gain 7.8; cycles exist from about 3.9 to the fold, less than a
+    factor of two.  The fold by the event map of scripts/tuning.py: the peak of P(a)/a, bisected in the gain."""
+    servo = Servo().replace(**{
+        "servo.inertia": 0.19764950539205736, "servo.motor_gain": 1.9805829914128932,
+        "controller.lead_time": 0.049815533087248086, "controller.integral_time": 0.12751686526427994,
+        "friction.static": 0.10159275269823816, "friction.coulomb": 0.0514265195985105,
+        "friction.stribeck_velocity": 0.04042218005192416, "friction.viscous": 0.34532947296876604,
+    })  # fmt: skip
+    fold = find_fold(servo, "switch")
+    assert fold.gain == pytest.approx(4.66243113482, rel=1e-6)
+
+
+def test_large_multipliers_agree_between_half_and_full_cycle():
+    """mu = 2.3249402192253e14 in 50-digit arithmetic (finite differences of the event map, four widths)."""
+    servo = Servo().replace(**{"friction.static": 0.7})
+    half = find_orbit(servo, "switch", 1.0, branch="unstable", options=Options(tol=1e-9))
+    assert half.half_multiplier == pytest.approx(2.3249402192253e14, rel=1e-7)
+    full = find_orbit(servo, "switch", 1.0, branch="unstable", options=Options(tol=1e-9, half=False))
+    assert full.multipliers.leading.real == pytest.approx(half.half_multiplier**2, rel=1e-6)
+
+
+CHANGES = {
+    "friction.static": 0.7, "servo.inertia": 0.005, "controller.lead_time": 1.0, "friction.stribeck_velocity": 0.005,
+}  # fmt: skip
+SLOW = {("lugre", "servo.inertia"), ("lugre", "friction.stribeck_velocity")}
+
+
+@pytest.mark.parametrize(
+    ("model", "changes"),
+    [
+        pytest.param(m, {k: v}, id=f"{k.split('.')[1]}-{m}", marks=[pytest.mark.slow] * ((m, k) in SLOW))
+        for m in ("switch", "lugre") for k, v in CHANGES.items()
+    ],
+)  # fmt: skip
+def test_folds_where_the_slip_nearly_stops_half_way(model, changes):
+    """Next to these folds the motion changes altogether while amplitude and gain move by 1e-7."""
+    fold = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-9))
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-9)
+    finer = find_fold(Servo().replace(**changes), model, options=Options(tol=1e-10))
+    assert fold.gain == pytest.approx(finer.gain, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30))
+def test_folds_of_servos_never_seen(seed):
+    """A range far beyond Table 1: friction drop, Stribeck velocity, damping, inertia and controller times."""
+    rng = np.random.default_rng(1000 + seed)
+
+    def between(low, high):
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    changes = {
+        "friction.static": float(rng.uniform(0.46, 0.9)),
+        "friction.stribeck_velocity": between(0.003, 0.1),
+        "friction.viscous": float(rng.uniform(0, 1)),
+        "servo.inertia": between(0.005, 0.2),
+        "controller.lead_time": between(0.05, 1),
+        "controller.integral_time": between(0.05, 1),
+    }
+    servo = Servo().replace(**changes)
+    try:
+        fold = find_fold(servo, "switch", options=Options(tol=1e-8))
+    except NoOrbit as refusal:  # one servo of the thirty: no motion of the other engine grows either
+        assert refusal.status is None and "no hunting limit cycle" in str(refusal)
+        for gain in routh_hurwitz_gain(servo) * np.array([0.01, 0.1, 1.0, 10.0]):
+            unit = servo.friction.static / servo.torque_gains(gain)[0]
+            for a in unit * np.geomspace(1e-3, 3, 25):
+                assert taylor.switch_half_cycle(servo, gain, a)[0] < a
+        return
+    assert fold.status.ok
+    assert fold.optimised_gain == pytest.approx(fold.gain, rel=1e-8)
+
+
+# Friction rises with speed everywhere, so that it does not hunt; at tiny gains swings come back to 0.98 of their size.
+NEVER_HUNTS = Servo().replace(
+    **{
+        "friction.static": 0.46, "friction.stribeck_velocity": 0.075, "friction.viscous": 0.59,
+        "servo.inertia": 0.054, "controller.lead_time": 0.233, "controller.integral_time": 0.462,
+    }
+)  # fmt: skip
+
+
+def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
+    """P(a)/a is next to one over decades of a and crosses it nowhere: no short cut to a fixed point, and no claim."""
+    from casahunt.servo.servo.event_map import scan as event_map
+
+    from casahunt.servo.event_map.scan import half_cycle, near_stable
+    from casahunt.servo.servo import find_fold as fold
+
+    gain = 5e-6
+    unit = NEVER_HUNTS.friction.static / NEVER_HUNTS.torque_gains(gain)[0]
+    for a in unit * np.array([0.015, 0.1]):
+        assert 0 < taylor.switch_half_cycle(NEVER_HUNTS, gain, a)[0] / a < 0.99
+    assert near_stable("switch", NEVER_HUNTS, gain, 0.1 * unit) is None
+    monkeypatch.setattr(fold, "SEARCH_FACTORS", 0)
+    monkeypatch.setattr(fold, "routh_hurwitz_gain", lambda servo: gain)
+    monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
+    with pytest.raises(NoOrbit, match=r"was found: 1 gains .* at most at 0\.98") as refused:
+        find_fold(NEVER_HUNTS, "switch")
+    assert refused.value.status is None
+    # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
+    monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a: half_cycle(m, s, K, a) if K == gain else None)
+    monkeypatch.setattr(fold, "stable_at", _stuck)
+    with pytest.raises(NoOrbit, match="was found: .* and 1 of them were tried: stuck") as refused:
+        find_fold(NEVER_HUNTS, "switch")
+    assert refused.value.status is Status.NOT_FOUND
+
+
+def _stuck(*arguments, **options):
+    raise NoOrbit("stuck", Status.NOT_CONVERGED)
+
+
+@pytest.mark.slow
+def test_grazing_is_located():
+    """Orbits started afresh on both sides have another number of phases, and the located one a vanishing phase."""
+    servo = Servo()
+    branch = collect(servo, "lugre", diagram(servo, "lugre", start=0.1, monitors=(FOLD, GRAZING)))
+    dying = [s.orbit for s in branch.special if s.kind == "grazing" and s.orbit.stable]
+    assert dying
+    for orbit in dying:
+        below, above = (find_orbit(servo, "lugre", orbit.gain * factor) for factor in (0.99, 1.01))
+        assert len(below.arcs) == len(above.arcs) + 2
+        # The duration of the vanishing pair goes like the square root of the distance.
+        assert min(arc.duration for arc in orbit.arcs) < 1e-2 * min(arc.duration for arc in above.arcs)

@@ -1,0 +1,171 @@
+"""Pictures: computing makes none, every function returns a Figure that can be saved, bad paths are refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from casahunt.continuation.special_points import SpecialPoint
+from casahunt.errors import InputError
+from casahunt.orbits.orbit import Orbit
+from casahunt.servo.branch import Branch
+from casahunt.servo.find_orbit import find_orbit
+from casahunt.servo.servo import Servo
+from casahunt.views.pictures import plotting
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def switch() -> list[Orbit]:
+    """Switch cycles along the branch: three stable ones and, behind the fold, an unstable one."""
+    stable = [find_orbit(Servo(), "switch", gain) for gain in (0.1, 0.3, 0.6)]
+    return [*stable, find_orbit(Servo(), "switch", 0.6, branch="unstable")]
+
+
+@pytest.fixture(scope="module")
+def fold() -> Orbit:
+    """A cycle next to the fold, K = 0.6473."""
+    return find_orbit(Servo(), "switch", 0.647)
+
+
+@pytest.fixture(scope="module")
+def lugre() -> list[Orbit]:
+    return [find_orbit(Servo(), "lugre", gain) for gain in (0.3, 0.6)]
+
+
+@pytest.fixture(scope="module")
+def branches(switch: list[Orbit], fold: Orbit, lugre: list[Orbit]) -> list[Branch]:
+    special = (
+        SpecialPoint("fold", fold, "the largest gain with a cycle"),
+        SpecialPoint("of my own", switch[1], "a user's function is zero"),
+    )
+    return [
+        Branch("switch", Servo(), tuple(switch), "end of the range", special),
+        Branch("lugre", Servo(), tuple(lugre), "end of the range"),
+    ]
+
+
+def check_figure(figure: Figure, folder: Path) -> None:
+    assert isinstance(figure, Figure)
+    path = folder / "picture.png"
+    plotting.save(figure, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert path.stat().st_size > 10_000  # an empty page of this size takes less
+
+
+def line_styles(figure: Figure) -> set[str]:
+    return {line.get_linestyle() for line in figure.axes[0].get_lines() if line.get_linestyle() != "None"}
+
+
+def test_computing_makes_no_figure() -> None:
+    code = (
+        "import sys\n"
+        "from casahunt.servo.find_orbit import find_orbit\n"
+        "from casahunt.servo.servo import Servo\n"
+        "find_orbit(Servo(), 'switch', 0.4)\n"
+        "assert 'matplotlib' not in sys.modules\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_drawing_needs_no_pyplot() -> None:
+    code = "import sys, casahunt.plotting\nassert 'matplotlib.pyplot' not in sys.modules\n"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("equilibria", [True, False])
+def test_diagram(branches: list[Branch], tmp_path: Path, equilibria: bool) -> None:
+    figure = plotting.diagram(branches, equilibria=equilibria)
+    check_figure(figure, tmp_path)
+    notes = [text.get_text() for text in figure.axes[0].texts]
+    assert any("K = 0.647" in note for note in notes)
+    assert any("equilibria" in note for note in notes) == equilibria
+    assert line_styles(figure) == {"-", "--"}
+
+
+def test_diagram_of_one_orbit(switch: list[Orbit], tmp_path: Path) -> None:
+    check_figure(plotting.diagram([Branch("switch", Servo(), (switch[0],), "")]), tmp_path)
+
+
+def test_multipliers(branches: list[Branch], tmp_path: Path) -> None:
+    figure = plotting.multipliers(branches)
+    check_figure(figure, tmp_path)
+    low, high = figure.axes[0].get_ylim()
+    assert low < -1
+    assert high > branches[0].half_multipliers.max()
+
+
+def test_special_points_go_between_their_neighbours(branches: list[Branch], switch: list[Orbit], fold: Orbit) -> None:
+    (curve, _) = plotting._curves(branches)
+    assert curve.orbits == [*switch[:3], fold, switch[3]]
+    assert curve.kinds == ["", "of my own", "", "fold", ""]
+    assert curve.runs() == [(True, slice(0, 4)), (False, slice(3, 5))]  # they share the fold
+
+
+@pytest.mark.parametrize("pick", [lambda a, b: [a[0]], lambda a, b: [a[2], b[1]], lambda a, b: [a[2], a[3]]])
+def test_time_traces_and_phase_portrait(
+    switch: list[Orbit],
+    lugre: list[Orbit],
+    tmp_path: Path,
+    pick: Callable[[list[Orbit], list[Orbit]], list[Orbit]],
+) -> None:
+    orbits = pick(switch, lugre)
+    traces = plotting.time_traces(orbits)
+    assert len(traces.axes) == (4 if any(o.model == "lugre" for o in orbits) else 3)
+    check_figure(traces, tmp_path)
+    portrait = plotting.phase_portrait(orbits)
+    assert len(portrait.axes) == 3
+    check_figure(portrait, tmp_path)
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> None:
+    orbit = switch[0] if model == "switch" else lugre[0]
+    times, states = plotting.rolled(*orbit.sample(plotting.SAMPLES))
+    assert np.all(np.diff(times) >= 0)
+    assert times[-1] - times[0] == pytest.approx(orbit.period, rel=1e-12)
+    assert states[:, 0] == pytest.approx(states[:, -1])
+    # Zero within the linear interpolation between neighbouring samples.
+    before = int(np.searchsorted(times, 0.0)) - 1
+    assert np.interp(0.0, times, states[0]) == pytest.approx(0, abs=1e-6 * orbit.amplitude)
+    assert states[0, before - 1] < 0 < states[0, before + 2]
+
+
+def test_nothing_to_draw_is_refused() -> None:
+    for draw in (plotting.diagram, plotting.multipliers, plotting.time_traces, plotting.phase_portrait):
+        with pytest.raises(InputError, match="at least one"):
+            draw([])
+    with pytest.raises(InputError, match="at least one"):
+        plotting.diagram([Branch("switch", Servo(), (), "nothing found")])
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("missing/picture.png", "no folder"),
+        ("file/picture.png", "no folder"),
+        ("folder.png", "cannot write"),
+        ("picture.xyz", "suffix must be one of"),
+        ("picture", "suffix must be one of"),
+    ],
+)
+def test_bad_path_is_refused(switch: list[Orbit], tmp_path: Path, name: str, complaint: str) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(InputError, match=complaint):
+        plotting.save(plotting.time_traces(switch[:1]), tmp_path / name)
+
+
+def test_other_suffixes(switch: list[Orbit], tmp_path: Path) -> None:
+    path = tmp_path / "picture.SVG"
+    plotting.save(plotting.time_traces(switch[:1]), path)
+    assert "<svg" in path.read_text()
