@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt.design.tune.demands import Demands  # noqa: E402
 from casahunt.design.tune.tuning import Tuning, tune  # noqa: E402
-from casahunt.design.uncertainty import Uncertainty  # noqa: E402
+from casahunt.design.uncertainty.set import Uncertainty  # noqa: E402
 from casahunt.errors import NoOrbit  # noqa: E402
 from casahunt.servo.servo import Servo  # noqa: E402
 from scripts.stress import TooSlow, within  # noqa: E402

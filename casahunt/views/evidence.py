@@ -18,7 +18,7 @@ from ..design.tune.check import Verification
 from ..design.tune.demands import COSTS
 from ..design.tune.tasks import Task, regulator_tasks
 from ..design.tune.tuning import Tuning
-from ..design.uncertainty import linear_range
+from ..design.uncertainty.linear import linear_range
 from ..servo.delayed_loop import Margins
 from ..servo.servo import flatten
 

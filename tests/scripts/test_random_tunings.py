@@ -8,7 +8,7 @@ import pytest
 from casahunt import Servo
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tuning import tune
-from casahunt.design.uncertainty import Uncertainty
+from casahunt.design.uncertainty.set import Uncertainty
 from problems import table1
 
 pytest.importorskip("control")

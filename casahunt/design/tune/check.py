@@ -29,7 +29,8 @@ from ...servo.event_map.scan import scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
-from ..uncertainty import Uncertainty, fold_gains
+from ..uncertainty.nearby import fold_gains
+from ..uncertainty.set import Uncertainty
 from .demands import Demands, silent
 from .given import Answer, fold_of
 from .loop_set import DEMANDS

@@ -26,7 +26,7 @@ from ...errors import InputError, Status
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo
-from ..uncertainty import Uncertainty, check_box
+from ..uncertainty.set import Uncertainty, check_box
 from .check import Verification, verified
 from .demands import COSTS, TIMES, Demands, check_bounds, cost_of, log_times, silent
 from .given import Given

@@ -28,7 +28,7 @@ from typing import Any
 from ...checks import known, to_error
 from ...design.tune.demands import COSTS, FREE, Demands
 from ...design.tune.tuning import Tuning, tune
-from ...design.uncertainty import load_uncertainty
+from ...design.uncertainty.toml import load_uncertainty
 from ...errors import InputError
 from ...files import together, whole_text
 from ...orbits.adapt import Options

@@ -11,7 +11,11 @@ from typing import Any
 
 from ... import interrupts
 from ...checks import known, quoted, to_error
-from ...design.uncertainty import Samples, Uncertainty, draw, load_uncertainty, sample, summary, worst_corner
+from ...design.uncertainty.samples import Samples, draw, sample
+from ...design.uncertainty.set import Uncertainty
+from ...design.uncertainty.summary import summary
+from ...design.uncertainty.toml import load_uncertainty
+from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import InputError, NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
