@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ...checks import known, to_error
-from ...design.fold_curve import POINTS, FoldCurve, FoldPoint, as_found, check_range, fold_curve
-from ...design.fold_curve_files import INTERRUPTED, begun, save_curve
+from ...design.fold_curve.curve import POINTS, check_range, fold_curve
+from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
+from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
 from ...files import together, whole_text
 from ...interrupts import held, word
