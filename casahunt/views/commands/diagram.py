@@ -202,14 +202,17 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
 
 
 def _pictures(branches: list[Branch], out: Path) -> None:
-    from ..pictures import plotting
+    from ..pictures.branches import diagram as drawn_diagram
+    from ..pictures.branches import multipliers
+    from ..pictures.orbits import phase_portrait, time_traces
+    from ..pictures.plotting import save
 
     firsts = [branch.orbits[0] for branch in branches]
     figures = (
-        plotting.diagram(branches),
-        plotting.multipliers(branches),
-        plotting.time_traces(firsts),
-        plotting.phase_portrait(firsts),
+        drawn_diagram(branches),
+        multipliers(branches),
+        time_traces(firsts),
+        phase_portrait(firsts),
     )
     for figure, name in zip(figures, PICTURES, strict=True):
-        plotting.save(figure, out / name)
+        save(figure, out / name)

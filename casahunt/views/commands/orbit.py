@@ -76,8 +76,9 @@ def run(options: argparse.Namespace) -> int:
         options.outputs.write(save_orbit, orbit, save)
     if plot:
         from ..pictures import plotting
+        from ..pictures.orbits import time_traces
 
-        options.outputs.draw(lambda: plotting.save(plotting.time_traces([orbit]), plot))
+        options.outputs.draw(lambda: plotting.save(time_traces([orbit]), plot))
     if options.json:
         print(json.dumps(record))
         return 0
