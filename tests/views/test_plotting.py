@@ -77,7 +77,7 @@ def test_computing_makes_no_figure() -> None:
 
 
 def test_drawing_needs_no_pyplot() -> None:
-    code = "import sys, casahunt.plotting\nassert 'matplotlib.pyplot' not in sys.modules\n"
+    code = "import sys, casahunt.views.pictures.plotting\nassert 'matplotlib.pyplot' not in sys.modules\n"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
