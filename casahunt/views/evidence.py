@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import base64
 import html
-import math
 from collections.abc import Mapping
 from typing import Any
 
+from ..checks import finite_or_none
 from ..design.sensitivity import fold_sensitivities
 from ..design.tune.check import Verification
 from ..design.tune.demands import COSTS
@@ -63,16 +63,12 @@ def result_of(check: Verification) -> str:
     return "speaks against it" if check.against else "not everything verified" if check.unverified else "verified"
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _loop(loop: Margins) -> dict[str, Any]:
     return {
         "crossover": loop.frequency,
         "phase_margin": loop.phase_margin,
-        "lowest_factor": _number(loop.lowest_factor),
-        "highest_factor": _number(loop.highest_factor),
+        "lowest_factor": finite_or_none(loop.lowest_factor),
+        "highest_factor": finite_or_none(loop.highest_factor),
         "stable": loop.stable,
     }
 
@@ -113,7 +109,7 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
         "integral_time": tuning.servo.controller.integral_time,
         "cost": tuning.cost,
         "cost_meaning": what,
-        "cost_value": _number(tuning.cost_value),
+        "cost_value": finite_or_none(tuning.cost_value),
         "cost_unit": unit.rstrip("]"),
         "cost_gain_only": tuning.gain_only,
         "fold_gain": tuning.fold_gain,
@@ -144,7 +140,7 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
             "fold_gain": fold.gain if fold is not None else None,
             "fold_error": fold.gain_error if fold is not None else None,
             "nominal_fold_gain": nominal.gain if nominal is not None else None,
-            "margin": _number(check.margin),
+            "margin": finite_or_none(check.margin),
             "margin_kept": check.margin_kept,
             "scan": check.scan_sentence,
             "scan_clear": check.scan_clear,

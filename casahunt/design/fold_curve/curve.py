@@ -85,24 +85,33 @@ def fold_curve(
     problem = Problem(model, servo, axis, options, 1 / (points - 1))
     chart, c, sense, found = _begin(problem, begun)
     goal = servo.replace(**{vary: axis.value(1 - c)})
-    followed = _followed(chart, sense, found)
-    reason, gone = "", False
-    while not (reason or gone):
-        try:
-            place = next(followed)
-        except StopIteration as stop:
-            reason = stop.value
-            break
-        found.append(replace(place.chart.fold, turns=place.turns))
-        if report is not None:
-            report(found[-1])
-        reason, gone = _fading(found, place.chart, goal)
+    reason, gone = _collect(_followed(chart, sense, found), found, goal, report)
     last = found[-1]
     if c == 1:
         found = found[::-1]
     cusps = tuple(point for point in found if point.turns)
     sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason, gone)
     return FoldCurve(model, servo, vary, tuple(found), cusps, sentence, status, time.perf_counter() - began, gone)
+
+
+def _collect(
+    followed: Generator[Place, None, str],
+    found: list[FoldPoint],
+    goal: Servo,
+    report: Callable[[FoldPoint], None] | None,
+) -> tuple[str, bool]:
+    """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero)."""
+    reason, gone = "", False
+    while not (reason or gone):
+        try:
+            place = next(followed)
+        except StopIteration as stop:
+            return stop.value, False
+        found.append(replace(place.chart.fold, turns=place.turns))
+        if report is not None:
+            report(found[-1])
+        reason, gone = _fading(found, place.chart, goal)
+    return reason, gone
 
 
 def _followed(chart: Chart, sense: float, found: Sequence[FoldPoint]) -> Generator[Place, None, str]:

@@ -7,11 +7,10 @@ import json
 from typing import Any
 
 from ...checks import known, to_error
-from ...errors import InputError
 from ...orbits.adapt import Options
 from ...servo.basin import OFFSET, Basin, Trial, basin
 from ...servo.hunting import MODELS
-from .console import add_common, complain, finite, positive, servo_of
+from .console import add_common, complain, finite, gain_of, servo_of
 
 
 def add(commands: Any) -> None:
@@ -28,9 +27,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
-    if options.gain is None:
-        raise InputError("gain: must be given, for example --gain 0.1")
-    gain = positive("gain", options.gain)
+    gain = gain_of(options)
     how = Options(tol=finite("tol", options.tol))
     offset = finite("offset", options.offset)
     servo = servo_of(options)

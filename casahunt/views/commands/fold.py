@@ -11,7 +11,17 @@ from ...design.sensitivity import fold_sensitivities
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
-from .console import add_common, add_solver, finite, progress, progress_line, say, servo_of, solver_of, writable
+from .console import (
+    add_common,
+    add_solver,
+    finite,
+    picture_of,
+    progress,
+    progress_line,
+    say,
+    servo_of,
+    solver_of,
+)
 
 MAXIMUM = "the maximum of an optimisation problem (IPOPT)"
 
@@ -30,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     model = known("model", options.model, MODELS)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     fold = find_fold(servo, model, options=how)  # type: ignore[arg-type]
     slopes = fold_sensitivities(fold)
     if plot:
