@@ -33,7 +33,8 @@ from ...errors import InputError
 from ...files import together, whole_text
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS
-from ..evidence import before_tasks, page, record_of
+from ..evidence.page import page
+from ..evidence.record import before_tasks, record_of
 from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
 
 FILES = ["tune.html", "tune.json"]
