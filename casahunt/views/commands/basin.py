@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from ...checks import known, to_error
+from ...checks import error_text, known, to_error
 from ...orbits.adapt import Options
 from ...servo.basin import OFFSET, Basin, Trial, basin
 from ...servo.hunting import MODELS
@@ -56,7 +56,8 @@ def run(options: argparse.Namespace) -> int:
             says = "an unstable hunting cycle stands at {0} rad; that it bounds coming to rest is not confirmed"
         print(f"{model} servo at gain {gain:.10g}: {says.format(to_error(found.border, found.error_estimate))}{where}")
         amplitude = to_error(found.unstable.amplitude, found.error_estimate)
-        print(f"  unstable cycle   amplitude max |x1| = {amplitude} rad, estimated error {found.error_estimate:.1e}")
+        print(f"  unstable cycle   amplitude max |x1| = {amplitude} rad, estimated error "
+              f"{error_text(found.error_estimate)}")  # fmt: skip
         print(f"  {_outer(found)}")
         for name, trial in (("inside", found.inside), ("outside", found.outside)):
             a = [f"{position:.4g}" for position in trial.positions]

@@ -7,7 +7,7 @@ import json
 import time
 from typing import Any
 
-from ...checks import finite_or_none, known, to_error
+from ...checks import error_text, finite_or_none, known, to_error
 from ...orbits.adapt import Options
 from ...orbits.archive import save_orbit
 from ...orbits.floquet import Multipliers
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"  multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
     if second is not None:
         _print_second_route(orbit, second)
-    print(f"  error estimate   {orbit.error_estimate:.1e} (relative, period and amplitude)")
+    print(f"  error estimate   {error_text(orbit.error_estimate)} (relative, period and amplitude)")
     print(f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
           f"{orbit.iterations} iterations, {record['wall_s']:.2f} s")  # fmt: skip
     return 0

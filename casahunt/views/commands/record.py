@@ -21,7 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ...checks import finite_or_none, known, moderate
+from ...checks import error_text, finite_or_none, known, moderate
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
 from ...errors import InputError, NoOrbit
@@ -121,7 +121,7 @@ def _show(file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None,
             print(f"  {sentence}")
     if orbit:
         source = f"{orbit.model} model at gain {orbit.gain:.10g}"
-        print(f"  predicted by the {source}, error estimate {orbit.error_estimate:.1e}")
+        print(f"  predicted by the {source}, error estimate {error_text(orbit.error_estimate)}")
 
 
 def _remarks(m: Measurement) -> list[str]:

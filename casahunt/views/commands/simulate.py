@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import finite_or_none, known, moderate
+from ...checks import error_text, finite_or_none, known, moderate
 from ...errors import InputError
 from ...files import whole_text
 from ...servo.hunting import MODELS
@@ -107,8 +107,8 @@ def _print(found: Trajectory, wall_s: float) -> None:
         print(f"  period           {verdict.period:.10g} s")
     print(f"  at the end       position {found.set_point + x[0]:.10g} rad, velocity {x[1]:.10g} rad/s")
     print(f"  events           {_counts(found)}")
-    end = f"{_short(found.end_error)} of the final state"
-    print(f"  error estimate   {_short(found.time_error)} s of event times, {end}")
+    end = f"{error_text(found.end_error)} of the final state"
+    print(f"  error estimate   {error_text(found.time_error)} s of event times, {end}")
     print(f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
 
 
@@ -117,17 +117,13 @@ def _size(key: str, text: Any) -> float:
 
 
 def _advice(found: Trajectory) -> str:
-    what = f"the event times to {_short(found.time_error)} s and the final state to {_short(found.end_error)}"
+    what = f"the event times to {error_text(found.time_error)} s and the final state to {error_text(found.end_error)}"
     if not math.isfinite(found.time_error):
         what = "not even its sequence of events"
     return (
         f"the motion is computed, but not to the tolerance {found.tol:g}: known are {what}; ask for a larger "
         "tolerance or a shorter time"
     )
-
-
-def _short(value: float) -> str:
-    return f"{value:.1e}" if math.isfinite(value) else "unknown"
 
 
 def _counts(found: Trajectory) -> str:
