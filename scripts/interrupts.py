@@ -166,9 +166,7 @@ def said(text: str, kind: str) -> list[str]:
     return found
 
 
-def trial(
-    command: str, kind: str, at: float, folder: Path, *, group: bool = False, limit: float = 1.0
-) -> Trial | None:
+def trial(command: str, kind: str, at: float, folder: Path, *, group: bool = False, limit: float = 1.0) -> Trial | None:
     """Run a command in an empty folder and signal it (`group`: its workers, too); None where it ended before that.
 
     It is to end within `limit` [s], and every worker at most twice as long after it.

@@ -147,5 +147,3 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
         special += point.special
         missed += point.missed
     return Branch(model, servo, tuple(orbits), ended, tuple(special), tuple(missed))
-
-

@@ -55,7 +55,8 @@ class Desk:
                     notes.append("no fold: gain placed at twice the Routh-Hurwitz gain")
                 gain = case.share * fold.gain if fold is not None else 2 * finite_gain(servo)
                 found, seconds, reason = solved(
-                    self.limit, lambda: find_orbit(servo, case.model, gain, branch=case.what, options=case.options)  # type: ignore[arg-type]
+                    self.limit,
+                    lambda: find_orbit(servo, case.model, gain, branch=case.what, options=case.options),  # type: ignore[arg-type]
                 )
         notes += sorted({str(w.message)[:120] for w in heard})
         if found is None:

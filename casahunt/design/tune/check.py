@@ -122,7 +122,11 @@ class Verification:
 
 
 def verified(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
+    answer: Answer,
+    model: Model,
+    demands: Demands,
+    uncertainty: Uncertainty | None,
+    options: Options,
     tell: Callable[[str], None] = silent,
 ) -> Verification:
     """Everything of the module docstring.
@@ -215,7 +219,11 @@ def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arra
 
 
 def check_set(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty, options: Options,
+    answer: Answer,
+    model: Model,
+    demands: Demands,
+    uncertainty: Uncertainty,
+    options: Options,
     tell: Callable[[str], None],
 ) -> SetCheck:
     """Folds at corners and samples of the set, and what the event map says of servos without one."""

@@ -156,7 +156,8 @@ def fold_gains(
     return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
 
 
-def fold_beside(servo: Servo, model: Model, known: HuntingFold, *, options: Options | None = None
+def fold_beside(
+    servo: Servo, model: Model, known: HuntingFold, *, options: Options | None = None
 ) -> HuntingFold | None:
     """The fold of a servo, looked for where that of a servo nearby lets it be expected.
 

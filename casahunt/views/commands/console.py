@@ -90,7 +90,6 @@ def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
     command.add_argument("--quiet", action="store_true", help="no progress on standard error")
 
 
-
 def add_solver(command: argparse.ArgumentParser) -> None:
     """The choice of the solver."""
     command.add_argument(

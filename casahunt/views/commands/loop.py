@@ -72,7 +72,6 @@ def _record(loop: LinearLoop) -> dict[str, Any]:
     }
 
 
-
 def _stable_from(gain: float) -> str:
     if gain == 0:
         return "stable for every gain K > 0 (Routh-Hurwitz)"

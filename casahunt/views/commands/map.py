@@ -90,4 +90,3 @@ def _count(text: Any) -> int:
     if not 2 <= count <= 1000:
         raise InputError(f"points = {count}: must be between 2 and 1000")
     return count
-

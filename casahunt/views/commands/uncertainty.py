@@ -65,7 +65,12 @@ def run(options: argparse.Namespace) -> int:
     samples = _solved(servo, model, uncertainty, n, seed, jobs, how, fold, lambda i: tell(f"{i} of {n} samples solved"))
     say(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     worst = worst_corner(
-        servo, model, uncertainty, options=how, fold=fold, starts=_worst_inside(samples, uncertainty.box(servo)),
+        servo,
+        model,
+        uncertainty,
+        options=how,
+        fold=fold,
+        starts=_worst_inside(samples, uncertainty.box(servo)),
         report=lambda i: tell(f"searching the worst corner: fold {i}"),
     )
     seen = summary(fold, uncertainty, samples, worst)
@@ -112,9 +117,7 @@ def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary
     }
 
 
-def _print(
-    fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
-) -> None:
+def _print(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float) -> None:
     error = fold.gain_error
     print(f"{fold.orbit.model} servo: hunting is possible up to gain {to_error(fold.gain, error)}; "
           "with the uncertainty")  # fmt: skip
@@ -132,7 +135,14 @@ def _print(
 
 
 def _solved(
-    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: HuntingFold,
+    servo: Servo,
+    model: Any,
+    uncertainty: Uncertainty,
+    n: int,
+    seed: int,
+    jobs: int,
+    how: Options,
+    fold: HuntingFold,
     report: Callable[[int], None],
 ) -> Samples:
     if jobs == 1:

@@ -119,10 +119,7 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
 
 def _figure(caption: str, data: bytes) -> str:
     said, image = html.escape(caption), base64.b64encode(data).decode("ascii")
-    return (
-        f'<figure><img alt="{said}" src="data:image/png;base64,{image}">'
-        f"<figcaption>{said}</figcaption></figure>"
-    )
+    return f'<figure><img alt="{said}" src="data:image/png;base64,{image}"><figcaption>{said}</figcaption></figure>'
 
 
 def _answer(p: _Page) -> list[str]:
