@@ -1,8 +1,10 @@
 """What an answer is compared with: Taylor series with events, and a second solve of another kind.
 
-Switch cycles   P(a) - a changes sign within the claimed error; its root gives the true amplitude and the period
-LuGre cycles    half a cycle from the computed state, where its stiffness allows
-second solve    another collocation degree and kind, a tolerance 100 times tighter
+    Switch cycles   P(a) - a changes sign within the claimed error; its root gives the true amplitude and the period
+    LuGre cycles    half a cycle from the computed state, where its stiffness allows
+    second solve    another collocation degree and kind, a tolerance 100 times tighter
+
+P(a): the next stick position of a Switch servo that breaks away at x1 = -a.
 """
 
 from __future__ import annotations

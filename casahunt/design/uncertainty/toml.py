@@ -1,7 +1,9 @@
 """An uncertainty read from a TOML file.
 
-[interval]      "friction.static" = [0.52, 0.54], or "2%" of the servo's own value: q0 -+ 0.02 |q0|
-[covariance]    names, matrix, sigmas
+    [interval]      "friction.static" = [0.52, 0.54], or "2%": l, h = q0 -+ 0.02 |q0|
+    [covariance]    names, matrix, sigmas
+
+One of the two tables, not both; q0 is the servo's own value.
 """
 
 from __future__ import annotations
