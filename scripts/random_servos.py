@@ -16,10 +16,11 @@ point next to the answer, to some thirty digits; with heyoka (extra `bench`) and
 precision (switch_long.py), a hundred times faster.  Where the answer is a refusal the engine looks for the cycle
 itself: it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a,
 whose fixed points on either side are then computed.
-LuGre: half a cycle by Taylor series with events in extended precision (scripts/peers/lugre_digits.py, needs heyoka),
-closed by Newton next to the answer.  The fold's gain is the one at which a cycle passes the set point with the speed of
-the answer, its amplitude and period are taken there.  A refused cycle is sought by following its branch from the next
-gain at which the program found one; where there is none, a refusal proves nothing.
+LuGre: half a cycle by Taylor series with events in extended, where needed in quadruple precision
+(scripts/peers/lugre_digits.py, needs heyoka), closed by Newton next to the answer.  The fold's gain is the one at which
+a cycle passes the set point with the speed of the answer, its amplitude and period are taken there.  A refused cycle is
+sought by following its branch from the next gain at which the program found one; where there is none, a refusal proves
+nothing.
 
 Verdicts, error and estimate relative, of period and amplitude (folds: and gain), the larger of them:
 
@@ -46,6 +47,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -69,6 +71,8 @@ ROUGH: type[digits.SwitchMap] = LongMap if HEYOKA else digits.SwitchMap
 SHARES = (0.05, 0.5, 0.95, 0.995, 0.999)
 BRANCHES = ("stable", "unstable")
 HONEST = 10.0
+BLURRED = 0.1
+"""Rounding of the LuGre engine, in units of the error estimate to be judged, that more digits are taken for."""
 TIME_LIMIT, ENGINE_LIMIT = 60.0, 300.0
 """Processor time [s] of one answer, beyond which it counts as refused; of one of the engine's, which then has none."""
 RANGES: dict[str, tuple[float, float]] = {
@@ -291,10 +295,15 @@ class LugreTruth:
         return SwitchTruth(self.servo).hunts_somewhere()
 
     def next_to(self, found: Any) -> digits.Truth | None:
-        """The cycle next to an orbit of the program."""
-        try:
-            truth, y = lugre_digits.cycle(self.servo, found.gain, found.arcs[0].states[0, 0][1:], found.period / 2)
-        except (digits.Lost, np.linalg.LinAlgError):
+        """The cycle next to an orbit of the program; in quadruple precision where rounding would blur the judgement."""
+        start = found.arcs[0].states[0, 0][1:]
+        truth = None
+        for precision in (lugre_digits.EXTENDED, lugre_digits.quadruple()):
+            with suppress(digits.Lost, np.linalg.LinAlgError):
+                truth, y = lugre_digits.cycle(self.servo, found.gain, start, found.period / 2, precision)
+            if truth is not None and truth.noise <= BLURRED * found.error_estimate:
+                break
+        if truth is None:
             return None
         self.seen.append((found.gain, "unstable" if truth.mu > 1 else "stable", y, found.period / 2))
         return truth
