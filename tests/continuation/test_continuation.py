@@ -193,6 +193,24 @@ def test_user_monitor_is_located(orbit):
     assert not any(m.kind == monitor.kind for m in STANDARD)
 
 
+def test_a_monitor_may_be_no_number_here_and_there(orbit):
+    """Every third orbit on the way to a period of 15 s has none: the steps go on beside it, and it is located."""
+    options = Options(tol=1e-9)
+    points = [orbit("switch", 0.2), *walk(orbit("switch", 0.2), low=0.1, high=0.6, options=options)]
+    before, after = next((a, b) for a, b in itertools.pairwise(points) if (a.period - 15) * (b.period - 15) < 0)
+    asked = []
+
+    def value(o):
+        if o is before or o is after:
+            return o.period - 15
+        asked.append(o)
+        return o.period - 15 if len(asked) % 3 != 1 else float("nan")
+
+    found, missed = crossings(before, after, vary="gain", monitors=(user_monitor("15 s", value),), options=options)
+    assert len(asked) >= 2 and not missed
+    assert [s.orbit.period for s in found] == [pytest.approx(15, abs=1e-8)]
+
+
 VARIANTS = {
     "Table 1": {},
     "Fs = 0.50": {"friction.static": 0.50},
