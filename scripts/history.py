@@ -113,18 +113,26 @@ def caches() -> Iterator[tuple[Kept[Any, Any] | Any, list[tuple[Any, str]]]]:
 def emptied() -> None:
     """Forget everything that the package keeps."""
     for cache, _ in caches():
-        cache.cache_clear()
+        (alone(cache._cached.cache_clear) if isinstance(cache, Kept) else cache.cache_clear)()
+
+
+_LARGE: list[tuple[Any, str, Any]] = []
+"""(object, attribute, value) of what `shrunk` has replaced."""
 
 
 def shrunk() -> None:
     """Let every cache of the package keep one entry from now on."""
     for cache, places in caches():
-        if isinstance(cache, Kept):
-            cache._cached = lru_cache(1)(alone(cache.__wrapped__))  # type: ignore[attr-defined]
-            cache.cache_info, cache.cache_clear = cache._cached.cache_info, alone(cache._cached.cache_clear)
-        else:
-            for module, name in places:
-                setattr(module, name, lru_cache(1)(cache.__wrapped__))
+        small = lru_cache(1)(alone(cache.__wrapped__) if isinstance(cache, Kept) else cache.__wrapped__)
+        for owner, name in [(cache, "_cached")] if isinstance(cache, Kept) else places:
+            _LARGE.append((owner, name, getattr(owner, name)))
+            setattr(owner, name, small)
+
+
+def restored() -> None:
+    """Give the caches the size that they had."""
+    while _LARGE:
+        setattr(*_LARGE.pop())
 
 
 def answers(

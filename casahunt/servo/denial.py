@@ -50,6 +50,6 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
         )
     return (
         f"the friction curve falls by at most {steepest:.4g} N m s/rad, and viscous friction and the controller damp "
-        "the loop so well that it stays stable even if that is taken away: over a period more energy is lost than falling "
-        "friction can supply"
+        "the loop so well that it stays stable even if that is taken away: over a period more energy is lost than "
+        "falling friction can supply"
     )

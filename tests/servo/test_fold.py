@@ -260,7 +260,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
         assert 0 < taylor.switch_half_cycle(NEVER_HUNTS, gain, a)[0] / a < 0.99
     assert near_stable("switch", NEVER_HUNTS, gain, 0.1 * unit) is None
     # Its friction rises so steeply that it is proved to have no cycle; a servo that is not, the search may not deny.
-    with pytest.raises(NoOrbit, match="no hunting limit cycle of the switch servo at any gain: the friction") as refused:
+    with pytest.raises(NoOrbit, match="no hunting .* at any gain: the friction curve") as refused:
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is None
     monkeypatch.setattr(fold, "check_hunts", lambda servo, model: None)
@@ -273,7 +273,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
     monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a: half_cycle(m, s, K, a) if K == gain else None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
-    with pytest.raises(NoOrbit, match="does not prove that there is none: .* and 1 of them were tried: stuck") as refused:
+    with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
 
