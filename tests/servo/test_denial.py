@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
 from casahunt import NoOrbit, Servo, Status, find_orbit
 from casahunt.collocation.scheme import scheme
+from casahunt.servo import cold_start
+from casahunt.servo import find_orbit as find
 from casahunt.servo.denial import no_cycle
+from casahunt.servo.event_map.scan import Scan
 from casahunt.servo.linear_loop import routh_hurwitz_gain
 from problems import table1
 from problems.taylor import switch_half_cycle
@@ -100,6 +105,25 @@ def test_pure_coulomb_friction_and_an_unstable_loop():
     with pytest.raises(NoOrbit, match="at gain 0.0353 or above: static equals .*Bisoffi.* scanned stick") as refused:
         find_orbit(COULOMB, "switch", 0.0353)
     assert refused.value.status is None
+
+
+@pytest.mark.parametrize("scanned", [True, False])
+def test_a_proof_does_without_a_fold(monkeypatch, scanned):
+    """At three times the fold gain of Table 1, were the fold not located, nor a motion computed."""
+
+    def lost(*arguments, **options):
+        raise NoOrbit("lost", Status.NOT_CONVERGED)
+
+    monkeypatch.setattr(find, "find_fold", lost)
+    if not scanned:
+        nothing = Scan(1.0, 2.0, math.nan, math.nan, None, None, (1.0,) * 8, 0)
+        monkeypatch.setattr(find, "stable_at", lambda *a, **k: cold_start.Met(None, False, nothing))
+    with pytest.raises(NoOrbit, match="no hunting limit cycle .* at gain 2 or above: the friction curve") as refused:
+        find_orbit(Servo(), "switch", 2.0)
+    assert refused.value.status is None and 2.0 > table1.REFERENCE["switch"]["fold"]["K"]
+    with pytest.raises(NoOrbit) as refused:
+        find_orbit(Servo(), "switch", 0.9)  # above the fold as well, and below what is proved
+    assert refused.value.status is not None
 
 
 @pytest.mark.slow
