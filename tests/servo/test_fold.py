@@ -259,16 +259,21 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     for a in unit * np.array([0.015, 0.1]):
         assert 0 < taylor.switch_half_cycle(NEVER_HUNTS, gain, a)[0] / a < 0.99
     assert near_stable("switch", NEVER_HUNTS, gain, 0.1 * unit) is None
+    # Its friction rises so steeply that it is proved to have no cycle; a servo that is not, the search may not deny.
+    with pytest.raises(NoOrbit, match="no hunting .* at any gain: the friction curve") as refused:
+        find_fold(NEVER_HUNTS, "switch")
+    assert refused.value.status is None
+    monkeypatch.setattr(fold, "check_hunts", lambda servo, model: None)
     monkeypatch.setattr(fold, "SEARCH_FACTORS", 0)
     monkeypatch.setattr(fold, "routh_hurwitz_gain", lambda servo: gain)
     monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
-    with pytest.raises(NoOrbit, match=r"was found: 1 gains .* at most at 0\.98") as refused:
+    with pytest.raises(NoOrbit, match=r"does not prove .*: 1 gains .* at most at 0\.98") as refused:
         find_fold(NEVER_HUNTS, "switch")
-    assert refused.value.status is None
+    assert refused.value.status is Status.NOT_FOUND
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
     monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a: half_cycle(m, s, K, a) if K == gain else None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
-    with pytest.raises(NoOrbit, match="was found: .* and 1 of them were tried: stuck") as refused:
+    with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
 
