@@ -20,7 +20,7 @@ from types import FrameType
 import pytest
 
 from casahunt import NoOrbit, Options, Servo, compiled, find_orbit, simulate
-from casahunt.collocation.scheme import interval
+from casahunt.collocation import interval
 from casahunt.orbits.orbit import unknowns_of
 from scripts.interrupts import COMMANDS, ROOT, SIGNALS, session, trial
 
@@ -200,7 +200,7 @@ def test_who_uses_the_package_can_interrupt_ipopt():
     code = """
         import signal, sys
         from casahunt import Options, Servo, find_orbit
-        from casahunt.collocation.scheme import solve
+        from casahunt.collocation import solve
 
         def late(number, frame):
             # Within the solver's C++, which asks for signals: `call` is the last frame of Python before it.

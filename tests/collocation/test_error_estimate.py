@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from casahunt import Options, Servo, find_orbit
+from casahunt.collocation import mesh
 from casahunt.collocation.admissibility import judge
-from casahunt.collocation.scheme import mesh
 from casahunt.collocation.solve import newton
 from casahunt.orbits.orbit import unknowns_of
 from scripts.peers.switch_digits import SwitchMap

@@ -28,7 +28,7 @@ from casahunt.design.uncertainty import (
     summary,
     worst_corner,
 )
-from casahunt.servo.servo import find_fold as fold_module
+from casahunt.servo import find_fold as fold_module
 from problems import table1
 
 EXAMPLE = Path(table1.__file__).with_name("table1_uncertainty.toml")

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from casahunt.servo.servo.event_map import fixed_points as module
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
+from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map.fixed_points import fixed_points, map_at, map_error, map_fold, rounding
 from casahunt.servo.event_map.scan import _fixed_point, half_cycle
 from problems import table1

@@ -112,7 +112,7 @@ def test_a_hair_on_either_side_of_the_fold(distance):
 
 def test_no_fold_no_denial(monkeypatch):
     """A scan alone is no evidence: without the fold the sentence is 'not found'."""
-    from casahunt.servo.servo import find_orbit as find
+    from casahunt.servo import find_orbit as find
 
     def lost(*arguments, **options):
         raise NoOrbit("lost", Status.NOT_CONVERGED)
@@ -168,7 +168,7 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
 
 def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
     """The map shows cycles and no solver arrives: that is no evidence that there is none."""
-    from casahunt.servo.servo import find_fold as fold
+    from casahunt.servo import find_fold as fold
 
     def stuck(*arguments, **options):
         raise NoOrbit("stuck", Status.NOT_CONVERGED)

@@ -250,10 +250,9 @@ NEVER_HUNTS = Servo().replace(
 
 def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     """P(a)/a is next to one over decades of a and crosses it nowhere: no short cut to a fixed point, and no claim."""
-    from casahunt.servo.servo.event_map import scan as event_map
-
+    from casahunt.servo import find_fold as fold
+    from casahunt.servo.event_map import scan as event_map
     from casahunt.servo.event_map.scan import half_cycle, near_stable
-    from casahunt.servo.servo import find_fold as fold
 
     gain = 5e-6
     unit = NEVER_HUNTS.friction.static / NEVER_HUNTS.torque_gains(gain)[0]

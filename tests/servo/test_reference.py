@@ -11,7 +11,7 @@ import pytest
 
 from casahunt import NoOrbit, Options, Orbit, Servo, Status, find_fold, find_orbit
 from casahunt.cli import main
-from casahunt.collocation.scheme import solve
+from casahunt.collocation import solve
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.orbits import adapt
 from casahunt.orbits.orbit import unknowns_of

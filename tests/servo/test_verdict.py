@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from casahunt.servo.servo.simulation import prospect
 
 from casahunt import Servo, cli, simulate
+from casahunt.servo.simulation import prospect
 from casahunt.servo.simulation.prospect import cycle_near, escapes, settles
 from casahunt.servo.simulation.swings import limit_of, limit_of_sides
 from casahunt.servo.simulation.verdict import SWINGS, judge

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from casahunt import Branch, NoOrbit, Orbit, Servo, __version__, cli, find_orbit
-from casahunt.continuation.walk import special_points as monitor
+from casahunt.continuation import special_points as monitor
 from casahunt.design.diagram import DiagramPoint, diagram
 from casahunt.design.diagram_files import CSV_COLUMNS, csv_row
 from casahunt.servo.saved import load_branch, load_orbit
