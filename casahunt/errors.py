@@ -63,7 +63,7 @@ class NoOrbit(Exception):
     Attributes
     ----------
     status : the Status of the last solve, or None where there is no such cycle: a fold below the gain shows it, or a
-        search over all gains found none.
+        proof.
     """
 
     def __init__(self, message: str, status: Status | None = None) -> None:

@@ -22,6 +22,12 @@ Two clocks (`TWO_CLOCKS`): the field of `KEPLER` where y > 0, that of `UNIFORM` 
 the circle takes pi/omega, so period and multipliers stay as they are, while the speed jumps by the factor
 1/(1 + e) at theta = pi: a cycle of two phases with two fields, whose multiplier needs a saltation matrix.
 
+With hard excitation (`HARD`), two cycles in place of one:
+
+    r' = (nu - 1) r + b r^3 - c r^5,    theta' = omega;      r^2 = (b -+ sqrt(b^2 - 4 c (1 - nu)))/(2 c),
+
+the smaller one unstable.  They merge at nu = 1 - b^2/(4 c), the smallest nu with a cycle, with r^2 = b/(2 c).
+
 Why the variants.  On the uniform circle every interval makes the same error by symmetry, and a scheme may be
 better than its order there: the leading error of Radau IIA is a change of radius, which the attraction heals
 and the period does not see, so its period converges like h^(2d) instead of h^(2d-1).  The shear turns errors
@@ -58,6 +64,13 @@ def kepler_field(x: Any, p: Any, sign: Any) -> Any:
     return ca.vertcat(growth * x[0] - turn * x[1], turn * x[0] + growth * x[1]) / q
 
 
+def hard_field(x: Any, p: Any, sign: Any) -> Any:
+    """The oscillator with hard excitation; p = (nu, omega, b, c)."""
+    square = x[0] ** 2 + x[1] ** 2
+    growth = p[0] - 1 + p[2] * square - p[3] * square**2
+    return ca.vertcat(growth * x[0] - p[1] * x[1], p[1] * x[0] + growth * x[1])
+
+
 def _crosses_axis(x: Any, duration: Any, p: Any) -> Any:
     return x[1] / ca.sqrt(p[0])
 
@@ -79,6 +92,9 @@ TWO_CLOCKS = _cycle(
     "Stuart-Landau cycle on two clocks", _PARAMETERS, Mode("upper", kepler_field), Mode("lower", uniform_field)
 )
 """Two phases: Kepler's clock above y = 0, the uniform one below."""
+HARD = Cycle("oscillator with hard excitation", ("x", "y"), ("nu", "omega", "b", "c"),
+             (Phase(Mode("turn", hard_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
+"""Two cycles from a fold on, at which nu is smallest."""
 
 
 def period(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:

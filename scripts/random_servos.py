@@ -16,10 +16,11 @@ point next to the answer, to some thirty digits; with heyoka (extra `bench`) and
 precision (switch_long.py), a hundred times faster.  Where the answer is a refusal the engine looks for the cycle
 itself: it follows the place of the largest P(a)/a from the fold down to the gain; P(a) > a there is a cycle beyond a,
 whose fixed points on either side are then computed.
-LuGre: half a cycle by Taylor series with events in extended precision (scripts/peers/lugre_digits.py, needs heyoka),
-closed by Newton next to the answer.  The fold's gain is the one at which a cycle passes the set point with the speed of
-the answer, its amplitude and period are taken there.  A refused cycle is sought by following its branch from the next
-gain at which the program found one; where there is none, a refusal proves nothing.
+LuGre: half a cycle by Taylor series with events in extended, where needed in quadruple precision
+(scripts/peers/lugre_digits.py, needs heyoka), closed by Newton next to the answer.  The fold's gain is the one at which
+a cycle passes the set point with the speed of the answer, its amplitude and period are taken there.  A refused cycle is
+sought by following its branch from the next gain at which the program found one; where there is none, a refusal proves
+nothing.
 
 Verdicts, error and estimate relative, of period and amplitude (folds: and gain), the larger of them:
 

@@ -198,13 +198,11 @@ LONG = {
     "casahunt/collocation/solve.py": "Newton and IPOPT on one system, and what both say of their roots",
     "casahunt/collocation/transcription.py": "one layout of the unknowns: residual, Jacobian and elimination read it",
     "casahunt/continuation/walk.py": "being taken apart",
-    "casahunt/motion/march.py": "being taken apart",
     "casahunt/servo/event_map/fixed_points.py": "being taken apart",
     "casahunt/servo/event_map/scan.py": "being taken apart",
     "casahunt/collocation/solve.py newton": "one loop and its line search; the rest is docstring",
     "casahunt/continuation/walk.py walk": "being taken apart",
     "casahunt/motion/march.py march": "being taken apart",
-    "casahunt/motion/march.py _collocated": "being taken apart",
     "casahunt/orbits/adapt.py solve_adaptively": "being taken apart",
     "casahunt/servo/simulation/simulate.py simulate": "a docstring of forty lines; the rest is checks and one call",
 }

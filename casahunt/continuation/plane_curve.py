@@ -7,17 +7,19 @@
 
 Every place of the curve has coordinates of its own with itself at the origin (a chart): phi may be costly, and
 what it starts from is best taken near by.  c is absolute, and runs over a range; the curve ends on its bounds.
-phi is any function of two numbers that is of order one away from the curve; design/fold_curve.py has one whose every
+phi is any function of two numbers that is of order one away from the curve; design/fold_curve/ has one whose every
 value is a corrected orbit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+
+from ..hybrid.roots import Bracket
 
 Array = np.ndarray
 
@@ -25,6 +27,8 @@ LOCATED = 1e-9
 """|phi| at which a point lies on the curve."""
 ACCEPTED = 1e-5
 """|phi| with which a point is accepted where rounding or a change of mesh allows no less."""
+CLOSED = 1e-13
+"""Width of a bracket, in units of that of the search, that is down to rounding."""
 ROUNDS = 40
 SHORTEST = 1e-4
 """Part of the largest step below which the curve is given up."""
@@ -189,14 +193,53 @@ def _stepped(last: Place, step: float, low: float, high: float) -> tuple[Place, 
     return Place(fresh, tangent), reached
 
 
+@dataclass(frozen=True)
+class _Line:
+    """What is known of phi on a line across the curve: asked for the next place, told phi there.
+
+    Attributes
+    ----------
+    slope : of phi.
+    width : places are within this to either side of the first, which is 0.
+    last : (place, phi) told last.
+    bracket : around a root, once there is one.
+    """
+
+    slope: float
+    width: float
+    last: tuple[float, float] | None = None
+    bracket: Bracket | None = None
+
+    def ask(self) -> float | str:
+        """The next place, or a sentence where there is none."""
+        if self.bracket is not None:
+            return self.bracket.illinois
+        if self.last is None:
+            return 0.0
+        if self.slope == 0:
+            return "phi does not change across the curve"
+        n = float(np.clip(self.last[0] - self.last[1] / self.slope, -self.width, self.width))
+        return n if n != self.last[0] else "no root near the predicted place"
+
+    def told(self, n: float, f: float) -> _Line:
+        """The same with phi = f at the place n, which is no root."""
+        if self.bracket is not None:
+            return replace(self, bracket=self.bracket.told(n, f))
+        if self.last is None or f == self.last[1]:
+            return replace(self, last=(n, f))
+        if f * self.last[1] < 0:
+            return replace(self, bracket=Bracket(*self.last, n, f))
+        return replace(self, slope=(f - self.last[1]) / (n - self.last[0]), last=(n, f))
+
+
 def _root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
     """((s, m), reading) of the root of phi on the line at + n across, |n| <= width."""
-    slope = float(np.dot(chart.gradient, across))
-    low: tuple[float, float] | None = None
+    line = _Line(float(np.dot(chart.gradient, across)), width)
     best: tuple[float, Array, Reading] | None = None
-    n, last, side = 0.0, (0.0, 0.0), 0
-    high: tuple[float, float] | None = None
-    for k in range(ROUNDS):
+    for _ in range(ROUNDS):
+        n = line.ask()
+        if isinstance(n, str):
+            return n
         place = at + n * across
         reading = chart.value(float(place[0]), float(place[1]))
         if isinstance(reading, str):
@@ -206,30 +249,9 @@ def _root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[
             return "phi is not finite"
         if best is None or abs(f) < abs(best[0]):
             best = (f, place, reading)
-        if abs(f) <= LOCATED or (low and high and abs(high[0] - low[0]) <= 1e-13 * width):
+        if abs(f) <= LOCATED or (line.bracket and line.bracket.width <= CLOSED * width):
             break
-        if low and high:  # Illinois
-            if f * high[1] > 0:
-                high = (n, f)
-                low = (low[0], low[1] * (0.5 if side == 1 else 1.0))
-                side = 1
-            else:
-                low = (n, f)
-                high = (high[0], high[1] * (0.5 if side == -1 else 1.0))
-                side = -1
-        elif k > 0 and f * last[1] < 0:
-            low, high = last, (n, f)
-        elif k > 0 and f != last[1]:
-            slope = (f - last[1]) / (n - last[0])
-        last = (n, f)
-        if low and high:
-            n = high[0] - high[1] * (high[0] - low[0]) / (high[1] - low[1])
-        elif slope == 0:
-            return "phi does not change across the curve"
-        else:
-            n = float(np.clip(n - f / slope, -width, width))
-            if n == last[0]:
-                return "no root near the predicted place"
+        line = line.told(n, f)
     if best is None or abs(best[0]) > ACCEPTED:
         return "the root across the curve was not located"
     return best[1], best[2]
@@ -237,12 +259,10 @@ def _root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[
 
 def _located_turn(before: Place, step: float, after: Place, low: float, high: float) -> Place | None:
     """The place between two at which t_c vanishes, by Illinois in the length of the step from the first."""
-    a, f_a = 0.0, float(before.tangent[1])
-    b, f_b = step, float(after.tangent[1])
+    bracket = Bracket(0.0, float(before.tangent[1]), step, float(after.tangent[1]))
     best: Place | None = None
-    side = 0
     for _ in range(ROUNDS // 2):
-        h = b - f_b * (b - a) / (f_b - f_a)
+        h = bracket.illinois
         found = _stepped(before, h, low, high)
         if isinstance(found, str):
             break
@@ -252,14 +272,7 @@ def _located_turn(before: Place, step: float, after: Place, low: float, high: fl
             best = place
         if abs(f) <= TURNED:
             break
-        if f * f_b > 0:
-            b, f_b = h, f
-            f_a *= 0.5 if side == 1 else 1.0
-            side = 1
-        else:
-            a, f_a = h, f
-            f_b *= 0.5 if side == -1 else 1.0
-            side = -1
+        bracket = bracket.told(h, f)
     if best is None or abs(best.tangent[1]) > UPRIGHT:
         return None
     return Place(best.chart, best.tangent, turns=True)

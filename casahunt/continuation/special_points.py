@@ -28,6 +28,7 @@ import numpy as np
 
 from ..checks import to_error
 from ..errors import NoOrbit
+from ..hybrid.roots import Bracket, Search, boundary
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
 from .walk import (
@@ -45,8 +46,8 @@ from .walk import (
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
-INVERSE_ROUNDS = 8
-"""Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
+CLOSED = 1e-13
+"""Width of a bracket, relative to the length of the step to its end, below which it is down to rounding."""
 CUBIC_ROUNDS = 6
 """Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
@@ -230,45 +231,32 @@ def _located_from(
     """`locate` by steps from `before`; their length along its tangent is the unknown."""
     before = _accurate(before, options)
     start, end = ends(before, after, vary)
-    low, high = 0.0, _length_to(after, before, start, vary)
-    f_low, f_high = monitor.value(before, start), monitor.value(after, end)
+    length = _length_to(after, before, start, vary)
+    f_near, f_far = monitor.value(before, start), monitor.value(after, end)
+    if np.isnan(f_far):
+        return None
+    f_far = f_far or -np.copysign(np.inf, f_near)
+    if not f_near * f_far < 0:  # refined, `before` has the sign of the other side: the point is next to it
+        f_near = -np.copysign(np.inf, f_far)
+    search = Search.within(Bracket(0.0, f_near, length, f_far))
     start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
     best: tuple[float, AnyOrbit] | None = None
-    seen = [(low, f_low), (high, f_high)]
-    side, failures = 0, 0
-    for k in range(LOCATE_ROUNDS):
-        ds = high - f_high * (high - low) / (f_high - f_low)
-        if 0 < k < INVERSE_ROUNDS:
-            ds = _inverse_interpolation(seen)
-        if not low < ds < high:
-            ds = high - f_high * (high - low) / (f_high - f_low)
-        if failures:  # another length near by: mesh and phases may fall into place there
-            ds += (0.02 if failures % 2 else -0.02) * failures * (high - low)
-        if not low < ds < high:
-            ds = (low + high) / 2
+    for _ in range(LOCATE_ROUNDS):
+        if search.failures > MAX_FAILURES:
+            break
+        ds = search.ask()
         outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
         if isinstance(outcome, str):
-            failures += 1
-            if failures > MAX_FAILURES:
-                break
+            search = search.failed()
             continue
-        failures = 0
         orbit = outcome[0]
         start = bent_through(start, ds, outcome[1], parameter_value(orbit, vary) / parameter_value(before, vary) - 1)
         f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
-        seen.append((ds, f))
-        if best is None or abs(f) < abs(best[0]):
+        if np.isfinite(f) and (best is None or abs(f) < abs(best[0])):
             best = (f, orbit)
-        if abs(f) <= monitor.tolerance or high - low <= 1e-13 * max(high, 1e-300):
+        if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
             break
-        if f * f_high > 0:
-            high, f_high = ds, f
-            f_low = f_low * 0.5 if side == 1 else f_low
-            side = 1
-        else:
-            low, f_low = ds, f
-            f_high = f_high * 0.5 if side == -1 else f_high
-            side = -1
+        search = search.told(ds, f)
     return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
 
 
@@ -284,29 +272,22 @@ def _turning_point(slope: float, cubic: Array) -> float:
     return float(real[np.argmin(abs(real))]) if real.size else float("nan")
 
 
-def _inverse_interpolation(seen: list[tuple[float, float]]) -> float:
-    """Where the polynomial s(f) through the three points nearest to the root has f = 0; nan where two coincide."""
-    s, f = np.array(sorted(seen, key=lambda point: abs(point[1]))[:3]).T
-    with np.errstate(all="ignore"):
-        weights = [np.prod([f[j] / (f[j] - f[i]) for j in range(f.size) if j != i]) for i in range(f.size)]
-        return float(np.dot(weights, s))
-
-
 def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The last orbit found with the phase sequence of `before`, where that of `after` is another one."""
     if before.signature == after.signature:
         return None
     start = curve_point(before, vary, like=secant(before, after, vary))
-    low, high, found = 0.0, _length_to(after, before, start, vary), before
-    for _ in range(LOCATE_ROUNDS):
-        ds = (low + high) / 2
+    found = before
+
+    def beyond(ds: float) -> bool:
+        nonlocal found
         outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
         if isinstance(outcome, str) or outcome[0].signature != before.signature:
-            high = ds
-        else:
-            low, found = ds, outcome[0]
-        if high - low <= GRAZING_WIDTH:
-            break
+            return True
+        found = outcome[0]
+        return False
+
+    boundary(beyond, 0.0, _length_to(after, before, start, vary), width=GRAZING_WIDTH, rounds=LOCATE_ROUNDS)
     return found
 
 

@@ -269,7 +269,8 @@ def _step_and_tangent(
     """(orbit, the curve there or None at a bound, iterations) of one step, or what went wrong.
 
     The new tangent is oriented along the way from the last orbit, and a step in which it turns by more than a
-    little is not taken: a tangent turned by more than a right angle would lead back along the branch unnoticed.
+    little is not taken: it would leave out the branch on this side of a fold, and set out with the parameter moving
+    the other way than asked for.
     """
     outcome = step_along(point, last, vary, ds, low, high, options)
     if isinstance(outcome, str):

@@ -1,7 +1,8 @@
-"""What a hybrid system is, as data: nothing in this room computes.
+"""What a hybrid system is, as data; and the roots of functions of one number.
 
     x' = f_k(x; p) in mode k,    h(x, T; p) = 0 on the way out of it
 
 system.py    modes, exits and phases; a cycle x(start) = S x(end) as phases in order
 problem.py   the contract: what the engine must know of whoever poses a problem
+roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """

@@ -2,5 +2,7 @@
 
     x(t) = x_0 + integral of f_k(x; p),    until h(x, T; p) = 0, then the next mode
 
-march.py   interval by interval, with the equations of collocation; what comes out is a mesh with stages
+march_step.py    one interval: Newton on its stages
+march_exits.py   where a mode ends: its exits watched, and located to rounding
+march.py         interval by interval, with the equations of collocation; what comes out is a mesh with stages
 """

@@ -15,6 +15,8 @@ branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
+denial.py         what proves that a servo has no cycle
+strategies.py     ways to one end, tried in turn; what a refusal says of them
 cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
 find_fold.py      from a servo to the largest gain at which it hunts
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it

@@ -3,15 +3,17 @@
     one motion -> mesh from its error estimate -> Newton -> clearly stable? -> Orbit
     where not     event map -> fixed point -> IPOPT -> orbits/adapt.py -> Orbit
 
-The short way, `_at_once`, settles most questions.  What neither way finds is not thereby shown to be absent: just below
-a fold two fixed points fit between any two motions of a scan.  find_orbit.py has the last word, from the fold.
+The ways stand in three tables: `AT_ONE_GAIN`, to a cycle; `STARTS`, to a motion beside a fixed point of the map;
+`SOLVES`, from there to the cycle.  The first, `_at_once`, settles most questions.  What none of them finds is not
+thereby shown to be absent: just below a fold two fixed points fit between any two motions of a scan.  find_orbit.py has
+the last word, from the fold.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,11 +23,13 @@ from ..errors import InputError, NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options, finished, remeshed, solve_adaptively
 from ..orbits.restart import Start
+from .denial import no_cycle
 from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, Model
 from .problem import Hunting, HuntingOrbit
 from .sequences import from_half_cycle
 from .servo import Servo
+from .strategies import Strategy, first_of
 
 CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
@@ -33,27 +37,6 @@ SPREAD = 1 / math.sqrt(np.finfo(float).eps)
 """Largest ratio of the times of a servo: half of the digits of double arithmetic."""
 NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
 """Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
-
-
-def starting_half_cycle(servo: Servo, model: Model, gain: float) -> tuple[HalfCycle | None, Scan | None]:
-    """(a half cycle close to the stable orbit or None, the scan where one was made).
-
-    Most stable cycles have a stick position of about 0.1 Fs/kp, and a few secant steps from there find them; the
-    LuGre cycle lies close to the Switch cycle, whose map costs a tenth.  Where these short cuts do not lead to a
-    stable fixed point, the whole range is scanned.
-    """
-    kp, _, _ = servo.torque_gains(gain)
-    rigid = near_stable("switch", servo, gain, TYPICAL * servo.friction.static / kp)
-    if model == "switch" and rigid is not None:
-        return rigid, None
-    if model == "lugre":
-        rigid = rigid or scan("switch", servo, gain).upper
-        if rigid is not None:
-            start = near_stable(model, servo, gain, rigid.start)
-            if start is not None:
-                return start, None
-    seen = scan(model, servo, gain)
-    return seen.upper, seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +55,23 @@ class Met:
     seen: Scan | None
 
 
+@dataclass(frozen=True, eq=False)
+class AtGain:
+    """What the strategies of this module are asked: for the stable cycle at one gain; `start`, for `SOLVES` only."""
+
+    servo: Servo
+    model: Model
+    gain: float
+    options: Options
+    start: HalfCycle | None = None
+
+    @property
+    def typical(self) -> float:
+        """Stick position of most stable cycles [rad]."""
+        kp, _, _ = self.servo.torque_gains(self.gain)
+        return TYPICAL * self.servo.friction.static / kp
+
+
 def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> Met:
     """The hunting cycle at a gain on the stable side of the fold; close to it the solver can slip over to the other.
 
@@ -84,22 +84,8 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
     ------
     NoOrbit : one was met, and could not be computed.
     """
-    at_once = _at_once(servo, model, gain, options)
-    if at_once is not None:
-        return Met(at_once, True, None)
-    start, seen = starting_half_cycle(servo, model, gain)
-    if start is None:
-        return Met(None, False, seen)
-    what = "the stable hunting cycle"
-    try:
-        orbit = _solved_from(start, servo, model, gain, options, what)
-    except NoOrbit:
-        closer = near_stable(model, servo, gain, start.start, close=CLOSER)
-        if closer is None:
-            raise
-        orbit = _solved_from(closer, servo, model, gain, options, what)
-    # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
-    return Met(orbit, False, seen)
+    where = f"the stable hunting cycle of the {model} servo at gain {gain:g} was not met"
+    return first_of(AT_ONE_GAIN, AtGain(servo, model, gain, options), where)
 
 
 def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[HuntingOrbit | None, Scan]:
@@ -110,40 +96,101 @@ def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) ->
     return _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle"), seen
 
 
-def _at_once(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit | None:
+def _at_once(q: AtGain) -> Met | None:
     """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
 
     The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
     does not arrive at a clearly stable cycle, the careful way has to be gone.
     """
-    if options.solver == "ipopt":
-        return None
     began = time.perf_counter()
-    problem = Hunting(model, servo, gain)
-    degree, kind = options.scheme_of(problem)
-    kp, _, _ = servo.torque_gains(gain)
-    a = TYPICAL * servo.friction.static / kp
+    problem = Hunting(q.model, q.servo, q.gain)
+    degree, kind = q.options.scheme_of(problem)
+    a = q.typical
     try:
-        if model == "lugre":
-            a = half_cycle("switch", servo, gain, a).position
+        if q.model == "lugre":
+            a = half_cycle("switch", q.servo, q.gain, a).position
         for _ in range(FIRST_MOTIONS):
             if a <= 0:
                 return None
-            motion = half_cycle(model, servo, gain, a, degree=degree, kind=kind)
+            motion = half_cycle(q.model, q.servo, q.gain, a, degree=degree, kind=kind)
             a = motion.position
-            if 1 / NEARBY[model] < motion.ratio < NEARBY[model]:
+            if 1 / NEARBY[q.model] < motion.ratio < NEARBY[q.model]:
                 break
         else:
             return None
-        first = remeshed(_start(motion, problem, options), options)
-        solved = solve_adaptively(problem, first, options, solver="newton")
-        orbit = finished(solved, problem, options, began, "")
+        first = remeshed(_start(motion, problem, q.options), q.options)
+        solved = solve_adaptively(problem, first, q.options, solver="newton")
+        orbit = finished(solved, problem, q.options, began, "")
     except (MarchFailure, NoOrbit):
         return None
     linearisation = solved.solution.linearisation
     if linearisation is None or not linearisation.return_map_eigenvalues().real.max() < 1 + CLEARLY_STABLE:
         return None
-    return orbit
+    return Met(orbit, True, None)
+
+
+def _by_the_map(q: AtGain) -> Met:
+    """The cycle next to a stable fixed point of the event map; without one, what was seen."""
+    start, seen = first_of(STARTS, q, "")
+    if start is None:
+        return Met(None, False, seen)
+    # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
+    what = f"the stable hunting cycle of the {q.model} servo at gain {q.gain:g} was not computed"
+    return Met(first_of(SOLVES, replace(q, start=start), what), False, seen)
+
+
+Begun = tuple[HalfCycle | None, Scan | None]
+"""(a half cycle close to the stable orbit or None, the scan where one was made)."""
+
+
+def _a_few_motions(q: AtGain) -> Begun | None:
+    """Most stable cycles have a stick position of about 0.1 Fs/kp, and a few secant steps from there find them."""
+    start = near_stable("switch", q.servo, q.gain, q.typical)
+    return (start, None) if start is not None else None
+
+
+def _beside_the_switch_cycle(q: AtGain) -> Begun | None:
+    """The LuGre cycle lies close to the Switch cycle, whose map costs a tenth."""
+    rigid = near_stable("switch", q.servo, q.gain, q.typical) or scan("switch", q.servo, q.gain).upper
+    start = near_stable(q.model, q.servo, q.gain, rigid.start) if rigid is not None else None
+    return (start, None) if start is not None else None
+
+
+def _whole_range(q: AtGain) -> Begun:
+    seen = scan(q.model, q.servo, q.gain)
+    return seen.upper, seen
+
+
+def _solved_there(q: AtGain) -> HuntingOrbit:
+    assert q.start is not None
+    return _solved_from(q.start, q.servo, q.model, q.gain, q.options, "the stable hunting cycle")
+
+
+def _solved_closer(q: AtGain) -> HuntingOrbit | None:
+    assert q.start is not None
+    closer = near_stable(q.model, q.servo, q.gain, q.start.start, close=CLOSER)
+    return None if closer is None else _solved_there(replace(q, start=closer))
+
+
+AT_ONE_GAIN = (
+    Strategy(
+        "one motion from where most cycles stick", "IPOPT is not to work alone", "5 ms; LuGre 30 ms",
+        _at_once, lambda q: q.options.solver != "ipopt",
+    ),
+    Strategy("the event map", "always", "30 ms, scanned 0.3 s; LuGre 0.2 s, scanned 5 s", _by_the_map),
+)  # fmt: skip
+STARTS = (
+    Strategy("a few motions", "Switch", "5 ms", _a_few_motions, lambda q: q.model == "switch"),
+    Strategy(
+        "a few motions beside the Switch cycle", "LuGre", "0.1 s", _beside_the_switch_cycle,
+        lambda q: q.model == "lugre",
+    ),
+    Strategy("a scan of all stick positions", "always", "0.3 s; LuGre 5 s", _whole_range),
+)  # fmt: skip
+SOLVES = (
+    Strategy("from a motion beside the fixed point", "always", "20 ms; LuGre 0.1 s", _solved_there),
+    Strategy("from a motion still closer to it", "there is one", "30 ms; LuGre 0.2 s", _solved_closer),
+)
 
 
 def _solved_from(
@@ -175,16 +222,27 @@ def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
 
 
 def check_problem(servo: Servo, model: Model, gain: float) -> None:
-    """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction."""
+    """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction.
+
+    Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.
+    """
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
-    if servo.friction.static == servo.friction.coulomb:
-        seen = scan(model, servo, gain)
-        raise NoOrbit(
-            f"no hunting limit cycle of the {model} servo at any gain: static equals Coulomb friction, and without a "
-            "drop in the friction curve the integral action cannot sustain an oscillation (Bisoffi et al.); at gain "
-            f"{gain:g}, {seen.sentence()}"
-        )
+    if servo.friction.static > servo.friction.coulomb:
+        return
+    at_any = no_cycle(servo, model)
+    why = at_any or no_cycle(servo, model, gain)
+    if why:
+        where = "any gain" if at_any else f"gain {gain:g} or above"
+        seen = scan(model, servo, gain).sentence()
+        raise NoOrbit(f"no hunting limit cycle of the {model} servo at {where}: {why}; at gain {gain:g}, {seen}")
+
+
+def check_hunts(servo: Servo, model: Model) -> None:
+    """Raise NoOrbit for a servo that is proved to have no cycle at any gain."""
+    why = no_cycle(servo, model)
+    if why:
+        raise NoOrbit(f"no hunting limit cycle of the {model} servo at any gain: {why}")
 
 
 def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
@@ -224,4 +282,3 @@ def stiff_at(servo: Servo, gain: float) -> bool:
     """The controller's damping acts so fast, in J/(kd + sigma2), that no motion can be computed."""
     c, (_, kd, _) = servo.controller, servo.torque_gains(gain)
     return SPREAD * servo.inertia < (kd + servo.friction.viscous) * (c.lead_time + c.integral_time)
-

@@ -18,12 +18,15 @@ Source: Nyquist's criterion; symbols as in linear_loop.py.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..checks import COMPUTED, require, sensible
+from ..hybrid.roots import boundary
 from .servo import Servo
 
 GRID = 4001
@@ -51,17 +54,40 @@ class Margins:
 
 
 def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
-    """ln |L|^2 at omega = exp(y), for numbers and expressions: ln K = k, ln (tau_d, tau_i) = q."""
-    exp, log = (ca.exp, ca.log)
+    """ln |L|^2 at omega = exp(y), for numbers, arrays and expressions: ln K = k, ln (tau_d, tau_i) = q."""
+    exp, log, *_ = _functions_of(y)
     w = exp(2 * y)
     zeros = log(exp(2 * q[0]) * w + 1) + log(exp(2 * q[1]) * w + 1)
     return 2 * k + 2 * math.log(cm) + zeros - 2 * q[1] - 4 * y - log(J**2 * w + sigma2**2)
 
 
 def phase(J, sigma2, D, q, y):  # type: ignore[no-untyped-def]
-    """phi [rad] at omega = exp(y), for numbers and expressions."""
-    omega = ca.exp(y)
-    return ca.atan(ca.exp(q[0]) * omega) + ca.atan(ca.exp(q[1]) * omega) - ca.atan2(J * omega, sigma2) - omega * D
+    """phi [rad] at omega = exp(y), for numbers, arrays and expressions."""
+    exp, _, atan, atan2 = _functions_of(y)
+    omega = exp(y)
+    return atan(exp(q[0]) * omega) + atan(exp(q[1]) * omega) - atan2(J * omega, sigma2) - omega * D
+
+
+def _functions_of(y: Any) -> tuple[Callable[..., Any], ...]:
+    """exp, log, atan and atan2 of numbers, or of CasADi expressions."""
+    if isinstance(y, float | np.ndarray):
+        return np.exp, np.log, np.arctan, np.arctan2
+    return ca.exp, ca.log, ca.atan, ca.atan2
+
+
+def _log_times(servo: Servo) -> tuple[float, float]:
+    """ln (tau_d, tau_i); -inf for a loop without lead."""
+    lead, integral = servo.controller.lead_time, servo.controller.integral_time
+    return math.log(lead) if lead > 0 else -math.inf, math.log(integral)
+
+
+def _log_magnitude(servo: Servo, gain: float, y: float) -> float:
+    J, sigma2 = servo.inertia, servo.friction.viscous
+    return float(log_magnitude(J, servo.motor_gain, sigma2, math.log(gain), _log_times(servo), y))
+
+
+def _phase(servo: Servo, delay: float, y: float | np.ndarray) -> np.ndarray:
+    return np.asarray(phase(servo.inertia, servo.friction.viscous, delay, _log_times(servo), y))
 
 
 def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
@@ -77,29 +103,8 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
         > 0.
     """
     sensible("gain", gain, power=COMPUTED)
-    low, high = -60.0, 60.0
-    for _ in range(200):
-        middle = (low + high) / 2
-        if _log_magnitude(servo, gain, middle) > 2 * math.log(level):
-            low = middle
-        else:
-            high = middle
+    low, high = boundary(lambda y: not _log_magnitude(servo, gain, y) > 2 * math.log(level), -60.0, 60.0)
     return math.exp((low + high) / 2)
-
-
-def _log_magnitude(servo: Servo, gain: float, y: float) -> float:
-    lead, integral = servo.controller.lead_time, servo.controller.integral_time
-    w = math.exp(2 * y)
-    value = (gain * servo.motor_gain) ** 2 * (lead**2 * w + 1) * (integral**2 * w + 1)
-    return math.log(value) - math.log(integral**2 * w**2) - math.log(
-        servo.inertia**2 * w + servo.friction.viscous**2
-    )
-
-
-def _phase(servo: Servo, delay: float, omega: np.ndarray) -> np.ndarray:
-    lead, integral = servo.controller.lead_time, servo.controller.integral_time
-    lag = np.arctan2(servo.inertia * omega, servo.friction.viscous)
-    return np.asarray(np.arctan(lead * omega) + np.arctan(integral * omega) - lag - omega * delay)
 
 
 def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
@@ -118,24 +123,18 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
     """
     require("delay", delay, at_least=0)
     omega = crossover(servo, gain)
-    phi = float(_phase(servo, delay, np.array([omega]))[0])
+    phi = float(_phase(servo, delay, math.log(omega)))
     if not phi > 0:
         return Margins(omega, math.degrees(phi), math.nan, math.nan, False)
-    grid = omega * np.geomspace(1e-6, 1e6, GRID)
+    grid = np.log(omega * np.geomspace(1e-6, 1e6, GRID))
     values = _phase(servo, delay, grid)
-    above = [i for i in range(GRID - 1) if grid[i] >= omega and values[i + 1] <= 0]
-    below = [i for i in range(GRID - 1) if grid[i + 1] <= omega and values[i] <= 0]
+    above = [i for i in range(GRID - 1) if grid[i] >= math.log(omega) and values[i + 1] <= 0]
+    below = [i for i in range(GRID - 1) if grid[i + 1] <= math.log(omega) and values[i] <= 0]
 
     def factor(i: int) -> float:
-        low, high = math.log(grid[i]), math.log(grid[i + 1])
-        rising = values[i + 1] > 0
-        for _ in range(80):
-            middle = (low + high) / 2
-            if (float(_phase(servo, delay, np.array([math.exp(middle)]))[0]) > 0) == rising:
-                high = middle
-            else:
-                low = middle
-        return math.exp(-_log_magnitude(servo, gain, (low + high) / 2) / 2)
+        rising = bool(values[i + 1] > 0)
+        ends = boundary(lambda y: bool(_phase(servo, delay, y) > 0) == rising, float(grid[i]), float(grid[i + 1]))
+        return math.exp(-_log_magnitude(servo, gain, sum(ends) / 2) / 2)
 
     return Margins(
         omega,

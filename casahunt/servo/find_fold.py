@@ -4,13 +4,19 @@ The walk needs a gain at which the servo hunts, not far below the fold.  The sea
 which the frictionless linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section
 2), goes up and down from there in factors of two to the first cycle, and then up as far as the event map
 finds one.  Where motions go farther out at one of these gains, and not at the next, cycles are looked for in between.
+The ways stand in the tables `PLACES`, to gains at which there may be a cycle; `WALKS`, from a cycle to the fold; and
+`LOCATING`, once it is between two orbits.
+
+That no gain was found is not shown by looking at some: status None, "there is none", is said with a proof only
+(denial.py).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -21,13 +27,14 @@ from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import TOLERANCE_RANGE, Options
-from .cold_start import check_problem, check_times, stable_at
+from .cold_start import check_hunts, check_problem, check_times, stable_at
 from .event_map.fixed_points import fixed_points
 from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import Model
 from .linear_loop import routh_hurwitz_gain
 from .problem import HuntingFold, HuntingOrbit
 from .servo import Servo
+from .strategies import Strategy, first_of
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
@@ -42,9 +49,6 @@ BESIDE, BESIDE_POINTS = 3.0, 5
 CLIMB = (4.0, 2.0, 1.4)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
-FINER = (0.1, 1e-3)
-"""Parts of the tolerance to which the fold is located, in turn: its place on the branch takes a finer mesh than its
-gain, period and amplitude being first order in it."""
 SHARP_TOLERANCE = 1e-8
 """Of the walk to a fold that the rough walk has not led to."""
 HIGHEST = 1e9
@@ -59,18 +63,19 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
 
     Raises
     ------
-    NoOrbit : none of the gains searched has one; says which were searched.
+    NoOrbit : there is provably none (status None), or none of the gains searched has one; says which were searched.
     """
     base = routh_hurwitz_gain(servo)
     if not np.isfinite(base):
         base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
     check_problem(servo, model, base)
     check_times(servo, model)
+    check_hunts(servo, model)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
-    seen: list[tuple[float, Scan]] = []
+    hunt = _Hunt(servo, model)
     promised: list[tuple[float, float]] = []
     failed: list[str] = []
-    for gain, a in _gains_to_try(servo, model, gains, seen):
+    for gain, a in _gains_to_try(hunt, gains):
         promised += [(gain, a)] if a is not None else []
         try:
             met = stable_at(servo, model, gain, options=options)
@@ -88,55 +93,86 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
             f"some: {tried}",
             Status.NOT_CONVERGED if failed else Status.NOT_FOUND,
         )
-    evidence = f"{len(gains)} gains from {min(gains):.3g} to {max(gains):.3g} were scanned{_most(seen)}"
+    evidence = f"{len(gains)} gains from {min(gains):.3g} to {max(gains):.3g} were scanned{_most(hunt.seen)}"
     if failed:
         evidence += f"; at some, motions come back so close to where they started that cycles were sought, and {tried}"
     raise NoOrbit(
-        f"no hunting limit cycle of the {model} servo was found: {evidence}", Status.NOT_FOUND if failed else None
+        f"no hunting limit cycle of the {model} servo was found, which does not prove that there is none: {evidence}",
+        Status.NOT_FOUND,
     )
 
 
-def _gains_to_try(
-    servo: Servo, model: Model, gains: list[float], seen: list[tuple[float, Scan]]
-) -> Iterator[tuple[float, float | None]]:
-    """(gain, stick position) where the Switch servo seems to hunt, the highest of each climb first; then, for LuGre,
-    (gain, None).  The scans that show no cycle are added to `seen`."""
-    farther: dict[float, bool | None] = {}
+Place = tuple[float, float | None]
+"""(gain, stick position of a cycle of the Switch servo there; None where it has none and LuGre's own is sought)."""
+
+
+@dataclass(eq=False)
+class _Hunt:
+    """A search for a gain with a cycle, and what it has seen.
+
+    Attributes
+    ----------
+    seen : the scans that show no cycle, by gain.
+    farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
+    """
+
+    servo: Servo
+    model: Model
+    seen: list[tuple[float, Scan]] = field(default_factory=list)
+    farther: dict[float, bool | None] = field(default_factory=dict)
+
+    def rigid_cycle(self, gain: float) -> HalfCycle | None:
+        """The Switch servo's stable cycle; without one, `farther` is found out."""
+        unit = self.servo.friction.static / self.servo.torque_gains(gain)[0]
+        self.farther[gain] = None
+        near = near_stable("switch", self.servo, gain, TYPICAL * unit)
+        if near is None:
+            scanned = scan("switch", self.servo, gain)
+            near = scanned.upper
+            if near is None:
+                self.seen.append((gain, scanned))
+        if near is None:
+            with suppress(MarchFailure):
+                self.farther[gain] = half_cycle("switch", self.servo, gain, unit).ratio >= 1
+        return near
+
+
+def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
+    """Where there may be a cycle: of every gain, what the first strategy has that knows any; then LuGre's own."""
     for gain in gains:
-        rigid, farther[gain] = _rigid_cycle(servo, gain, seen)
-        if rigid is not None:
-            yield from reversed(_climb(servo, gain, rigid.start))
-            continue
-        for low in (gain / 2, gain):  # where this turns within a factor of two, cycles may be in between
-            if farther.get(low) is True and farther.get(2 * low) is False:
-                between = _between(servo, low, 2 * low, seen)
-                yield from reversed(_climb(servo, *between) if between else [])
-    if model != "switch":
+        for strategy in PLACES:
+            if strategy.applies((hunt, gain)) and isinstance(places := strategy.run((hunt, gain)), Iterator):
+                yield from places
+                break
+    if hunt.model != "switch":
         yield from ((gain, None) for gain in gains[:LUGRE_SEARCHES])
 
 
-def _rigid_cycle(
-    servo: Servo, gain: float, seen: list[tuple[float, Scan]]
-) -> tuple[HalfCycle | None, bool | None]:
-    """(the Switch servo's stable cycle or None; without one: does the motion from a = Fs/kp go farther out?)."""
-    unit = servo.friction.static / servo.torque_gains(gain)[0]
-    near = near_stable("switch", servo, gain, TYPICAL * unit)
-    if near is None:
-        scanned = scan("switch", servo, gain)
-        near = scanned.upper
-        if near is None:
-            seen.append((gain, scanned))
-    if near is not None:
-        return near, None
-    try:
-        return None, half_cycle("switch", servo, gain, unit).ratio >= 1
-    except MarchFailure:
-        return None, None
+def _from_here_up(at: tuple[_Hunt, float]) -> Iterator[Place] | None:
+    hunt, gain = at
+    rigid = hunt.rigid_cycle(gain)
+    return None if rigid is None else reversed(_climb(hunt.servo, gain, rigid.start))
 
 
-def _between(
-    servo: Servo, low: float, high: float, seen: list[tuple[float, Scan]]
-) -> tuple[float, float] | None:
+def _turns_beside(at: tuple[_Hunt, float]) -> bool:
+    return bool(_turning(*at))
+
+
+def _turning(hunt: _Hunt, gain: float) -> list[float]:
+    """The lower ends of the ranges next to a gain, a factor of two wide, at which motions cease to go farther out."""
+    known = hunt.farther
+    return [low for low in (gain / 2, gain) if known.get(low) is True and known.get(2 * low) is False]
+
+
+def _in_between(at: tuple[_Hunt, float]) -> Iterator[Place]:
+    """Each range is searched when the one before has led to nothing."""
+    hunt, gain = at
+    for low in _turning(hunt, gain):
+        between = _between(hunt, low, 2 * low)
+        yield from reversed(_climb(hunt.servo, *between) if between else [])
+
+
+def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, float] | None:
     """(gain, stick position) of a cycle between a gain at which motions go farther out and one at which they do not.
 
     With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
@@ -144,13 +180,23 @@ def _between(
     """
     for _ in range(HALVINGS):
         gain = float(np.sqrt(low * high))
-        rigid, farther = _rigid_cycle(servo, gain, seen)
+        rigid = hunt.rigid_cycle(gain)
         if rigid is not None:
             return gain, rigid.start
+        farther = hunt.farther[gain]
         if farther is None:
             return None
         low, high = (gain, high) if farther else (low, gain)
     return None
+
+
+PLACES: tuple[Strategy[tuple[_Hunt, float], Iterator[Place]], ...] = (
+    Strategy("a cycle of the Switch servo at this gain, and above", "always", "0.1 s, without one 1 s", _from_here_up),
+    Strategy(
+        "a cycle of the Switch servo between this gain and twice or half of it",
+        "motions go farther out at one of the two, and not at the other", "5 s", _in_between, _turns_beside,
+    ),
+)  # fmt: skip
 
 
 def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
@@ -176,9 +222,9 @@ def _most(seen: list[tuple[float, Scan]]) -> str:
     return f" with the Switch servo; the farthest back it comes at gain {gain:.3g}: {s.sentence()}"
 
 
-def _climb(servo: Servo, gain: float, a: float) -> list[tuple[float, float | None]]:
+def _climb(servo: Servo, gain: float, a: float) -> list[Place]:
     """Increasing gains at which the Switch servo has a stable cycle, each with its stick position, from (gain, a)."""
-    gains: list[tuple[float, float | None]] = [(gain, a)]
+    gains: list[Place] = [(gain, a)]
     for factor in CLIMB:
         for _ in range(MOST_CLIMBS):
             found = near_stable("switch", servo, gain * factor, a / factor)
@@ -211,17 +257,25 @@ def find_fold(
     options = options or Options()
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     first = start or find_any_orbit(servo, model, options=rough)
-    try:
-        return _walked_to(first, rough, options, began)
-    except NoOrbit:
-        # Next to a very sharp fold the errors of the rough way are as large as what is left of the branch.
-        return _walked_to(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
+    return first_of(WALKS, _Way(first, options, began), f"the fold of the {model} servo was not found")
 
 
-def _walked_to(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
-    """The confirmed fold at the end of a walk from `first` with the tolerance of `way`."""
-    before, model = first, first.model
-    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """From an orbit to the fold; `after` is the one behind the fold, once it is there."""
+
+    first: HuntingOrbit
+    options: Options
+    began: float
+    after: HuntingOrbit | None = None
+
+
+def _walked_to(way: _Way, tol: float) -> HuntingFold:
+    """The confirmed fold at the end of a walk with this tolerance."""
+    first = before = way.first
+    model = first.model
+    options = replace(way.options, tol=tol)
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=options)
     while True:
         effort.at(partial(_on_the_way, before))
         try:
@@ -232,16 +286,34 @@ def _walked_to(first: HuntingOrbit, way: Options, options: Options, began: float
                 f"{before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
                 Status.NOT_CONVERGED,
             ) from None
-        for finer in FINER:
-            sharp = replace(options, tol=max(options.tol * finer, TOLERANCE_RANGE[0]))
-            if not turns_back(before, after, "gain"):
-                break
-            try:
-                return confirmed(located(before, after, "gain", sharp), "gain", options, began)
-            except NoOrbit:
-                if finer == FINER[-1]:
-                    raise
+        if turns_back(before, after, "gain"):
+            return first_of(LOCATING, replace(way, first=before, after=after), f"the fold of the {model} servo")
         before = after
+
+
+def _located_to(way: _Way, part: float) -> HuntingFold:
+    """The fold between two orbits, located to a part of the tolerance and confirmed to the whole of it."""
+    assert way.after is not None
+    sharp = replace(way.options, tol=max(way.options.tol * part, TOLERANCE_RANGE[0]))
+    return confirmed(located(way.first, way.after, "gain", sharp), "gain", way.options, way.began)
+
+
+WALKS: tuple[Strategy[_Way, HuntingFold], ...] = (
+    Strategy(
+        "with rough steps", "always", "40 ms; LuGre 0.5 s",
+        lambda way: _walked_to(way, max(way.options.tol, WALK_TOLERANCE)),
+    ),
+    # Next to a very sharp fold the errors of the rough way are as large as what is left of the branch.
+    Strategy(
+        "with accurate steps", "always", "0.1 s; LuGre 2 s",
+        lambda way: _walked_to(way, min(way.options.tol, SHARP_TOLERANCE)),
+    ),
+)  # fmt: skip
+# The place of a fold on the branch takes a finer mesh than its gain, period and amplitude being first order in it.
+LOCATING: tuple[Strategy[_Way, HuntingFold], ...] = (
+    Strategy("to a tenth of the tolerance", "always", "30 ms; LuGre 0.3 s", lambda way: _located_to(way, 0.1)),
+    Strategy("to a thousandth of the tolerance", "always", "50 ms; LuGre 0.6 s", lambda way: _located_to(way, 1e-3)),
+)
 
 
 def _on_the_way(orbit: HuntingOrbit) -> str:

@@ -5,15 +5,18 @@
     otherwise       the fold from nothing (find_fold.py): above it there is none; below it a walk down from there,
                     on the side that was asked for
 
+The ways stand in the tables `STABLE`, `UNSTABLE` and `DOWN`, in the order in which they are tried.
+
 "There is none" is said only with the fold below the gain, which continuation/fold.py locates on the branch and confirms
-as an optimum.  Where no fold can be located either, the sentence is "not found", and says what was tried.
+as an optimum, or with a proof (denial.py).  Where there is neither, the sentence is "not found", and says what was
+tried.
 """
 
 from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..checks import known, to_error
@@ -22,11 +25,13 @@ from ..continuation.special_points import FOLD, SpecialPoint, locate
 from ..continuation.walk import curve_point, walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
-from .cold_start import Met, check_problem, check_times, stable_at, stiff_at, unstable_at
+from .cold_start import Met, check_hunts, check_problem, check_times, stable_at, stiff_at, unstable_at
+from .denial import no_cycle
 from .find_fold import find_fold
 from .hunting import Model
 from .problem import HuntingFold, HuntingOrbit
 from .servo import Servo
+from .strategies import Strategy, first_of
 
 BranchName = Literal["stable", "unstable"]
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
@@ -66,79 +71,120 @@ def find_orbit(
     Raises
     ------
     InputError : a value out of range.
-    NoOrbit : there is no such cycle (status None, with the fold that shows it), none was found, or it could not be
-        computed.
+    NoOrbit : there is no such cycle (status None, with the fold that shows it or the proof), none was found, or it
+        could not be computed.
     """
     began = time.perf_counter()
     options = options or Options()
     check_problem(servo, model, gain)
     check_times(servo, model, gain)
     known("branch", branch, BRANCHES)
-    find = _stable if branch == "stable" else _unstable
-    return replace(find(servo, model, gain, options), wall_s=time.perf_counter() - began)
-
-
-def _stable(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
-    if stiff_at(servo, gain):
-        return _beside_the_fold(servo, model, gain, "stable", options, Met(None, False, None))
-    try:
-        met = stable_at(servo, model, gain, options=options)
-    except NoOrbit as error:  # close to a fold, or with too rough a start, the solver does not arrive
-        try:
-            return _beside_the_fold(servo, model, gain, "stable", options, Met(None, False, None))
-        except NoOrbit as other:
-            raise (other if other.status is None else error) from None
-    if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
-        return met.orbit
-    return _beside_the_fold(servo, model, gain, "stable", options, met)
-
-
-def _unstable(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
-    """Multipliers of 1e5 and more leave no way that is sure but round the fold; else the inner fixed point."""
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    met = Met(None, False, None)
-    if not stiff_at(servo, gain):
+    check_hunts(servo, model)
+    search = _Search(servo, model, gain, branch, options)
+    if branch == "unstable" and not search.stiff:
         with suppress(NoOrbit):
-            met = stable_at(servo, model, gain, options=rough)
-    orbit = None
-    if met.orbit is not None:
-        orbit = _round_the_fold(met.orbit, rough, options) or _inner_fixed_point(servo, model, gain, options)
-    # Last, because next to the sharpest folds it takes minutes.
-    return orbit or _beside_the_fold(servo, model, gain, "unstable", options, met)
+            search.met = stable_at(servo, model, gain, options=search.rough)
+    what = f"the {branch} hunting cycle of the {model} servo at gain {gain:g} was not found:"
+    orbit = first_of(STABLE if branch == "stable" else UNSTABLE, search, what)
+    return replace(orbit, wall_s=time.perf_counter() - began)
 
 
-def _inner_fixed_point(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit | None:
+@dataclass(eq=False)
+class _Search:
+    """What is sought, and what the strategies have met on the way."""
+
+    servo: Servo
+    model: Model
+    gain: float
+    branch: BranchName
+    options: Options
+    met: Met = Met(None, False, None)
+    vanished: bool = False
+
+    @property
+    def rough(self) -> Options:
+        """Enough for a way whose end is refined."""
+        return replace(self.options, tol=max(self.options.tol, WALK_TOLERANCE))
+
+    @property
+    def stiff(self) -> bool:
+        """No motion can be computed."""
+        return stiff_at(self.servo, self.gain)
+
+    @property
+    def rounds(self) -> bool:
+        """Whether a way from the stable cycle round the fold may lead to the unstable one."""
+        return self.met.orbit is not None and not self.vanished
+
+
+def _from_motions(s: _Search) -> HuntingOrbit | str:
+    """The stable cycle where motions at this gain lead to one that is certainly it."""
+    s.met = stable_at(s.servo, s.model, s.gain, options=s.options)
+    orbit = s.met.orbit
+    if orbit is None:
+        return s.met.seen.sentence() if s.met.seen is not None else "none was met"
+    if s.met.clearly_stable or orbit.multipliers.leading.real <= 1:
+        return orbit
+    return f"they led to a cycle with half multiplier {orbit.half_multiplier:.4g}, which is not the stable one"
+
+
+def _inner_fixed_point(s: _Search) -> HuntingOrbit | str:
     """The unstable cycle inside the stable one at the same gain, where a scan of the map leads to it."""
     try:
-        orbit, _ = unstable_at(servo, model, gain, options=options)
-    except NoOrbit:
-        return None
-    return orbit if orbit is not None and orbit.multipliers.leading.real > 1 else None
+        orbit, seen = unstable_at(s.servo, s.model, s.gain, options=s.options)
+    except NoOrbit as error:
+        return str(error)
+    if orbit is None:
+        return f"none inside the stable one; {seen.sentence()}"
+    return orbit if orbit.multipliers.leading.real > 1 else "the solver went from it to the stable cycle"
 
 
-def _round_the_fold(stable: HuntingOrbit, rough: Options, options: Options) -> HuntingOrbit | None:
-    """The unstable cycle at the gain of a stable one, up to the fold and down again; None where it is not reached."""
-    for way in (rough, options):  # the accurate way is the slow one, and seldom needed
-        last = stable
-        for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):
-            if _vanished(last):
-                return None
-        if last is stable or last.gain != stable.gain or last.amplitude >= stable.amplitude:
-            continue
-        try:
-            orbit = refined(last, options)
-        except NoOrbit:
-            continue
-        if orbit.multipliers.leading.real > 1:
-            return orbit
-    return None
+def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
+    """The unstable cycle at the gain of a stable one, up to the fold and down again."""
+    stable = s.met.orbit
+    assert stable is not None
+    last = stable
+    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):
+        if _vanished(last):
+            s.vanished = True
+            return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
+    if last is stable or last.gain != stable.gain or last.amplitude >= stable.amplitude:
+        return f"the way ended at gain {last.gain:.6g} with the half multiplier {last.half_multiplier:.3g}"
+    try:
+        orbit = refined(last, s.options)
+    except NoOrbit as error:
+        return f"it led to this gain, but not to the tolerance ({error})"
+    return orbit if orbit.multipliers.leading.real > 1 else "it led to a cycle that is not the unstable one"
 
 
-def _beside_the_fold(
-    servo: Servo, model: Model, gain: float, branch: BranchName, options: Options, met: Met
-) -> HuntingOrbit:
+def _from_the_fold(s: _Search) -> HuntingOrbit:
     """The cycle on one side of a fold above the gain; NoOrbit with the fold as evidence where it lies below."""
-    return _down_from(_fold_above(servo, model, gain, options, met), gain, branch, options)
+    return _down_from(_fold_above(s.servo, s.model, s.gain, s.options, s.met), s.gain, s.branch, s.options)
+
+
+STABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
+    Strategy(
+        "motions at this gain", "the controller's damping lets motions be computed", "5 ms; LuGre 30 ms",
+        _from_motions, lambda s: not s.stiff,
+    ),
+    Strategy("down from the fold", "always", "0.1 s; LuGre 1 s; from nothing up to minutes", _from_the_fold),
+)  # fmt: skip
+# Multipliers of 1e5 and more leave no way that is sure but round the fold.
+UNSTABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
+    Strategy(
+        "round the fold, with rough steps", "a cycle was met by motions at this gain", "30 ms; LuGre 0.6 s",
+        lambda s: _round_the_fold(s, s.rough), lambda s: s.rounds,
+    ),
+    Strategy(
+        "round the fold, with accurate steps", "the rough ones did not lead to it, nor to one shrunk to nothing",
+        "60 ms; LuGre 2 s", lambda s: _round_the_fold(s, s.options), lambda s: s.rounds and s.rough != s.options,
+    ),
+    Strategy(
+        "the inner fixed point of the event map", "a cycle was met by motions at this gain", "0.5 s; LuGre 10 s",
+        _inner_fixed_point, lambda s: s.met.orbit is not None,
+    ),
+    Strategy("down from the fold", "always", "0.1 s; LuGre 1 s; next to the sharpest folds minutes", _from_the_fold),
+)  # fmt: skip
 
 
 def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: Met) -> HuntingFold:
@@ -146,18 +192,20 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
     seen = met.seen
     also = "" if seen is None else f"; {seen.sentence()}"
     if seen is not None and not seen.conclusive:
+        _deny_proved(servo, model, gain, also)
         raise NoOrbit(
             f"whether the {model} servo hunts at gain {gain:g} is not known, because its motion could not be computed; "
-            f"are all parameters meant?{also}",
+            "are all parameters meant?",
             Status.NOT_CONVERGED,
         )
     for tol in sorted({options.tol, min(options.tol, TIGHT)}, reverse=True):
         try:
             fold = find_fold(servo, model, options=replace(options, tol=tol), start=met.orbit)
         except NoOrbit as error:
+            _deny_proved(servo, model, gain, also)
             raise NoOrbit(
                 f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
-                f"there is none: the largest gain at which it hunts was not located either ({error}){also}",
+                f"there is none: the largest gain at which it hunts was not located either ({error})",
                 Status.NOT_FOUND,
             ) from None
         if abs(gain / fold.gain - 1) > 2 * fold.gain_error:
@@ -178,29 +226,58 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
     return fold
 
 
+def _deny_proved(servo: Servo, model: Model, gain: float, also: str) -> None:
+    """NoOrbit where it is proved that there is no cycle at a gain."""
+    why = no_cycle(servo, model, gain)
+    if why:
+        raise NoOrbit(f"no hunting limit cycle of the {model} servo at gain {gain:g} or above: {why}{also}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Descent:
+    """What is sought down from a fold."""
+
+    fold: HuntingFold
+    gain: float
+    branch: BranchName
+    options: Options
+
+    @property
+    def rough(self) -> Options:
+        """Enough for a way whose end is refined."""
+        return replace(self.options, tol=max(self.options.tol, WALK_TOLERANCE))
+
+
 def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Options) -> HuntingOrbit:
     """The cycle at `gain` on one side of the fold above it."""
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    ways = (rough, options) if gain < FAR * fold.gain and rough != options else (options,)
-    reached = ""
-    for way in ways:
-        last, ended = _followed_down(fold, gain, branch, way, options)
-        if last.gain != gain:
-            reached = f"to gain {last.gain:.8g} only ({ended})"
-            continue
-        try:
-            orbit = refined(last, options) if way is not options else last
-        except NoOrbit as error:
-            reached = f"to this gain, but not to the tolerance ({error})"
-            continue
-        if (orbit.multipliers.leading.real > 1) == (branch == "unstable"):
-            return orbit
-        reached = f"to this gain, where the cycle has the half multiplier {orbit.half_multiplier:.4g}"
-    raise NoOrbit(
+    what = (
         f"the {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:g} was not found: its cycles, which "
-        f"end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down from there {reached}",
-        Status.NOT_FOUND,
+        f"end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down from there"
     )
+    return first_of(DOWN, _Descent(fold, gain, branch, options), what)
+
+
+def _down_by(d: _Descent, way: Options) -> HuntingOrbit | str:
+    last, ended = _followed_down(d.fold, d.gain, d.branch, way, d.options)
+    if last.gain != d.gain:
+        return f"to gain {last.gain:.8g} only ({ended})"
+    try:
+        orbit = refined(last, d.options) if way is not d.options else last
+    except NoOrbit as error:
+        return f"to this gain, but not to the tolerance ({error})"
+    if (orbit.multipliers.leading.real > 1) == (d.branch == "unstable"):
+        return orbit
+    return f"to this gain, where the cycle has the half multiplier {orbit.half_multiplier:.4g}"
+
+
+DOWN: tuple[Strategy[_Descent, HuntingOrbit], ...] = (
+    Strategy(
+        "with rough steps", f"the gain is below {FAR} of the fold's, and the tolerance below {WALK_TOLERANCE:g}",
+        "20 ms; LuGre 0.4 s", lambda d: _down_by(d, d.rough),
+        lambda d: d.gain < FAR * d.fold.gain and d.rough != d.options,
+    ),
+    Strategy("with accurate steps", "always", "40 ms; LuGre 1 s", lambda d: _down_by(d, d.options)),
+)  # fmt: skip
 
 
 def _followed_down(

@@ -1,4 +1,6 @@
-"""Folds and cycles of a LuGre servo by Taylor series in extended precision (lugre_digits.py, needs heyoka).
+"""Folds and cycles of a LuGre servo by Taylor series (lugre_digits.py, needs heyoka).
+
+Extended precision, and quadruple where rounding would blur the judgement.
 
 A refused cycle is sought by following its branch from the next gain at which the program found one.
 """
@@ -6,6 +8,7 @@ A refused cycle is sought by following its branch from the next gain at which th
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,9 @@ from casahunt import Servo
 from scripts.peers import lugre_digits
 from scripts.peers import switch_digits as digits
 from scripts.peers.switch_search import SwitchTruth
+
+BLURRED = 0.1
+"""Rounding of the LuGre engine, in units of the error estimate to be judged, that more digits are taken for."""
 
 
 class LugreTruth:
@@ -40,10 +46,15 @@ class LugreTruth:
         return SwitchTruth(self.servo).hunts_somewhere()
 
     def next_to(self, found: Any) -> digits.Truth | None:
-        """The cycle next to an orbit of the program."""
-        try:
-            truth, y = lugre_digits.cycle(self.servo, found.gain, found.arcs[0].states[0, 0][1:], found.period / 2)
-        except (digits.Lost, np.linalg.LinAlgError):
+        """The cycle next to an orbit of the program; in quadruple precision where rounding would blur the judgement."""
+        start = found.arcs[0].states[0, 0][1:]
+        truth = None
+        for precision in (lugre_digits.EXTENDED, lugre_digits.quadruple()):
+            with suppress(digits.Lost, np.linalg.LinAlgError):
+                truth, y = lugre_digits.cycle(self.servo, found.gain, start, found.period / 2, precision)
+            if truth is not None and truth.noise <= BLURRED * found.error_estimate:
+                break
+        if truth is None:
             return None
         self.seen.append((found.gain, "unstable" if truth.mu > 1 else "stable", y, found.period / 2))
         return truth

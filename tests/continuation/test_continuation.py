@@ -193,6 +193,24 @@ def test_user_monitor_is_located(orbit):
     assert not any(m.kind == monitor.kind for m in STANDARD)
 
 
+def test_a_monitor_may_be_no_number_here_and_there(orbit):
+    """Every third orbit on the way to a period of 15 s has none: the steps go on beside it, and it is located."""
+    options = Options(tol=1e-9)
+    points = [orbit("switch", 0.2), *walk(orbit("switch", 0.2), low=0.1, high=0.6, options=options)]
+    before, after = next((a, b) for a, b in itertools.pairwise(points) if (a.period - 15) * (b.period - 15) < 0)
+    asked = []
+
+    def value(o):
+        if o is before or o is after:
+            return o.period - 15
+        asked.append(o)
+        return o.period - 15 if len(asked) % 3 != 1 else float("nan")
+
+    found, missed = crossings(before, after, vary="gain", monitors=(user_monitor("15 s", value),), options=options)
+    assert len(asked) >= 2 and not missed
+    assert [s.orbit.period for s in found] == [pytest.approx(15, abs=1e-8)]
+
+
 VARIANTS = {
     "Table 1": {},
     "Fs = 0.50": {"friction.static": 0.50},
@@ -229,3 +247,25 @@ def test_large_steps_do_not_turn_back_at_the_fold():
     assert [s.kind for s in branch.special].count("fold") == 1
     assert branch.orbits[-1].gain == 0.3 and branch.amplitudes[-1] < 0.5 * branch.amplitudes[0]
     assert not branch.stable[-1]
+
+
+LEAD = Servo().replace(**{
+    "friction.viscous": 0.2239, "friction.static": 0.8884, "friction.stribeck_velocity": 0.0884,
+    "servo.inertia": 0.0725, "controller.integral_time": 0.2139, "controller.lead_time": 0.1158,
+})  # fmt: skip
+LONGEST_LEAD = 0.12079349612278774
+"""Lead time at which the fold gain of this servo is 0.875, by the event map to 24 digits (scripts/peers/switch_digits.py)."""
+
+
+def test_a_walk_starts_in_the_sense_asked_for_however_long_its_first_step():
+    """Cycles exist up to a lead time 4 % longer; one step over that fold would come out where it is much shorter."""
+    start = find_orbit(LEAD, "switch", 0.875, branch="unstable", options=Options(tol=1e-8))
+    way = walk(start, vary="controller.lead_time", low=0.05, high=0.3, first_step=1.0, options=Options(tol=1e-8))
+    points = [start, *itertools.islice(way, 3)]
+    times = [o.servo.controller.lead_time for o in points]
+    assert times[0] < times[1] < LONGEST_LEAD
+    (fold,) = [
+        s for pair in itertools.pairwise(points)
+        for s in crossings(*pair, vary="controller.lead_time", monitors=(FOLD,), options=Options(tol=1e-9))[0]
+    ]  # fmt: skip
+    assert fold.orbit.servo.controller.lead_time == pytest.approx(LONGEST_LEAD, rel=1e-9)

@@ -13,9 +13,9 @@ from casahunt import Options, Servo, find_fold
 from casahunt.cli import main
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
 from casahunt.design.tune.check import SAMPLES, scanned
-from casahunt.design.tune.demands import TIMES, Demands, check_bounds
+from casahunt.design.tune.demands import TIMES, Demands, check_bounds, log_times
 from casahunt.design.tune.given import Given, Outlook
-from casahunt.design.tune.problem import Point
+from casahunt.design.tune.problem import Cut, Point, Round, solve_round
 from casahunt.design.tune.search import Search
 from casahunt.design.tune.tasks import until_decided, waits
 from casahunt.design.tune.tuning import Tuning, tune
@@ -197,6 +197,52 @@ def crossover_phase(servo: Servo, gain: float, delay: float) -> float:
     way = np.geomspace(1e-6, low, 1000)
     turned = np.unwrap(np.angle(response(way)))
     return math.degrees(turned[-1] - turned[0])  # -180 degrees at omega = 0
+
+
+def sampled_phase(servo: Servo, gain: float, sample_time: float) -> float:
+    """Phase margin [deg] with the zero-order hold (1 - exp(-s T))/(s T) itself, loss of magnitude included."""
+    c, f = servo.controller, servo.friction
+    omega = np.geomspace(1e-3, 0.999 * 2 * np.pi / sample_time, 20_000)
+    s = 1j * omega
+    lead = (c.lead_time * s + 1) * (c.integral_time * s + 1) / (c.integral_time * s)
+    plant = servo.motor_gain / (s * (servo.inertia * s + f.viscous))
+    response = gain * lead * plant * (1 - np.exp(-s * sample_time)) / (s * sample_time)
+    turned = np.unwrap(np.angle(response))
+    return math.degrees(turned[np.flatnonzero(np.abs(response) > 1)[-1]] - turned[0])
+
+
+def test_a_sampled_loop_lags_by_half_a_sample(unscanned, servo):
+    """Settling wants all the gain that the phase margin leaves; without a delay there would be no limit."""
+    asked, T = 50, 0.004
+    found = tune(
+        servo, "switch", cost="settling", demands=Demands(phase_margin=asked, sample_time=T),
+        bounds={"gain": (0.5, 20)},
+    )  # fmt: skip
+    assert found.binding == ("phase margin",)
+    assert crossover_phase(servo, found.gain, T / 2) == pytest.approx(asked, abs=1e-2)
+    # x/sin(x) at x = omega T/2 = 0.63 is 1.07: so much lower lies the true crossover, with 2 degrees more.
+    assert asked < sampled_phase(servo, found.gain, T) < asked + 3
+
+
+@pytest.mark.parametrize("factor", [1.5, 3.0])
+def test_gain_margins_of_one_problem(servo, factor):
+    """No phase margin, no fold: K is a factor from where the loop gets unstable, at the times as given."""
+    J, cm, T, f = servo.inertia, servo.motor_gain, TIME, factor
+
+    def gain_of(each: Servo, cost: str, demand: str, off: float, lag: float) -> float:
+        q = log_times(each)
+        cut = Cut(each.replace(**{"servo.motor_gain": off * cm}), demand, 0.0)
+        point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (1e-3, 100.0), 1.1, [], [cut], lag))
+        assert point.converged and np.max(point.slack) < 1e-9
+        return math.exp(point.k)
+
+    # The Routh-Hurwitz condition K cm tau_d + sigma2 > J/(tau_d + tau_i), in which the least gain is wanted.
+    light = servo.replace(**{"friction.viscous": 0.01})
+    lowest = (J / (2 * T) - 0.01) / (cm * T)
+    assert gain_of(light, "gain", "gain margin (lowering)", 1 / f, 0.0) == pytest.approx(f * lowest, rel=1e-8)
+    # Settling wants the largest gain: at f times it the loop with delay has no phase left.
+    highest = gain_of(servo, "settling", "gain margin (raising)", f, 0.005)
+    assert crossover_phase(servo, f * highest, 0.005) == pytest.approx(0, abs=1e-4)
 
 
 INERTIA = Uncertainty({"servo.inertia": (0.008, 0.026)})

@@ -15,6 +15,7 @@ from casahunt.collocation.transcription import transcribe
 from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.hunting import SWITCH_HALF, hunting_cycle
+from casahunt.servo.servo import PARAMETERS
 
 
 def test_every_status_has_advice():
@@ -64,6 +65,20 @@ def test_wrong_sequence_is_inadmissible(orbit):
     verdict = judge(other, other.pack(t.intervals_of(u), nodes, t.durations_of(u)), setting)
     assert not verdict.admissible
     assert "slip-" in verdict.violated
+
+
+def test_a_stick_that_holds_more_than_static_friction_is_none(orbit):
+    """The cycle of a servo with more static friction: it slips forward, lasts a while, and its stick ends at m = -Fs/0.9.
+
+    Along the stick |m| is largest at its end, so the condition 1 - |m|/Fs falls to 1 - 1/0.9.
+    """
+    t, u, setting = unknowns_of(orbit("switch", 0.3))
+    assert judge(t, u, setting).admissible
+    weaker = setting.p * np.where(np.arange(setting.p.size) == PARAMETERS.index("friction.static"), 0.9, 1.0)
+    verdict = judge(t, u, replace(setting, p=weaker))
+    assert not verdict.admissible and verdict.phase == 1
+    assert "phase 2 is no stick" in verdict.violated
+    assert float(verdict.violated.rpartition(" ")[2]) == pytest.approx(1 - 1 / 0.9, rel=1e-2)
 
 
 def test_too_coarse_a_mesh_is_not_clear(orbit):

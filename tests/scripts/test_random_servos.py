@@ -60,6 +60,21 @@ def test_the_lugre_engine_gives_the_reference_rows(branch, place):
     assert error < 10 * orbit.error_estimate + 5e-12
 
 
+@pytest.mark.slow
+def test_quadruple_precision_judges_multipliers_that_extended_precision_cannot():
+    """A multiplier of 6e8: the rounding of the one engine is 10 % of its answer, that of the other 2e-23."""
+    pytest.importorskip("heyoka")
+    servo = Servo(inertia=0.084591, motor_gain=8.1634).replace(**{
+        "controller.integral_time": 0.083489, "controller.lead_time": 0.020825, "friction.static": 2.3315,
+        "friction.coulomb": 1.1523, "friction.stribeck_velocity": 0.017676, "friction.viscous": 0.016928,
+    })  # fmt: skip
+    orbit = find_orbit(servo, "lugre", 34.757, branch="unstable", options=Options(tol=1e-8))
+    truth = random_servos.LugreTruth(servo).next_to(orbit)
+    assert truth is not None and truth.noise < 1e-20
+    assert float(truth.mu) == pytest.approx(orbit.half_multiplier, rel=1e-9) and float(truth.mu) > 1e8
+    assert abs(float(truth.period) / orbit.period - 1) < 10 * orbit.error_estimate < 1e-8
+
+
 @pytest.mark.parametrize(("gain", "a"), [(0.1, 0.02), (0.4, 0.000963095232), (0.6, 0.05), (0.005, 0.8)])
 def test_extended_precision_gives_the_map_of_the_decimals(gain, a):
     """Two integrators of one map, in a motion that reverses without sticking, and at a multiplier of 1e5."""

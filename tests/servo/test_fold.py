@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
+from casahunt.collocation.solve import newton
 from casahunt.continuation.fold import confirmed
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
@@ -65,8 +66,12 @@ def test_extended_system(model):
     assert singular[-1] < 1e-6 * singular[-2]
     # Transversal: the fold cannot be removed by moving the gain.
     assert abs(left[:, -1] @ jacobian[:, -1]) > 1e-6
-    # The null vector is the tangent of the branch there.
-    assert np.abs(right[-1]).max() > 0
+    # The null vector is the way between the two cycles that merge here: a little below, Newton finds one on each side.
+    below = setting.moved(-1e-8)
+    one, other = (newton(t, u + side * 1e-3 * right[-1], below).u for side in (1, -1))
+    way = one - other
+    assert np.linalg.norm(way) > 1e-5
+    assert abs(way @ right[-1]) / np.linalg.norm(way) > 1 - 1e-4
 
 
 def test_optimisation_multipliers_are_the_left_null_vector():
@@ -134,6 +139,22 @@ def test_pure_coulomb_friction_has_no_fold():
         find_fold(Servo().replace(**{"friction.static": 0.44}), "switch")
     with pytest.raises(NoOrbit, match="no hunting limit cycle"):
         find_any_orbit(Servo().replace(**{"friction.static": 0.44}), "switch", options=Options())
+
+
+VISCOUS_FOLD = {"gain": 0.620271708903377402755, "amplitude": 0.00158444659658070277663, "period": 20.9615092919047826}
+"""Table 1 with sigma2 = 0.2: P(a) = a and P'(a) = 1 to 24 digits (scripts/peers/switch_digits.py)."""
+
+
+@pytest.mark.parametrize("degree", [6, 8])
+def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
+    """A coarse mesh moves the fold along the branch: amplitude and period are wrong by ten times what the estimate at
+    that point of the branch says, the gain is not.  The optimum on the halved mesh knows."""
+    fold = find_fold(Servo().replace(**{"friction.viscous": 0.2}), "switch", options=Options(tol=1e-6, degree=degree))
+    sizes = (fold.orbit.amplitude / VISCOUS_FOLD["amplitude"], fold.orbit.period / VISCOUS_FOLD["period"])
+    true = max(abs(size - 1) for size in sizes)
+    assert abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true, "a case in which it matters"
+    assert 1e-9 < true < 2 * fold.orbit.error_estimate < 2e-6
+    assert fold.orbit.error_estimate < 10 * true
 
 
 def test_only_folds_are_confirmed(orbit):
@@ -259,16 +280,21 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     for a in unit * np.array([0.015, 0.1]):
         assert 0 < taylor.switch_half_cycle(NEVER_HUNTS, gain, a)[0] / a < 0.99
     assert near_stable("switch", NEVER_HUNTS, gain, 0.1 * unit) is None
+    # Its friction rises so steeply that it is proved to have no cycle; a servo that is not, the search may not deny.
+    with pytest.raises(NoOrbit, match="no hunting .* at any gain: the friction curve") as refused:
+        find_fold(NEVER_HUNTS, "switch")
+    assert refused.value.status is None
+    monkeypatch.setattr(fold, "check_hunts", lambda servo, model: None)
     monkeypatch.setattr(fold, "SEARCH_FACTORS", 0)
     monkeypatch.setattr(fold, "routh_hurwitz_gain", lambda servo: gain)
     monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
-    with pytest.raises(NoOrbit, match=r"was found: 1 gains .* at most at 0\.98") as refused:
+    with pytest.raises(NoOrbit, match=r"does not prove .*: 1 gains .* at most at 0\.98") as refused:
         find_fold(NEVER_HUNTS, "switch")
-    assert refused.value.status is None
+    assert refused.value.status is Status.NOT_FOUND
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
     monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a: half_cycle(m, s, K, a) if K == gain else None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
-    with pytest.raises(NoOrbit, match="was found: .* and 1 of them were tried: stuck") as refused:
+    with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
 

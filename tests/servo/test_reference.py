@@ -281,17 +281,6 @@ def test_every_solver_gives_the_same_orbit(model, branch):
         assert other.period == pytest.approx(reference["period"], rel=1e-8)
 
 
-def test_an_estimate_whose_terms_cancel_is_not_small():
-    """On this LuGre cycle terms of 4e-8 and -4e-8 leave 3e-10 of a true error of 4e-9."""
-    gain = 0.31014829321331655
-    other = Options(tol=1e-11, degree=9, kind="radau")
-    true = find_orbit(table1.servo(), "lugre", gain, branch="unstable", options=other)
-    for tol in (1e-2, 1e-4):
-        rough = find_orbit(table1.servo(), "lugre", gain, branch="unstable", options=Options(tol=tol))
-        off = max(abs(rough.period / true.period - 1), abs(rough.amplitude / true.amplitude - 1))
-        assert off <= 10 * rough.error_estimate
-
-
 @pytest.mark.slow
 def test_unstable_lugre_cycle_of_seventeen_hours():
     """Fifty times below the report's lower bound, by two schemes; its longest interval lasts hours."""

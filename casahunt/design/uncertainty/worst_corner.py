@@ -20,6 +20,7 @@ import numpy as np
 
 from ...checks import known
 from ...errors import InputError, NoOrbit, Status
+from ...hybrid.roots import Bracket
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
@@ -130,28 +131,23 @@ class _Search:
         """The best point along coordinate i, upwards from `here`: the zero of the gradient by Illinois steps."""
         assert here.gradient is not None
         sense = np.sign(here.gradient[i])
-        near, far = here.q[i], (self.high if sense > 0 else self.low)[i]
-        slope_near, slope_far = abs(here.gradient[i]), np.nan
-        width, best, side = abs(far - near), here, 0
-        x = far
+        start, end = float(here.q[i]), float((self.high if sense > 0 else self.low)[i])
+        # Up to where K falls again; of the far end no more is known yet.
+        bracket = Bracket(end, -np.inf, start, float(abs(here.gradient[i])))
+        best, x = here, end
         for _ in range(MOST_ALONG):
             q = here.q.copy()
             q[i] = x
             place = self.at(q)
             slope = np.nan if place.gradient is None else float(sense * place.gradient[i])
             best = place if place.gain > best.gain else best
-            if abs(slope) * width <= self.options.tol * place.gain or (x == far and slope > 0 and best is place):
+            level = abs(slope) * abs(end - start) <= self.options.tol * place.gain
+            if level or (x == end and slope > 0 and best is place):
                 break
-            if slope > 0 and place.gain >= here.gain:
-                near, slope_near = x, slope
-                slope_far = slope_far / 2 if side == 1 else slope_far
-                side = 1
-            else:
-                far, slope_far = x, slope if slope < 0 else np.nan
-                slope_near = slope_near / 2 if side == -1 else slope_near
-                side = -1
-            x = (near + far) / 2 if np.isnan(slope_far) else near + (far - near) * slope_near / (slope_near - slope_far)
-            if x in (near, far):
+            rises = slope > 0 and place.gain >= here.gain
+            bracket = bracket.told(x, slope if rises or slope < 0 else -np.inf)
+            x = bracket.illinois
+            if not bracket.holds(x):
                 break
         return best
 

@@ -5,8 +5,10 @@ its integral was before: one number decides the whole future of a Switch servo (
 
     rest      |P(b)| < b for all b in (0, a]: every stick position is followed by a smaller one, and the only limit
               is zero.  For b -> 0 the slip is linear, J v' = -kp x1 - (kd + sigma2) v - ki x3 with a constant
-              friction, and P(b) = rho b; |rho| < 1 if and only if the loop without dry friction is stable (Bisoffi
-              et al. for Coulomb friction, which g(v) = Fs + O(v^2) is at small v).
+              friction, and P(b) = rho b.  |rho| < 1 where the loop without dry friction is stable (Bisoffi et al. for
+              Coulomb friction, which g(v) = Fs + O(v^2) is at small v), and down to a lower gain than that, because
+              an unstable loop that sticks after every swing has no time to grow.  So rho is computed, at the smallest
+              b looked at; the drop of the friction makes P(b)/b larger than rho, not smaller.
     a cycle   P(a*) = a*, |P(b) - a*| < |b - a*| for |b - a*| <= R: every stick position from there is followed by
               one that is closer to a*.
     growth    w A = lambda w with Re lambda > 0, A the loop without dry friction: y = w . x obeys
@@ -34,7 +36,6 @@ from .. import stick_band as band
 from ..event_map.fixed_points import map_at
 from ..event_map.scan import half_cycle, patience, state_scale
 from ..hunting import SCHEMES, SYSTEMS, Model
-from ..linear_loop import linear_loop
 from ..servo import Servo
 
 Array = np.ndarray
@@ -155,8 +156,6 @@ def linear_range(servo: Servo, model: Model, gain: float) -> float:
 
 def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: bool = False) -> Ahead:
     """Whether every stick position up to a > 0 [rad] is followed by a smaller one."""
-    if not linear_loop(servo, gain).stable:
-        return Ahead(False, "the loop without dry friction is unstable, so that small swings grow", 0)
     swing, exact = _swing(servo, model, gain, regularised), model == "switch" and not regularised
     limit = 1.0 if exact else 1 - MARGIN
     seen: dict[float, tuple[float, float]] = {}

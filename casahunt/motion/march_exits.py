@@ -1,0 +1,176 @@
+"""Where a mode ends: the first of its exits whose event h crosses zero, located to rounding.
+
+    in closed form   h(x(T), T) = 0 by the secant method, exact where it is linear in T
+    by intervals     h is beyond zero at a watched time of the interval;  h(end of an interval of length theta) = 0 by
+                     Newton's method on true intervals, kept in a bracket
+
+Symbols: n states, d stages, R = n (d + 1); theta, parts of an interval's length.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ..collocation.admissibility import hides
+from ..collocation.scheme import Kind, scheme
+from ..compiled import caller, kept
+from ..hybrid.roots import Bracket, secant
+from ..hybrid.system import Exit, Feature, Mode
+from .march_step import Stepper
+
+Array = np.ndarray
+
+EVENT_TOLERANCE = 1e-13  # on events scaled to order one
+ROUNDING = 1e-14
+EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
+EVENT_LIMIT = 1e-10  # an event counts as located
+FLOW_LIMIT = 1e-9  # the same at the end of a closed form
+LOCATE_ROUNDS = 60
+EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
+RESOLUTION = 3.0  # a polynomial is known to this many times its last Legendre coefficient
+SHORT = 1e-4  # part of an interval over which the rate of an event is measured
+ON_EVENT = 1e-12  # a state is on an event, not beside it
+_WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
+
+
+class TooLong(Exception):
+    """The interval is too long to tell whether an event crosses zero in it."""
+
+
+class _FlowMap:
+    """Closed form of a mode and its exits' events, compiled and called through fixed buffers: views into them."""
+
+    def __init__(self, mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> None:
+        assert mode.flow is not None
+        x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+        end = mode.flow(x, T, p)
+        events = ca.vertcat(*[way_out.event.function(end, T, p) for way_out in exits])
+        function = ca.Function("flow", [x, T, p], [ca.densify(end), ca.densify(events)])
+        self._caller = caller(function, [n, 1, parameters], [n, len(exits)])
+
+    def __call__(self, x: Array, T: float, p: Array) -> tuple[Array, Array]:
+        """(state after T, value of each exit's event there)."""
+        buffers = self._caller.buffers
+        state, time, parameters = buffers.inputs
+        state[:], time[0], parameters[:] = x, T, p
+        buffers.trigger()
+        end, events = buffers.outputs
+        return end, events
+
+
+@kept(maxsize=16)
+def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _FlowMap:
+    """Kept for reuse."""
+    return _FlowMap(mode, exits, n, parameters)
+
+
+def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
+    """(duration, exit, state there) of the first exit of a mode in closed form, or None."""
+    motion = _flow_map(mode, exits, x.size, p.size)
+    best: tuple[float, Exit] | None = None
+    for i, way_out in enumerate(exits):
+
+        def h(T: float, i: int = i) -> float:
+            return float(motion(x, T, p)[1][i])
+
+        T, left = secant(h, 0.0, 1.0, tolerance=EVENT_TOLERANCE)
+        if not (abs(left) <= FLOW_LIMIT and T >= 0):
+            continue
+        rising = (h(T + max(1e-3 * abs(T), 1e-6)) - left) * way_out.direction > 0
+        if rising and (best is None or best[0] > T):
+            best = (T, way_out)
+    return None if best is None else (*best, motion(x, best[0], p)[0].copy())
+
+
+def hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:
+    """Whether the field has a feature that jumps between two points of the interval."""
+    if feature is None:
+        return False
+    points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * scale
+    return bool(hides(feature, points, p)[0])
+
+
+@lru_cache(maxsize=32)
+def _watch_matrix(degree: int, kind: Kind) -> Array:
+    """Interpolation to the watched local times but the last, which is the end."""
+    return scheme(degree, kind).interpolation(_WATCH[:-1])
+
+
+def first_crossing(
+    exits: tuple[Exit, ...], stepper: Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
+) -> tuple[Exit, float] | None:
+    """The exit whose event is beyond zero earliest, with the watched local time (0..1] where it is.
+
+    `ahead` is a state just after `start` on the first interval of a mode, which starts on its last event:
+    it tells the side of that zero on which the mode begins.
+    """
+    p = stepper.p
+    s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
+    points = np.vstack([_watch_matrix(s.degree, s.kind) @ w, end[None]]).T * stepper.scale[:, None]
+    found: tuple[int, Exit] | None = None
+    for way_out in exits:
+
+        def value(states: Array, way_out: Exit = way_out) -> Array:
+            return way_out.direction * np.asarray(way_out.event.function(states, 0.0, p), float)
+
+        h = value(points)
+        inside = h[0] < 0
+        if ahead is not None and abs(h[0]) <= ON_EVENT:
+            begins = float(value(ahead * stepper.scale)) - h[0]
+            inside = begins < 0 if begins != 0 else h[1] < 0
+        # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
+        # a shorter interval can tell.  The end of the interval is exact.
+        stray = np.full(h.size, RESOLUTION * abs(float(s.last_mode @ value((w * stepper.scale).T))))
+        stray[-1] = 0.0
+        if inside and np.any((h > EXCURSION) & (h <= stray)):
+            raise TooLong
+        beyond = np.flatnonzero(h[1:] > stray[1:])
+        if inside and beyond.size and (found is None or beyond[0] < found[0]):
+            found = (int(beyond[0]), way_out)
+    return None if found is None else (found[1], float(_WATCH[found[0] + 1]))
+
+
+def locate(
+    way_out: Exit, beyond: float, stepper: Stepper, start: Array, stages: Array, h: float
+) -> tuple[float, Array, Array] | None:
+    """(length, stages, end) of the interval at whose end the event vanishes, or None where none is found."""
+    s = stepper.scheme
+
+    def value(state: Array) -> float:
+        return way_out.direction * float(way_out.event.function(state * stepper.scale, 0.0, stepper.p))
+
+    w = np.concatenate([start, stages]).reshape(s.degree + 1, -1)
+    low, high = beyond - (_WATCH[1] - _WATCH[0]), beyond
+    ends = s.interpolation(np.array([low, high])) @ w
+    f_low, f_high = value(ends[0]), value(ends[1])
+    # Rounding in the states keeps the event from vanishing better than this.
+    size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
+    tolerance = max(EVENT_TOLERANCE, ROUNDING * size)
+    # The polynomial at hand knows the signs at the ends better than the values.
+    bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf)
+    theta = bracket.illinois
+    solved: tuple[Array, Array] | None = None
+    f = last = np.inf
+    reach = 1.0  # local time at the end of the interval whose polynomial w is
+    for _ in range(LOCATE_ROUNDS):
+        guess = (s.interpolation(s.stages * (theta / reach)) @ w).ravel()
+        solved = stepper(start, guess, theta * h, EXACT)
+        if solved is None:
+            return None
+        w, reach = np.concatenate([start, solved[0]]).reshape(s.degree + 1, -1), theta
+        f = value(solved[1])
+        if np.isnan(f):
+            return None
+        if abs(f) <= tolerance or bracket.width < 1e-15:
+            break
+        bracket = bracket.told(theta, f)
+        # The event is nearly linear over so short a way: its rate is that of the motion at the end.
+        ahead = SHORT * stepper.slope(solved[1]) * h
+        rate = (value(solved[1] + ahead) - value(solved[1] - ahead)) / (2 * SHORT)
+        shrinks = rate > 0 and abs(f) < 0.5 * last
+        theta, last = bracket.newton(theta, f, rate) if shrinks else bracket.middle, abs(f)
+    # A crossing that true intervals do not confirm was an artefact of too long an interval.
+    return (theta * h, *solved) if solved is not None and abs(f) <= EVENT_LIMIT else None

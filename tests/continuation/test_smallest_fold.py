@@ -1,0 +1,74 @@
+"""The fold at which the parameter is smallest, on an oscillator whose fold and its derivatives are closed forms."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt import NoOrbit, Options
+from casahunt.collocation.graphs import graphs
+from casahunt.collocation.transcription import Setting, transcribe
+from casahunt.continuation.fold import confirmed_smallest
+from casahunt.continuation.fold_conditions import data_of
+from casahunt.continuation.special_points import FOLD, SpecialPoint, crossings
+from casahunt.continuation.walk import walk
+from casahunt.hybrid.problem import FixedSequence
+from casahunt.orbits.adapt import finished, solve_adaptively
+from casahunt.orbits.orbit import Orbit, unknowns_of
+from problems import stuart_landau as sl
+
+OMEGA, B, C = 1.5, 1.2, 0.9
+SMALLEST = 1 - B**2 / (4 * C)
+ELASTICITIES = {"b": -B * B / (2 * C) / SMALLEST, "c": B**2 / (4 * C**2) * C / SMALLEST, "omega": 0.0}
+"""q/nu dnu/dq of the smallest nu."""
+
+
+def stable_cycle(nu: float, options: Options) -> Orbit:
+    """The larger cycle, from the exact circle."""
+    r = np.sqrt((B + np.sqrt(B**2 - 4 * C * (1 - nu))) / (2 * C))
+    problem = FixedSequence(sl.HARD, (nu, OMEGA, B, C), followed="nu", scheme=(8, "gauss"))
+    t = transcribe(sl.HARD, (8,), 8, "gauss")
+    angles = 2 * np.pi / 8 * (np.arange(8)[:, None] + t.scheme.points)
+    w = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(8, -1)
+    u = t.pack(w, np.vstack([w[:, :2], w[0, :2]]), np.array([2 * np.pi / OMEGA]))
+    setting = Setting(np.full(8, 1 / 8), problem.vector(), np.full(2, r), np.zeros(4))
+    return finished(solve_adaptively(problem, (t, u, setting), options, solver="newton"), problem, options, 0.0, "it")
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "newton"])
+def test_where_it_lies_and_how_it_moves(solver):
+    """Down from nu = 0.75 and round; dnu/dq = -nu_f (multipliers . dG/dq), as for a largest parameter."""
+    options = Options(tol=1e-9, solver=solver)
+    start = stable_cycle(0.75, options)
+    points = [start, *itertools.islice(walk(start, low=0.3, high=0.9, sense=-1.0, options=options), 12)]
+    found = [
+        s for pair in itertools.pairwise(points)
+        for s in crossings(*pair, vary="nu", monitors=(FOLD,), options=options)[0]
+    ]  # fmt: skip
+    assert len(found) == 1
+    fold = confirmed_smallest(found[0], "nu", options)
+    assert fold.value == pytest.approx(SMALLEST, rel=1e-9)
+    assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-9)
+    t, u, setting = unknowns_of(fold.orbit)
+    g = graphs(t)
+    column = ca.Function("column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
+    for name, expected in ELASTICITIES.items():
+        problem = fold.orbit.problem
+        along = replace(setting, dp=problem.direction(name) * problem.value(name))
+        relative = -float(fold.multipliers @ np.array(column(np.append(u, 0.0), data_of(along))).ravel())
+        assert relative == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_point_beside_it_is_refused():
+    """Half a tolerance off it is confirmed, and the optimum lies at the fold itself, not as far on the other side."""
+    options = Options(tol=1e-4)
+    beside = stable_cycle(SMALLEST * (1 + 5e-5), Options(tol=1e-9))
+    fold = confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", options)
+    assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-8)
+    assert fold.value_error >= 5e-5 * (1 - 1e-3)
+    with pytest.raises(NoOrbit, match="not confirmed as the smallest nu"):
+        confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", Options(tol=1e-5))
