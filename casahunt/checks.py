@@ -115,6 +115,16 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
     return f"{x:.{min(max(digits, 3), most)}g}"
 
 
+def error_text(error: float) -> str:
+    """An estimated error for a person: two digits, or "unknown" where there is no estimate (NaN, infinity)."""
+    return f"{error:.1e}" if math.isfinite(error) else "unknown"
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number for JSON, which has no NaN and no infinity: None stands for them, and is written null."""
+    return float(value) if math.isfinite(value) else None
+
+
 def known(what: str, name: str, allowed: Iterable[str]) -> str:
     """`name` if it is one of `allowed`, or InputError with the nearest spelling."""
     names = list(allowed)

@@ -25,6 +25,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from casahunt import InputError, load_branch, load_orbit
 
@@ -111,63 +112,82 @@ def torn(folder: Path) -> list[str]:
     return found
 
 
-def trial(
-    command: str, kind: str, at: float, folder: Path, *, group: bool = False, limit: float = 1.0
-) -> Trial | None:
+def started(command: str, folder: Path, err: IO[bytes]) -> subprocess.Popen[bytes]:
+    """A command in a session of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "casahunt", *COMMANDS[command].split()],
+        cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=err, start_new_session=True,
+        # What is started in the background ignores Ctrl-C, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+
+
+def signalled(process: subprocess.Popen[bytes], kind: str, wait: float, *, group: bool) -> float | None:
+    """Signal a process after `wait` [s]; the time of that, None where the process ended before."""
+    try:
+        process.wait(wait)
+        return None
+    except subprocess.TimeoutExpired:
+        while kind != "kill" and process.poll() is None and not answers(process.pid):
+            time.sleep(0.001)
+        if process.poll() is not None:
+            return None
+        sent = time.monotonic()
+        (os.killpg if group else os.kill)(process.pid, SIGNALS[kind][0])
+        return sent
+
+
+def ending(process: subprocess.Popen[bytes], kind: str, sent: float, limit: float) -> tuple[float, list[str]] | None:
+    """(seconds from the signal to the end, complaints about it); None where the signal had no part in it."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(PATIENCE)
+    seconds, complaints = time.monotonic() - sent, []
+    if process.returncode == 0 and seconds < LATE:
+        return None  # the interpreter was on its way out and asked for no signals any more
+    if process.returncode != SIGNALS[kind][1]:
+        complaints.append(f"exit code {process.returncode}")
+    if seconds > limit:
+        complaints.append(f"{seconds:.2f} s")
+    while (left := session(process.pid)) and time.monotonic() < sent + seconds + 2 * limit:
+        time.sleep(0.02)
+    if left:
+        complaints.append(f"processes left: {left}")
+    return seconds, complaints
+
+
+def said(text: str, kind: str) -> list[str]:
+    """Complaints about what stands on standard error."""
+    if kind == "kill":
+        return []
+    found = [f"{word!r} on standard error" for word in ("Traceback", "Exception ignored") if word in text]
+    if text.count("terminated" if kind == "term" else "interrupted") != 1:
+        found.append(f"not said once: {text[-300:]!r}")
+    return found
+
+
+def trial(command: str, kind: str, at: float, folder: Path, *, group: bool = False, limit: float = 1.0) -> Trial | None:
     """Run a command in an empty folder and signal it (`group`: its workers, too); None where it ended before that.
 
     It is to end within `limit` [s], and every worker at most twice as long after it.
     """
     (folder / "uncertain.toml").write_text(UNCERTAIN)
-    number, code = SIGNALS[kind]
     began = time.monotonic()
     with (folder / "stderr").open("w+b") as err:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "casahunt", *COMMANDS[command].split()],
-            cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=err, start_new_session=True,
-            # What is started in the background ignores Ctrl-C, and so would its children.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        )  # fmt: skip
+        process = started(command, folder, err)
         try:
-            try:
-                process.wait(max(at - (time.monotonic() - began), 0))
-                return None
-            except subprocess.TimeoutExpired:
-                while kind != "kill" and process.poll() is None and not answers(process.pid):
-                    time.sleep(0.001)
-                if process.poll() is not None:
-                    return None
-                sent = time.monotonic()
-                (os.killpg if group else os.kill)(process.pid, number)
-            try:
-                process.wait(PATIENCE)
-            except subprocess.TimeoutExpired:
-                pass
-            seconds = time.monotonic() - sent
-            complaints = []
-            if process.returncode == 0 and seconds < LATE:
-                return None  # the interpreter was on its way out and asked for no signals any more
-            if process.returncode != code:
-                complaints.append(f"exit code {process.returncode}")
-            if seconds > limit:
-                complaints.append(f"{seconds:.2f} s")
-            while (left := session(process.pid)) and time.monotonic() < sent + seconds + 2 * limit:
-                time.sleep(0.02)
-            if left:
-                complaints.append(f"processes left: {left}")
+            sent = signalled(process, kind, max(at - (time.monotonic() - began), 0), group=group)
+            end = None if sent is None else ending(process, kind, sent, limit)
         finally:
             for pid in session(process.pid):
                 os.kill(pid, signal.SIGKILL)
             process.wait()
+        if end is None:
+            return None
         err.seek(0)
         text = err.read().decode()
-    if kind != "kill":
-        complaints += [f"{word!r} on standard error" for word in ("Traceback", "Exception ignored") if word in text]
-        if text.count("terminated" if kind == "term" else "interrupted") != 1:
-            complaints.append(f"not said once: {text[-300:]!r}")
-    complaints += torn(folder)
-    return Trial(command, kind, at, seconds, tuple(complaints))
+    seconds, complaints = end
+    return Trial(command, kind, at, seconds, (*complaints, *said(text, kind), *torn(folder)))
 
 
 def duration(command: str, most: float) -> float:

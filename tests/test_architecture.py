@@ -188,3 +188,48 @@ def undocumented(node: ast.Module | ast.ClassDef, prefix: str) -> list[str]:
 def test_everything_public_is_documented(module):
     assert ast.get_docstring(tree(module)), f"{module} has no docstring"
     assert not undocumented(tree(module), "")
+
+
+# A file is one thing, and so is a function
+
+MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
+SOURCES = sorted(path for folder in ("casahunt", "scripts") for path in (ROOT / folder).rglob("*.py"))
+LONG = {
+    "casahunt/collocation/solve.py": "Newton and IPOPT on one system, and what both say of their roots",
+    "casahunt/collocation/transcription.py": "one layout of the unknowns: residual, Jacobian and elimination read it",
+    "casahunt/continuation/walk.py": "being taken apart",
+    "casahunt/motion/march.py": "being taken apart",
+    "casahunt/servo/event_map/fixed_points.py": "being taken apart",
+    "casahunt/servo/event_map/scan.py": "being taken apart",
+    "casahunt/collocation/solve.py newton": "one loop and its line search; the rest is docstring",
+    "casahunt/continuation/walk.py walk": "being taken apart",
+    "casahunt/motion/march.py march": "being taken apart",
+    "casahunt/motion/march.py _collocated": "being taken apart",
+    "casahunt/orbits/adapt.py solve_adaptively": "being taken apart",
+    "casahunt/servo/simulation/simulate.py simulate": "a docstring of forty lines; the rest is checks and one call",
+}
+"""Files, and functions (behind the file), that may be longer, and why."""
+
+
+def too_long(path: Path) -> list[str]:
+    """The file and its functions that are longer than they may be."""
+    text, name = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
+    functions = [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    found = [name] if len(text.splitlines()) > MOST_LINES else []
+    lines = {f: (f.end_lineno or f.lineno) - f.lineno + 1 for f in functions}
+    return found + [f"{name} {f.name}" for f in functions if lines[f] > MOST_LINES_OF_A_FUNCTION]
+
+
+def test_files_and_functions_are_one_thing():
+    found = {name for path in SOURCES for name in too_long(path)}
+    assert not found - set(LONG), "longer than a file or a function should be"
+    assert not set(LONG) - found, "no exceptions any more: take them out"
+
+
+def test_scripts_take_nothing_from_tests():
+    """A script that imports from the tests is a sign of a missing room."""
+    for path in (p for p in SOURCES if "scripts" in p.relative_to(ROOT).parts):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            assert not any(name.split(".")[0] == "tests" for name in names), path

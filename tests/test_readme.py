@@ -14,7 +14,7 @@ import pytest
 
 from casahunt import Servo
 from casahunt.cli import main
-from casahunt.design.uncertainty import load_uncertainty
+from casahunt.design.uncertainty.toml import load_uncertainty
 from casahunt.servo.servo import KEYS
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle

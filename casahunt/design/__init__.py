@@ -5,9 +5,8 @@
 diagram.py          the branch of a servo from a gain round the fold and back
 diagram_files.py    a diagram on the disk after every point, and taken up again
 sensitivity.py      the fold gain's derivatives by every parameter, from the adjoint
-fold_curve.py       the fold gain against a second parameter
-fold_curve_files.py a fold curve on the disk after every point, and taken up again
-uncertainty.py      the fold gain of uncertain parameters: linear, sampled, worst corner
+fold_curve/         the fold gain against a second parameter
+uncertainty/        the fold gain of uncertain parameters: linear, sampled, worst corner
 tune/               gain and controller times of least cost that do not hunt
 record/             amplitude and frequency of a measured or simulated motion
 """

@@ -88,14 +88,13 @@ def diagram(
     else:
         before = find_orbit(servo, model, start, options=options)
         yield DiagramPoint(before, ())
+    over = _over(begun, start, natural)
+    if over:
+        return over
     bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
     if natural:
-        if len(begun) > 1 and begun[-1].is_special:
-            return _natural_end(begun[-1].special[-1], begun[-2].orbit)
         steps = walk_naturally(before, **bounds)
     else:
-        if len(begun) > 1 and before.gain == start:
-            return f"gain reached {start:.6g}, the end of the range"
         steps = walk(before, previous=begun[-2].orbit if len(begun) > 1 else None, **bounds)
     while True:
         try:
@@ -106,14 +105,26 @@ def diagram(
         found, missed = crossings(before, after, vary="gain", monitors=monitors, options=options)
         yield DiagramPoint(after, tuple(found), tuple(missed))
         before = after
-    if not natural:
-        return ended
+    return (yield from _fold_behind(before, ended, options)) if natural else ended
+
+
+def _fold_behind(before: HuntingOrbit, ended: str, options: Options) -> Generator[DiagramPoint, None, str]:
+    """The fold at which natural continuation has ended, as the last point of its diagram."""
     try:
         fold = next_fold(before, "gain", options)
     except NoOrbit as error:
         return f"{ended}; that this is a fold is not shown: {error}"
     yield DiagramPoint(fold.orbit, (fold,))
     return _natural_end(fold, before)
+
+
+def _over(begun: Sequence[DiagramPoint], start: float, natural: bool) -> str:
+    """Why a diagram ends with the points that are there already; "" where it goes on."""
+    if len(begun) > 1 and natural and begun[-1].is_special:
+        return _natural_end(begun[-1].special[-1], begun[-2].orbit)
+    if len(begun) > 1 and not natural and begun[-1].orbit.gain == start:
+        return f"gain reached {start:.6g}, the end of the range"
+    return ""
 
 
 def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
@@ -136,5 +147,3 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
         special += point.special
         missed += point.missed
     return Branch(model, servo, tuple(orbits), ended, tuple(special), tuple(missed))
-
-

@@ -9,7 +9,7 @@ import numpy as np
 from casahunt.orbits.orbit import Orbit
 from casahunt.servo.equilibria import equilibria
 from casahunt.servo.hunting import Model
-from casahunt.views.pictures import plotting
+from casahunt.views.pictures.orbits import rolled
 from casahunt.views.pictures.plotting import LOOKS, MORE_LOOKS, NAMES, Figure
 
 from .drawing import DASHED, FIXED, MARK, SAMPLES, grid, key, label_space, line, sheet, space
@@ -75,7 +75,7 @@ def draw4(study: Study) -> Figure:
     handles = [line("simulated response (LuGre)", **DOTS)]
     for model in MODELS:
         look, orbit = LOOKS[model], study.orbit(model)
-        times, states = plotting.rolled(*orbit.sample(SAMPLES))
+        times, states = rolled(*orbit.sample(SAMPLES))
         style = {"color": look.colour, "linewidth": look.width, "zorder": look.zorder}
         for axes, values in zip(panels, states, strict=False):
             axes.plot(zero + times, values, **style)

@@ -16,8 +16,9 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.continuation.plane_curve import Place, Reading, follow
-from casahunt.design.fold_curve import Axis, FoldCurve, FoldPoint, as_found, fold_curve, hermite, unfed
-from casahunt.design.fold_curve_files import INTERRUPTED, load_curve, save_curve
+from casahunt.design.fold_curve.curve import fold_curve, unfed
+from casahunt.design.fold_curve.files import INTERRUPTED, load_curve, save_curve
+from casahunt.design.fold_curve.points import Axis, FoldCurve, FoldPoint, as_found, hermite
 from casahunt.errors import Status
 
 TOL = 1e-8
@@ -337,8 +338,9 @@ def test_a_curve_round_a_cusp_goes_on_where_it_was_interrupted(monkeypatch, firs
     def again(problem: object, orbit: Any, position: float, *, like: object) -> Turning:
         return Turning(orbit.s, position, phi)
 
-    monkeypatch.setattr("casahunt.design.fold_curve._chart", again)
-    monkeypatch.setattr("casahunt.design.fold_curve._first_chart", lambda _: Turning(-np.sqrt(0.8 / 3), first, phi))
+    monkeypatch.setattr("casahunt.design.fold_curve.curve.chart_of", again)
+    at_the_end = Turning(-np.sqrt(0.8 / 3), first, phi)
+    monkeypatch.setattr("casahunt.design.fold_curve.curve._first_chart", lambda _: at_the_end)
 
     def computed(begun: Sequence[FoldPoint], most: int = 1000) -> tuple[list[FoldPoint], FoldCurve | None]:
         seen: list[FoldPoint] = []

@@ -19,7 +19,8 @@ from casahunt.design.tune.problem import Cut, Point, Round, solve_round
 from casahunt.design.tune.search import Search
 from casahunt.design.tune.tasks import until_decided, waits
 from casahunt.design.tune.tuning import Tuning, tune
-from casahunt.design.uncertainty import Uncertainty, WorstCase
+from casahunt.design.uncertainty.set import Uncertainty
+from casahunt.design.uncertainty.worst_corner import WorstCase
 from casahunt.errors import InputError, NoOrbit
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.delayed_loop import crossover, margins
@@ -441,16 +442,16 @@ def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
 @pytest.mark.slow
 def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypatch, servo):
     """A fold that is not computed at a corner, and an event map that does not help, leave it unverified."""
-    import casahunt.design.uncertainty as uncertainty
+    from casahunt.design.uncertainty import nearby
 
-    honest = uncertainty._fold_near
+    honest = nearby.fold_near
 
     def failing(servo, *rest):
         if servo.inertia > 0.027:
             raise NoOrbit("not today")
         return honest(servo, *rest)
 
-    monkeypatch.setattr(uncertainty, "_fold_near", failing)
+    monkeypatch.setattr(nearby, "fold_near", failing)
     monkeypatch.setattr("casahunt.design.tune.check._no_cycle", lambda *_: False)
     found = tune(servo, "switch", uncertainty=Uncertainty({"servo.inertia": (0.025, 0.028)}))
     check = found.verification

@@ -12,22 +12,15 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Options, Servo, cli, find_fold
-from casahunt.design import uncertainty
 from casahunt.design.sensitivity import fold_sensitivities
-from casahunt.design.uncertainty import (
-    Uncertainty,
-    WorstCase,
-    draw,
-    fold_beside,
-    linear_gains,
-    linear_interval,
-    linear_moments,
-    linear_range,
-    load_uncertainty,
-    sample,
-    summary,
-    worst_corner,
-)
+from casahunt.design.uncertainty import nearby
+from casahunt.design.uncertainty.linear import linear_gains, linear_interval, linear_moments, linear_range
+from casahunt.design.uncertainty.nearby import fold_beside
+from casahunt.design.uncertainty.samples import draw, sample
+from casahunt.design.uncertainty.set import Uncertainty
+from casahunt.design.uncertainty.summary import summary
+from casahunt.design.uncertainty.toml import load_uncertainty
+from casahunt.design.uncertainty.worst_corner import WorstCase, worst_corner
 from casahunt.servo import find_fold as fold_module
 from problems import table1
 
@@ -172,12 +165,11 @@ def test_a_servo_that_cannot_hunt_has_no_gain(servo, fold):
 
 def test_failures_are_kept(servo, fold, monkeypatch):
     from casahunt import NoOrbit, Status
-    from casahunt.design import uncertainty
 
     def fails(*_, **__):
         raise NoOrbit("no convergence here", Status.NOT_CONVERGED)
 
-    monkeypatch.setattr(uncertainty, "find_fold", fails)
+    monkeypatch.setattr(nearby, "find_fold", fails)
     samples = sample(servo, "switch", FRICTION, 2, options=QUICK, fold=fold)
     assert np.isnan(samples.gains).all() and samples.worst is None and samples.quantiles() == {}
     assert samples.failures == ((0, "no convergence here"), (1, "no convergence here"))
@@ -387,6 +379,6 @@ def test_nearby_folds_are_not_computed_twice_where_the_expected_gain_is_too_high
     searched = []
     honest = fold_module.find_any_orbit
     monkeypatch.setattr(fold_module, "find_any_orbit", lambda *a, **k: searched.append(1) or honest(*a, **k))
-    fold = uncertainty._fold_near(servo, "switch", 2.0, Options())
+    fold = nearby.fold_near(servo, "switch", 2.0, Options())
     assert fold.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)
     assert len(searched) == 1

@@ -13,7 +13,9 @@ import pytest
 from casahunt import NoOrbit, Options, Servo, Status, find_orbit
 from problems.table1 import REFERENCE
 from scripts import random_servos
+from scripts.limits import TooSlow, within
 from scripts.peers import switch_digits
+from scripts.peers.switch_search import SwitchTruth
 
 
 @pytest.mark.parametrize("branch", ["stable", "unstable"])
@@ -67,7 +69,9 @@ def test_quadruple_precision_judges_multipliers_that_extended_precision_cannot()
         "friction.coulomb": 1.1523, "friction.stribeck_velocity": 0.017676, "friction.viscous": 0.016928,
     })  # fmt: skip
     orbit = find_orbit(servo, "lugre", 34.757, branch="unstable", options=Options(tol=1e-8))
-    truth = random_servos.LugreTruth(servo).next_to(orbit)
+    from scripts.peers.lugre_search import LugreTruth
+
+    truth = LugreTruth(servo).next_to(orbit)
     assert truth is not None and truth.noise < 1e-20
     assert float(truth.mu) == pytest.approx(orbit.half_multiplier, rel=1e-9) and float(truth.mu) > 1e8
     assert abs(float(truth.period) / orbit.period - 1) < 10 * orbit.error_estimate < 1e-8
@@ -104,7 +108,7 @@ def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
 
 def test_a_false_denial_and_a_small_estimate_are_called_so():
     servo, gain = Servo(), 0.61
-    engine = random_servos.SwitchTruth(servo)
+    engine = SwitchTruth(servo)
     engine.top = switch_digits.Truth(*(Decimal(str(x)) for x in (0.647339083653, 0.00155239272991, 0, 0, 1)))
     truth = engine.own(gain, "unstable")
     assert truth is not None
@@ -156,9 +160,9 @@ def test_a_cycle_whose_neighbour_is_nearer_than_the_error():
 
 def test_a_busy_machine_refuses_no_more():
     """The limit is one of processor time."""
-    with random_servos.within(0.05):
+    with within(0.05):
         time.sleep(0.2)
-    with pytest.raises(random_servos.TooSlow), random_servos.within(0.05):
+    with pytest.raises(TooSlow), within(0.05):
         while True:
             pass
 

@@ -8,23 +8,24 @@ import pytest
 from casahunt import Servo
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tuning import tune
-from casahunt.design.uncertainty import Uncertainty
+from casahunt.design.uncertainty.set import Uncertainty
 from problems import table1
 
 pytest.importorskip("control")
 pytest.importorskip("heyoka")
 
 from scripts import tuning
+from scripts.peers.stick_map import Hunts, largest_ratio, row_of, stick_ratio
 from scripts.peers.switch_digits import SwitchMap
 
 FOLD = table1.REFERENCE["switch"]["fold"]["K"]
 
 
 def test_the_event_map_of_the_judge_knows_the_fold():
-    row = tuning.row_of(Servo())[None]
-    below, above = (tuning.largest_ratio(row, FOLD * (1 + part))[0] for part in (-1e-4, 1e-4))
+    row = row_of(Servo())[None]
+    below, above = (largest_ratio(row, FOLD * (1 + part))[0] for part in (-1e-4, 1e-4))
     assert below > 1 > above
-    hunts = tuning.Hunts()
+    hunts = Hunts()
     assert hunts(row, FOLD * (1 - 1e-4)) and not hunts(row, FOLD * (1 + 1e-4)) and hunts(row, 0.3 * FOLD)
 
 
@@ -42,10 +43,10 @@ def test_the_event_map_of_the_judge_knows_the_fold():
 def test_the_event_map_of_the_judge_in_decimal_arithmetic(task, gain, units):
     """Taylor series in doubles are good to some 1e-12; at 8.6e-6 the slip magnifies its start 8 times."""
     servo, _ = tuning.random_task(task)
-    row = tuning.row_of(servo)
+    row = row_of(servo)
     a = units * servo.friction.static / servo.torque_gains(gain)[0]
     truth = abs(float(SwitchMap(servo, gain, 22).half(a).position))
-    assert tuning.stick_ratio(row, gain, a) * a == pytest.approx(truth, rel=1e-9)
+    assert stick_ratio(row, gain, a) * a == pytest.approx(truth, rel=1e-9)
 
 
 def test_a_slip_that_only_creeps_to_its_set_point_has_no_swing():
@@ -55,7 +56,7 @@ def test_a_slip_that_only_creeps_to_its_set_point_has_no_swing():
     kp, kd, ki = servo.torque_gains(gain)
     poles = np.roots([servo.inertia, kd + servo.friction.viscous, kp, ki])
     assert np.all(poles.imag == 0) and np.all(poles.real < 0)
-    assert tuning.stick_ratio(tuning.row_of(servo), gain, servo.friction.static / kp) == 0.0
+    assert stick_ratio(row_of(servo), gain, servo.friction.static / kp) == 0.0
 
 
 def test_a_slip_that_creeps_onto_its_set_point_is_followed_to_its_end():
@@ -64,7 +65,7 @@ def test_a_slip_that_creeps_onto_its_set_point_is_followed_to_its_end():
         0.12403131979765544, 1.9805829914128932, 0.049815533087248086, 0.12751686526427994, 0.10159275269823816,
         0.0514265195985105, 0.04042218005192416, 0.34532947296876604,
     ])  # fmt: skip
-    assert tuning.largest_ratio(row[None], 44.986315593926044, rounds=1)[0] < 1e-9
+    assert largest_ratio(row[None], 44.986315593926044, rounds=1)[0] < 1e-9
 
 
 def test_the_grid_search_finds_a_gain_where_there_is_one():
@@ -78,7 +79,7 @@ def test_the_grid_search_finds_a_gain_where_there_is_one():
 
 
 def test_the_loop_judge_sees_a_pole_and_a_margin():
-    slow, fast = (tuning.row_of(Servo().replace(**{"servo.inertia": J})) for J in (0.026, 0.008))
+    slow, fast = (row_of(Servo().replace(**{"servo.inertia": J})) for J in (0.026, 0.008))
     demands = Demands(delay=0.008, phase_margin=30, gain_margin=1)
     assert any("unstable" in fault for fault in tuning.loop_faults(fast, 0.71207, demands))
     assert tuning.loop_faults(slow, 0.3, demands) == []

@@ -10,6 +10,9 @@ import pytest
 
 from casahunt import Options, Servo, find_orbit
 from scripts import stress
+from scripts.extremes import desk as desk_module
+from scripts.extremes.cases import NONE, REFUSED, SOLVED, WRONG, Case, grid
+from scripts.extremes.desk import Desk
 
 
 @pytest.mark.slow
@@ -19,7 +22,7 @@ def test_a_few_cases_and_the_files(tmp_path, capsys):
     whole = json.loads((tmp_path / "stress.json").read_text())
     assert code == 0
     assert whole["summary"]["all"]["cases"] == 2
-    assert [case["verdict"] for case in whole["cases"]] == [stress.NONE, stress.SOLVED]
+    assert [case["verdict"] for case in whole["cases"]] == [NONE, SOLVED]
     with (tmp_path / "stress.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 2
     assert (tmp_path / "stress.png").stat().st_size > 1000
@@ -37,34 +40,34 @@ def test_a_wrong_orbit_is_called_wrong(model, monkeypatch):
         arcs = tuple(replace(arc, end=arc.end * (1 + 1e-4)) for arc in orbit.arcs)
         return replace(orbit, period=orbit.period * (1 + 1e-4), amplitude=orbit.amplitude * (1 + 1e-4), arcs=arcs)
 
-    case = stress.Case("K/K_fold", "0.3", model, "stable", share=0.3)
-    desk = stress.Desk(quick=True)
+    case = Case("K/K_fold", "0.3", model, "stable", share=0.3)
+    desk = Desk(quick=True)
     fold = desk.fold(case)[0].gain
-    monkeypatch.setattr(stress, "find_orbit", lying)
-    assert desk.verdict(case).verdict == stress.WRONG
-    monkeypatch.setattr(stress, "find_orbit", find_orbit)
-    assert desk.verdict(case).verdict == stress.SOLVED
+    monkeypatch.setattr(desk_module, "find_orbit", lying)
+    assert desk.verdict(case).verdict == WRONG
+    monkeypatch.setattr(desk_module, "find_orbit", find_orbit)
+    assert desk.verdict(case).verdict == SOLVED
 
 
 def test_a_false_denial_is_called_wrong():
-    case = stress.Case("K/K_fold", "0.3", "switch", "stable", share=0.3)
-    desk = stress.Desk(quick=True)
+    case = Case("K/K_fold", "0.3", "switch", "stable", share=0.3)
+    desk = Desk(quick=True)
     said = "no hunting limit cycle of the switch servo at gain 0.2"
-    assert desk.refusal(case, Servo(), 0.2, 0.0, said, []).verdict == stress.WRONG
+    assert desk.refusal(case, Servo(), 0.2, 0.0, said, []).verdict == WRONG
     honest = "NOT_CONVERGED: the collocation equations did not converge"
-    assert desk.refusal(case, Servo(), 0.2, 0.0, honest, []).verdict == stress.REFUSED
-    assert desk.refusal(case, Servo(), 0.9, 0.0, said, []).verdict == stress.NONE
-    assert desk.refusal(case, Servo(), 0.2, 0.0, "failed", []).verdict == stress.WRONG
+    assert desk.refusal(case, Servo(), 0.2, 0.0, honest, []).verdict == REFUSED
+    assert desk.refusal(case, Servo(), 0.9, 0.0, said, []).verdict == NONE
+    assert desk.refusal(case, Servo(), 0.2, 0.0, "failed", []).verdict == WRONG
 
 
 def test_the_grid_covers_what_it_promises():
-    cases = stress.grid(quick=False)
+    cases = grid(quick=False)
     values = {row: {c.column for c in cases if c.row == row} for row in {c.row for c in cases}}
     assert {"1e+07"} <= values["sigma0"] and {"0.489"} <= values["sigma1"]
     assert {"0.0001", "0.2"} <= values["vs"] and {"1", "3"} <= values["Fs/Fc"]
     assert {"0.001", "0.9999"} <= values["K/K_fold"] and {"0.01", "10"} <= values["tau_i"] & values["tau_d"]
     assert {"1e-12"} <= values["tolerance"] and values["degree, gauss"] == {str(d) for d in range(2, 10)}
-    assert 50 <= len(stress.grid(quick=True)) <= 70
+    assert 50 <= len(grid(quick=True)) <= 70
     assert len(cases) > 300
 
 

@@ -17,9 +17,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from casahunt import Branch, NoOrbit, Orbit, Servo, __version__, cli, find_orbit
+from casahunt.checks import error_text, finite_or_none
 from casahunt.continuation import special_points as monitor
 from casahunt.design.diagram import DiagramPoint, diagram
 from casahunt.design.diagram_files import CSV_COLUMNS, csv_row
@@ -762,6 +764,29 @@ def test_a_multiplier_shows_no_digits_below_its_error():
     assert complex_text(105792.774812, 1e-5) == "105793"
     assert complex_text(0.5 - 0.25j, 1e-3) == "0.5-0.25j"
     assert complex_text(3e-7, 1e-6) == "0"
+
+
+def test_what_is_not_finite_is_null_and_unknown():
+    """JSON has no NaN and no infinity; a person is told that there is no estimate."""
+    for missing in (math.nan, math.inf, -math.inf, np.float64("nan")):
+        assert finite_or_none(missing) is None and error_text(missing) == "unknown"
+    assert type(finite_or_none(np.float64(0.25))) is float and finite_or_none(-2) == -2.0
+    assert error_text(1.26e-7) == "1.3e-07" and error_text(0.0) == "0.0e+00"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["orbit"], "gain: must be given, for example --gain 0.1"),
+        (["loop"], "gain: must be given, for example --gain 0.1 --gain 0.4"),
+        (["uncertainty"], "uncertainty: must be given, for example --uncertainty friction.toml"),
+        (["simulate", "--gain", "0.1", "--plot", "a.txt"], "the name must end in .png or .pdf or .svg"),
+        (["diagram", "--model", "lugre", "--model", "lugre"], "each model can be asked for once"),
+    ],
+)
+def test_what_must_be_given_is_asked_for(capsys, words, said):
+    code, out, err = run(capsys, *words)
+    assert code == 2 and out == "" and said in err
 
 
 @pytest.mark.slow

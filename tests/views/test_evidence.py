@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from casahunt.cli import main
-from casahunt.views.evidence import page, value_at
+from casahunt.views.evidence.page import page, value_at
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 

@@ -18,6 +18,8 @@ from casahunt.servo.branch import Branch
 from casahunt.servo.find_orbit import find_orbit
 from casahunt.servo.servo import Servo
 from casahunt.views.pictures import plotting
+from casahunt.views.pictures.branches import _curves, diagram, multipliers
+from casahunt.views.pictures.orbits import SAMPLES, phase_portrait, rolled, time_traces
 
 ROOT = Path(__file__).parents[2]
 
@@ -84,7 +86,7 @@ def test_drawing_needs_no_pyplot() -> None:
 
 @pytest.mark.parametrize("equilibria", [True, False])
 def test_diagram(branches: list[Branch], tmp_path: Path, equilibria: bool) -> None:
-    figure = plotting.diagram(branches, equilibria=equilibria)
+    figure = diagram(branches, equilibria=equilibria)
     check_figure(figure, tmp_path)
     notes = [text.get_text() for text in figure.axes[0].texts]
     assert any("K = 0.647" in note for note in notes)
@@ -93,11 +95,11 @@ def test_diagram(branches: list[Branch], tmp_path: Path, equilibria: bool) -> No
 
 
 def test_diagram_of_one_orbit(switch: list[Orbit], tmp_path: Path) -> None:
-    check_figure(plotting.diagram([Branch("switch", Servo(), (switch[0],), "")]), tmp_path)
+    check_figure(diagram([Branch("switch", Servo(), (switch[0],), "")]), tmp_path)
 
 
 def test_multipliers(branches: list[Branch], tmp_path: Path) -> None:
-    figure = plotting.multipliers(branches)
+    figure = multipliers(branches)
     check_figure(figure, tmp_path)
     low, high = figure.axes[0].get_ylim()
     assert low < -1
@@ -105,7 +107,7 @@ def test_multipliers(branches: list[Branch], tmp_path: Path) -> None:
 
 
 def test_special_points_go_between_their_neighbours(branches: list[Branch], switch: list[Orbit], fold: Orbit) -> None:
-    (curve, _) = plotting._curves(branches)
+    (curve, _) = _curves(branches)
     assert curve.orbits == [*switch[:3], fold, switch[3]]
     assert curve.kinds == ["", "of my own", "", "fold", ""]
     assert curve.runs() == [(True, slice(0, 4)), (False, slice(3, 5))]  # they share the fold
@@ -119,10 +121,10 @@ def test_time_traces_and_phase_portrait(
     pick: Callable[[list[Orbit], list[Orbit]], list[Orbit]],
 ) -> None:
     orbits = pick(switch, lugre)
-    traces = plotting.time_traces(orbits)
+    traces = time_traces(orbits)
     assert len(traces.axes) == (4 if any(o.model == "lugre" for o in orbits) else 3)
     check_figure(traces, tmp_path)
-    portrait = plotting.phase_portrait(orbits)
+    portrait = phase_portrait(orbits)
     assert len(portrait.axes) == 3
     check_figure(portrait, tmp_path)
 
@@ -130,7 +132,7 @@ def test_time_traces_and_phase_portrait(
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> None:
     orbit = switch[0] if model == "switch" else lugre[0]
-    times, states = plotting.rolled(*orbit.sample(plotting.SAMPLES))
+    times, states = rolled(*orbit.sample(SAMPLES))
     assert np.all(np.diff(times) >= 0)
     assert times[-1] - times[0] == pytest.approx(orbit.period, rel=1e-12)
     assert states[:, 0] == pytest.approx(states[:, -1])
@@ -141,11 +143,11 @@ def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> N
 
 
 def test_nothing_to_draw_is_refused() -> None:
-    for draw in (plotting.diagram, plotting.multipliers, plotting.time_traces, plotting.phase_portrait):
+    for draw in (diagram, multipliers, time_traces, phase_portrait):
         with pytest.raises(InputError, match="at least one"):
             draw([])
     with pytest.raises(InputError, match="at least one"):
-        plotting.diagram([Branch("switch", Servo(), (), "nothing found")])
+        diagram([Branch("switch", Servo(), (), "nothing found")])
 
 
 @pytest.mark.parametrize(
@@ -162,10 +164,10 @@ def test_bad_path_is_refused(switch: list[Orbit], tmp_path: Path, name: str, com
     (tmp_path / "file").touch()
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(InputError, match=complaint):
-        plotting.save(plotting.time_traces(switch[:1]), tmp_path / name)
+        plotting.save(time_traces(switch[:1]), tmp_path / name)
 
 
 def test_other_suffixes(switch: list[Orbit], tmp_path: Path) -> None:
     path = tmp_path / "picture.SVG"
-    plotting.save(plotting.time_traces(switch[:1]), path)
+    plotting.save(time_traces(switch[:1]), path)
     assert "<svg" in path.read_text()

@@ -29,7 +29,8 @@ from ...servo.event_map.scan import scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
-from ..uncertainty import Uncertainty, fold_gains
+from ..uncertainty.nearby import fold_gains
+from ..uncertainty.set import Uncertainty
 from .demands import Demands, silent
 from .given import Answer, fold_of
 from .loop_set import DEMANDS
@@ -123,7 +124,7 @@ class Verification:
 def verified(
     answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
     tell: Callable[[str], None] = silent,
-) -> Verification:
+) -> Verification:  # fmt: skip
     """Everything of the module docstring.
 
     Parameters
@@ -157,13 +158,8 @@ def verified(
     loops, corners, number, missed = _loops(answer, demands, uncertainty)
     span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
     amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
-    tasks: list[Task] = []
-    for friction, of in (("nominal", servo), *([("worst", worst)] if worst != servo else [])):
-        tell(f"verifying: simulating the tasks with the {friction} friction")
-        try:
-            tasks += regulator_tasks(of, model, gain, span, amplitude, friction)
-        except NoOrbit as error:
-            unverified.append(f"the tasks with the {friction} friction were not simulated: {error}")
+    tasks, missing = _simulated(answer, model, span, amplitude, tell)
+    unverified += missing
     against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
     against += missed
     if seen == "cycle":
@@ -182,6 +178,22 @@ def verified(
         fold, nominal, margin, kept, sentence, seen, loops, corners, number, not missed, checked, span, amplitude,
         tuple(tasks), tuple(against), tuple(unverified),
     )  # fmt: skip
+
+
+def _simulated(
+    answer: Answer, model: Model, span: float, amplitude: float, tell: Callable[[str], None]
+) -> tuple[list[Task], list[str]]:
+    """(the tasks with the nominal and the worst friction, sentences about those that were not simulated)."""
+    tasks: list[Task] = []
+    missing = []
+    servos = {"nominal": answer.servo} | ({"worst": answer.worst.servo} if answer.worst.servo != answer.servo else {})
+    for friction, servo in servos.items():
+        tell(f"verifying: simulating the tasks with the {friction} friction")
+        try:
+            tasks += regulator_tasks(servo, model, answer.gain, span, amplitude, friction)
+        except NoOrbit as error:
+            missing.append(f"the tasks with the {friction} friction were not simulated: {error}")
+    return tasks, missing
 
 
 # The set
@@ -203,7 +215,11 @@ def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arra
 
 
 def check_set(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty, options: Options,
+    answer: Answer,
+    model: Model,
+    demands: Demands,
+    uncertainty: Uncertainty,
+    options: Options,
     tell: Callable[[str], None],
 ) -> SetCheck:
     """Folds at corners and samples of the set, and what the event map says of servos without one."""

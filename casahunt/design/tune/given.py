@@ -25,7 +25,9 @@ from ...servo.find_fold import find_fold
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from ..uncertainty import Uncertainty, WorstCase, fold_beside, worst_corner
+from ..uncertainty.nearby import fold_beside
+from ..uncertainty.set import Uncertainty
+from ..uncertainty.worst_corner import WorstCase, worst_corner
 from .demands import TIMES, Demands, cost_of, log_times, silent, with_times
 from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
 from .problem import Cut

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...servo.servo import Servo
-from ..uncertainty import WorstCase
+from ..uncertainty.worst_corner import WorstCase
 from .demands import Demands
 from .loop_set import DEMANDS, Intervals, LoopBox, Table, allowed, common
 

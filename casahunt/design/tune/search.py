@@ -25,7 +25,7 @@ import numpy as np
 
 from ...errors import NoOrbit, Status
 from ...servo.problem import HuntingFold
-from ..uncertainty import WorstCase
+from ..uncertainty.worst_corner import WorstCase
 from .demands import FREE, cost_of, log_times
 from .given import Answer, Given, Outlook
 from .problem import Point, Round, solve_round

@@ -26,10 +26,10 @@ from ...errors import InputError, Status
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo
-from ..uncertainty import Uncertainty, check_box
+from ..uncertainty.set import Uncertainty, check_box
 from .check import Verification, verified
 from .demands import COSTS, TIMES, Demands, check_bounds, cost_of, log_times, silent
-from .given import Given
+from .given import Answer, Given
 from .search import Search
 
 REPAIRS = 3
@@ -123,7 +123,6 @@ def tune(
     NoOrbit : the task cannot be met, and what is in the way; or a fold was not computed.
     """
     began = time.perf_counter()
-    tell = report or silent
     known("model", model, MODELS)
     known("cost", cost, COSTS)
     demands, options = demands or Demands(), options or Options()
@@ -132,31 +131,40 @@ def tune(
     if servo.controller.lead_time <= 0:
         raise InputError("controller.lead_time = 0: must be greater than 0 to tune (there is no phase margin)")
     _check_set(servo, uncertainty, free)
-    given = Given(servo, model, demands, uncertainty, free, limits, cost, options, tell)
+    given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
     search = Search(given)
     answer = search.run()
-    verification = verified(answer, model, demands, uncertainty, options, tell)
+    verification = _verified(answer, given)
     for _ in range(REPAIRS):
         if verification.set_check is None or not verification.set_check.above:
             break
         answer = search.again(log_times(answer.servo), list(verification.set_check.above))
-        verification = verified(answer, model, demands, uncertainty, options, tell)
-    bounds_used = {"gain": given.gains((1 + demands.margin) * answer.worst.gain, answer.servo), **given.limits}
-    gain, tuned, worst = answer.gain, answer.servo, answer.worst
+        verification = _verified(answer, given)
+    return _tuning(search, answer, verification, began)
+
+
+def _verified(answer: Answer, given: Given) -> Verification:
+    return verified(answer, given.model, given.demands, given.uncertainty, given.options, given.tell)
+
+
+def _tuning(search: Search, answer: Answer, verification: Verification, began: float) -> Tuning:
+    """The answer with what it was asked for and what supports it."""
+    given, worst = search.given, answer.worst
+    bounds = {"gain": given.gains((1 + given.demands.margin) * worst.gain, answer.servo), **given.limits}
     return Tuning(
-        model=model,
-        before=servo,
-        servo=tuned,
-        gain=gain,
-        cost=cost,
-        cost_value=cost_of(cost, tuned, gain),
+        model=given.model,
+        before=given.servo,
+        servo=answer.servo,
+        gain=answer.gain,
+        cost=given.cost,
+        cost_value=cost_of(given.cost, answer.servo, answer.gain),
         gain_only=search.gain_only,
-        demands=demands,
-        free=free,
-        bounds=bounds_used,
+        demands=given.demands,
+        free=given.free,
+        bounds=bounds,
         worst=worst.servo,
         corner=worst.corner,
-        uncertainty=uncertainty,
+        uncertainty=given.uncertainty,
         fold_gain=worst.gain,
         binding=answer.binding,
         verification=verification,

@@ -6,12 +6,11 @@ import argparse
 import json
 from typing import Any
 
-from ...checks import known, to_error
-from ...errors import InputError
+from ...checks import error_text, known, to_error
 from ...orbits.adapt import Options
 from ...servo.basin import OFFSET, Basin, Trial, basin
 from ...servo.hunting import MODELS
-from .console import add_common, complain, finite, positive, servo_of
+from .console import add_common, complain, finite, gain_of, servo_of
 
 
 def add(commands: Any) -> None:
@@ -28,9 +27,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
-    if options.gain is None:
-        raise InputError("gain: must be given, for example --gain 0.1")
-    gain = positive("gain", options.gain)
+    gain = gain_of(options)
     how = Options(tol=finite("tol", options.tol))
     offset = finite("offset", options.offset)
     servo = servo_of(options)
@@ -59,7 +56,8 @@ def run(options: argparse.Namespace) -> int:
             says = "an unstable hunting cycle stands at {0} rad; that it bounds coming to rest is not confirmed"
         print(f"{model} servo at gain {gain:.10g}: {says.format(to_error(found.border, found.error_estimate))}{where}")
         amplitude = to_error(found.unstable.amplitude, found.error_estimate)
-        print(f"  unstable cycle   amplitude max |x1| = {amplitude} rad, estimated error {found.error_estimate:.1e}")
+        print(f"  unstable cycle   amplitude max |x1| = {amplitude} rad, estimated error "
+              f"{error_text(found.error_estimate)}")  # fmt: skip
         print(f"  {_outer(found)}")
         for name, trial in (("inside", found.inside), ("outside", found.outside)):
             a = [f"{position:.4g}" for position in trial.positions]

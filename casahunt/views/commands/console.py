@@ -22,11 +22,14 @@ from ...checks import known, quoted, sensible, shortened, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
 from ...orbits.adapt import SOLVERS, TOLERANCE_RANGE
+from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, load, with_overrides
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
+PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
+"""Formats that --plot writes."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -87,7 +90,6 @@ def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
     command.add_argument("--quiet", action="store_true", help="no progress on standard error")
 
 
-
 def add_solver(command: argparse.ArgumentParser) -> None:
     """The choice of the solver."""
     command.add_argument(
@@ -100,6 +102,14 @@ def add_solver(command: argparse.ArgumentParser) -> None:
 def solver_of(options: argparse.Namespace) -> Literal["auto", "ipopt", "newton"]:
     """The solver of the command line."""
     return known("solver", options.solver, SOLVERS)  # type: ignore[return-value]
+
+
+def models_of(options: argparse.Namespace) -> list[Model]:
+    """The friction models of a command that may have several: each once, all where none is named."""
+    models: list[Any] = [known("model", model, MODELS) for model in options.model or MODELS]
+    if len(set(models)) != len(models):
+        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+    return models
 
 
 def servo_of(options: argparse.Namespace) -> Servo:
@@ -122,6 +132,23 @@ def finite(key: str, text: Any) -> float:
 def positive(key: str, text: Any) -> float:
     """A gain, a time or a position in the range of `checks`, or InputError."""
     return sensible(key, finite(key, text))
+
+
+def given(key: str, value: Any, example: str) -> Any:
+    """A value that must be on the command line, or InputError with an example of it."""
+    if value is None or value == []:
+        raise InputError(f"{key}: must be given, for example {example}")
+    return value
+
+
+def gain_of(options: argparse.Namespace, example: str = "--gain 0.1") -> float:
+    """The one gain of a command that must have one."""
+    return positive("gain", given("gain", options.gain, example))
+
+
+def picture_of(options: argparse.Namespace) -> Path | None:
+    """The file of --plot."""
+    return writable("plot", options.plot, PICTURE_SUFFIXES)
 
 
 def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:

@@ -6,26 +6,27 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
 from ... import effort
-from ...checks import known
-from ...continuation.special_points import FOLD
+from ...continuation.special_points import FOLD, Missed
 from ...design.diagram import DEFAULT_START, DiagramPoint, diagram
 from ...design.diagram_files import INTERRUPTED, Task, begun, keep
-from ...errors import InputError, NoOrbit
+from ...errors import NoOrbit
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
 from ...orbits.adapt import Options
 from ...servo.branch import Branch
-from ...servo.hunting import MODELS
+from ...servo.hunting import Model
 from .console import (
     add_common,
     add_solver,
     complain,
     finite,
     folder,
+    models_of,
     positive,
     progress,
     progress_line,
@@ -61,72 +62,96 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code."""
-    models = [known("model", model, MODELS) for model in options.model or MODELS]
-    if len(set(models)) != len(models):
-        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+    models = models_of(options)
     start = positive("from", options.start)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     task = Task(servo_of(options), start, how, options.natural)
-    stream = progress(options.quiet)
-    branches: list[Branch] = []
-    failures: list[str] = []
     began = time.perf_counter()
     files = {model: [f"{model}.csv", f"{model}.npz"] for model in models}
     with folder(options.out, [*PICTURES, *sum(files.values(), [])]) as out:
-        there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}  # type: ignore[arg-type]
+        there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}
         # What an earlier run has left makes room when this one has its first point, and not before.
         stale = [out / name for name in (*PICTURES, *sum((files[m] for m in models if not there[m][0]), []))]
-        moved: dict[Path, Path] = {}
-
-        def make_room() -> None:
-            moved.update(set_aside(stale))
-            stale.clear()
-
+        found = _Found(task, out, there, stale, progress(options.quiet))
         try:
             for model in models:
-                try:
-                    branches.append(_one_branch(task, model, there[model], make_room, out, stream))
-                    failure = _shortfall(branches[-1], start, options.natural)
-                except NoOrbit as error:
-                    failure = str(error)
-                if failure:
-                    failures.append(failure)
-                    complain("casahunt diagram", failure)
-                for gap in branches[-1].missed if branches and branches[-1].model == model else ():
-                    complain("casahunt diagram", f"{model}: {gap.meaning}")
-                    if gap.kind == FOLD.kind:  # what the diagram is there for
-                        failures.append(gap.meaning)
-            if branches:
-                options.outputs.write(_pictures, branches, out)
-                for aside in drop_replaced(moved):
+                found.add(model)
+            if found.branches:
+                options.outputs.write(_pictures, found.branches, out)
+                for aside in drop_replaced(found.moved):
                     complain("casahunt diagram", f"{aside} is of an earlier run, which this one has not replaced")
         except KeyboardInterrupt:
-            computed = not stale or any(points for points, _ in there.values())
-            where = f"the points computed so far are in {out}" if computed else "no point was computed"
+            where = f"the points computed so far are in {out}" if found.computed else "no point was computed"
             raise KeyboardInterrupt(f"{word()}; {where}") from None
     if options.json:
         summary = {
-            "out": str(out) if branches else None,
+            "out": str(out) if found.branches else None,
             "continuation": "natural" if options.natural else "pseudo-arclength",
             "solver": how.solver,
-            "branches": [_branch_record(branch) for branch in branches],
-            "failures": failures,
+            "branches": [_branch_record(branch) for branch in found.branches],
+            "failures": found.failures,
             "wall_s": time.perf_counter() - began,
         }
         print(json.dumps(summary))
-    elif branches:
-        for branch in branches:
-            print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
-            for special in branch.special:
-                print(f"  {special.meaning}")
+    elif found.branches:
+        _print(found.branches)
         if not options.outputs.troubles:
             print(f"written to {out}")
-    return 1 if failures else 0
+    return 1 if found.failures else 0
+
+
+def _print(branches: list[Branch]) -> None:
+    for branch in branches:
+        print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
+        for special in branch.special:
+            print(f"  {special.meaning}")
+
+
+@dataclass
+class _Found:
+    """The branches of a run, and what is missing of them."""
+
+    task: Task
+    out: Path
+    there: dict[Model, tuple[list[DiagramPoint], str]]
+    """By model: the points that an earlier run has left, and why it ended."""
+    stale: list[Path]
+    stream: IO[str] | None
+    branches: list[Branch] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    moved: dict[Path, Path] = field(default_factory=dict)
+
+    @property
+    def computed(self) -> bool:
+        """Whether the folder holds a point of this diagram."""
+        return not self.stale or any(points for points, _ in self.there.values())
+
+    def make_room(self) -> None:
+        """Set aside what an earlier run has left."""
+        self.moved.update(set_aside(self.stale))
+        self.stale.clear()
+
+    def add(self, model: Model) -> None:
+        """Compute the branch of a model, and say what is missing of it."""
+        gaps: tuple[Missed, ...] = ()
+        try:
+            branch = _one_branch(self.task, model, self.there[model], self.make_room, self.out, self.stream)
+            self.branches.append(branch)
+            gaps, failure = branch.missed, _shortfall(branch, self.task.start, self.task.natural)
+        except NoOrbit as error:
+            failure = str(error)
+        if failure:
+            self.failures.append(failure)
+            complain("casahunt diagram", failure)
+        for gap in gaps:
+            complain("casahunt diagram", f"{model}: {gap.meaning}")
+            if gap.kind == FOLD.kind:  # what the diagram is there for
+                self.failures.append(gap.meaning)
 
 
 def _one_branch(
     task: Task,
-    model: Any,
+    model: Model,
     there: tuple[list[DiagramPoint], str],
     make_room: Callable[[], None],
     out: Path,
@@ -202,14 +227,17 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
 
 
 def _pictures(branches: list[Branch], out: Path) -> None:
-    from ..pictures import plotting
+    from ..pictures.branches import diagram as drawn_diagram
+    from ..pictures.branches import multipliers
+    from ..pictures.orbits import phase_portrait, time_traces
+    from ..pictures.plotting import save
 
     firsts = [branch.orbits[0] for branch in branches]
     figures = (
-        plotting.diagram(branches),
-        plotting.multipliers(branches),
-        plotting.time_traces(firsts),
-        plotting.phase_portrait(firsts),
+        drawn_diagram(branches),
+        multipliers(branches),
+        time_traces(firsts),
+        phase_portrait(firsts),
     )
     for figure, name in zip(figures, PICTURES, strict=True):
-        plotting.save(figure, out / name)
+        save(figure, out / name)

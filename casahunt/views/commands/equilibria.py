@@ -7,10 +7,9 @@ import json
 from typing import Any
 
 from ...checks import known
-from ...errors import InputError
 from ...servo.equilibria import PROVES, Equilibria, equilibria
 from ...servo.hunting import MODELS
-from .console import add_common, positive, servo_of, writable
+from .console import add_common, gain_of, picture_of, servo_of
 
 
 def add(commands: Any) -> None:
@@ -25,11 +24,9 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
-    if options.gain is None:
-        raise InputError("gain: must be given, for example --gain 0.1")
-    gain = positive("gain", options.gain)
+    gain = gain_of(options)
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     found = equilibria(servo, model, gain)  # type: ignore[arg-type]
     if plot:
         from ..pictures import equilibria as pictures_equilibria

@@ -6,12 +6,22 @@ import argparse
 import json
 from typing import Any
 
-from ...checks import known, to_error
+from ...checks import error_text, known, to_error
 from ...design.sensitivity import fold_sensitivities
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
-from .console import add_common, add_solver, finite, progress, progress_line, say, servo_of, solver_of, writable
+from .console import (
+    add_common,
+    add_solver,
+    finite,
+    picture_of,
+    progress,
+    progress_line,
+    say,
+    servo_of,
+    solver_of,
+)
 
 MAXIMUM = "the maximum of an optimisation problem (IPOPT)"
 
@@ -30,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     model = known("model", options.model, MODELS)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     fold = find_fold(servo, model, options=how)  # type: ignore[arg-type]
     slopes = fold_sensitivities(fold)
     if plot:
@@ -56,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(record))
         return 0
     print(f"{model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)}")
-    print(f"  estimated error  {fold.gain_error:.1e} (relative, of the gain)")
+    print(f"  estimated error  {error_text(fold.gain_error)} (relative, of the gain)")
     print(f"  amplitude there  {to_error(fold.orbit.amplitude, fold.orbit.amplitude_error)} rad")
     print(f"  period there     {to_error(fold.orbit.period, fold.orbit.period_error)} s")
     other = "the turning point of the equations (Newton)" if how.solver == "newton" else MAXIMUM

@@ -5,20 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from ...checks import known, to_error
-from ...design.fold_curve import POINTS, FoldCurve, FoldPoint, as_found, check_range, fold_curve
-from ...design.fold_curve_files import INTERRUPTED, begun, save_curve
+from ...checks import to_error
+from ...design.fold_curve.curve import POINTS, check_range, fold_curve
+from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
+from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
 from ...files import together, whole_text
 from ...interrupts import held, word
 from ...orbits.adapt import Options
-from ...servo.hunting import MODELS
+from ...servo.hunting import Model
+from ...servo.servo import Servo
 from ...tables import table as csv_table
-from .console import add_common, complain, finite, progress, say, servo_of, writable
+from .console import add_common, complain, finite, models_of, picture_of, progress, say, servo_of, writable
 
 CSV_COLUMNS = (
     "model",
@@ -55,63 +58,12 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code."""
-    models = [known("model", model, MODELS) for model in options.model or MODELS]
-    if len(set(models)) != len(models):
-        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
-    how = Options(tol=finite("tol", options.tol))
-    servo = servo_of(options)
-    start, end = finite("from", options.start), finite("to", options.to)
-    check_range(servo, options.vary, start, end)
-    points = _count(options.points)
-    table = writable("csv", options.csv, (".csv",))
-    save = writable("save", options.save, (".npz",))
-    if save and len(models) != 1:
-        raise InputError(f"save = {options.save!r}: holds the points of one model; give one --model")
-    if options.resume and not save:
-        raise InputError("resume: must be given together with --save, the file to go on from")
-    settings = {"vary": options.vary, "from": start, "to": end, "points": points, "tol": how.tol}
-    before = begun(save, servo, models[0], settings) if save and options.resume else None  # type: ignore[arg-type]
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
-    began = time.perf_counter()
-    stream = progress(options.quiet)
-    curves: list[FoldCurve] = []
-    failures: list[str] = []
-    there: list[FoldPoint] = as_found(before.points, start) if before else []
-
-    def keep(curve: FoldCurve) -> None:
-        with together():
-            if save:
-                save_curve(curve, save, settings)
-            if table:
-                _write([point for part in (*curves, curve) for point in part.points], options.vary, table)
-
-    def arrived(point: FoldPoint) -> None:
-        """The files are whole after every point, as they would be if it were the last."""
-        with held():
-            there.append(point)
-            ordered = tuple(there if there[0].value == start else there[::-1])
-            model, status = point.orbit.model, Status.NOT_CONVERGED
-            keep(FoldCurve(model, servo, options.vary, ordered, (), INTERRUPTED, status, time.perf_counter() - began))
-        say(stream, _line(options.vary, point))
-
-    for model in models:
-        try:
-            curve = before if before and before.ended != INTERRUPTED else fold_curve(
-                servo, model, vary=options.vary, start=start, end=end, points=points, options=how, report=arrived,  # type: ignore[arg-type]
-                begun=before.points if before else (),
-            )  # fmt: skip
-            keep(curve)
-        except NoOrbit as error:
-            failures.append(str(error))
-        except KeyboardInterrupt:
-            if (table or save) and (curves or there):
-                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {table or save}") from None
-            raise
-        else:
-            curves.append(curve)
-            there.clear()
-            if not curve.status.ok:
-                failures.append(f"the curve of the {model} servo is not complete: {curve.ended}")
+    desk = _desk_of(options)
+    plot = picture_of(options)
+    desk.began = time.perf_counter()
+    for model in desk.models:
+        desk.follow(model)
+    curves, failures = desk.curves, desk.failures
     if not curves:
         raise NoOrbit("; ".join(failures))
     for failure in failures:
@@ -123,21 +75,113 @@ def run(options: argparse.Namespace) -> int:
         options.outputs.draw(lambda: plotting.save(pictures_fold_curve.regions(curves), plot))
     if options.json:
         records = [_record(curve) for curve in curves]
-        print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - began}))
-        return 1 if failures else 0
-    for curve in curves:
-        print(f"{curve.model} servo: {len(curve.points)} points; {curve.ended}")
-        heads = f"{'fold gain':>13s}  {'amplitude rad':>13s}  {'period s':>11s}  {'elasticity':>10s}"
-        print(f"  {curve.vary:>26s}  {heads}")
-        for point in curve.points:
-            print(
-                f"  {point.value:26.9g}  {to_error(point.gain, point.error_estimate, most=9):>13s}  "
-                f"{to_error(point.orbit.amplitude, point.error_estimate, most=7):>13s}  "
-                f"{to_error(point.orbit.period, point.error_estimate, most=7):>11s}  {point.elasticity:+10.4f}"
-                + ("  cusp" if point in curve.cusps else "")
-            )
-        print(f"  {curve.wall_s:.2f} s")
+        print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - desk.began}))
+    else:
+        for curve in curves:
+            _print(curve)
     return 1 if failures else 0
+
+
+@dataclass
+class _Desk:
+    """A run: what is asked for, and what is computed so far, on the disk after every point."""
+
+    models: list[Model]
+    servo: Servo
+    asked: dict[str, Any]
+    """vary, start, end, points: arguments of `fold_curve`."""
+    how: Options
+    table: Path | None
+    save: Path | None
+    before: FoldCurve | None
+    """The curve of an interrupted run."""
+    stream: IO[str] | None
+    curves: list[FoldCurve] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    there: list[FoldPoint] = field(default_factory=list)
+    """The points of the curve under way, as they were found."""
+    began: float = 0.0
+
+    def follow(self, model: Model) -> None:
+        """Compute a curve, from the points that are there on."""
+        before = self.before
+        try:
+            curve = before if before and before.ended != INTERRUPTED else fold_curve(
+                self.servo, model, **self.asked, options=self.how, report=self.arrived,
+                begun=before.points if before else (),
+            )  # fmt: skip
+            self.keep(curve)
+        except NoOrbit as error:
+            self.failures.append(str(error))
+        except KeyboardInterrupt:
+            if (self.table or self.save) and (self.curves or self.there):
+                where = self.table or self.save
+                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {where}") from None
+            raise
+        else:
+            self.curves.append(curve)
+            self.there.clear()
+            if not curve.status.ok:
+                self.failures.append(f"the curve of the {model} servo is not complete: {curve.ended}")
+
+    def arrived(self, point: FoldPoint) -> None:
+        """The files are whole after every point, as they would be if it were the last."""
+        vary, there = self.asked["vary"], self.there
+        with held():
+            there.append(point)
+            ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
+            model, wall_s = point.orbit.model, time.perf_counter() - self.began
+            self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, Status.NOT_CONVERGED, wall_s))
+        say(self.stream, _line(vary, point))
+
+    def keep(self, curve: FoldCurve) -> None:
+        """Write what is asked for, `curve` behind the curves before it."""
+        with together():
+            if self.save:
+                save_curve(curve, self.save, _settings(self.asked, self.how))
+            if self.table:
+                points = [point for part in (*self.curves, curve) for point in part.points]
+                _write(points, self.asked["vary"], self.table)
+
+
+def _settings(asked: Mapping[str, Any], how: Options) -> dict[str, Any]:
+    """The settings of a curve by their names on the command line."""
+    return {"vary": asked["vary"], "from": asked["start"], "to": asked["end"], "points": asked["points"],
+            "tol": how.tol}  # fmt: skip
+
+
+def _desk_of(options: argparse.Namespace) -> _Desk:
+    """The task of the command line, checked, with what an interrupted run has left of it."""
+    models = models_of(options)
+    how = Options(tol=finite("tol", options.tol))
+    servo = servo_of(options)
+    start, end = finite("from", options.start), finite("to", options.to)
+    check_range(servo, options.vary, start, end)
+    asked = {"vary": options.vary, "start": start, "end": end, "points": _count(options.points)}
+    table = writable("csv", options.csv, (".csv",))
+    save = writable("save", options.save, (".npz",))
+    if save and len(models) != 1:
+        raise InputError(f"save = {options.save!r}: holds the points of one model; give one --model")
+    if options.resume and not save:
+        raise InputError("resume: must be given together with --save, the file to go on from")
+    before = begun(save, servo, models[0], _settings(asked, how)) if save and options.resume else None
+    desk = _Desk(models, servo, asked, how, table, save, before, progress(options.quiet))
+    desk.there += as_found(before.points, start) if before else []
+    return desk
+
+
+def _print(curve: FoldCurve) -> None:
+    print(f"{curve.model} servo: {len(curve.points)} points; {curve.ended}")
+    heads = f"{'fold gain':>13s}  {'amplitude rad':>13s}  {'period s':>11s}  {'elasticity':>10s}"
+    print(f"  {curve.vary:>26s}  {heads}")
+    for point in curve.points:
+        print(
+            f"  {point.value:26.9g}  {to_error(point.gain, point.error_estimate, most=9):>13s}  "
+            f"{to_error(point.orbit.amplitude, point.error_estimate, most=7):>13s}  "
+            f"{to_error(point.orbit.period, point.error_estimate, most=7):>11s}  {point.elasticity:+10.4f}"
+            + ("  cusp" if point in curve.cusps else "")
+        )
+    print(f"  {curve.wall_s:.2f} s")
 
 
 def _count(text: Any) -> int:

@@ -7,9 +7,9 @@ import json
 import math
 from typing import Any
 
-from ...errors import InputError
+from ...checks import finite_or_none
 from ...servo.linear_loop import Crossover, LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
-from .console import add_common, positive, servo_of, writable
+from .console import add_common, given, picture_of, positive, servo_of
 
 
 def add(commands: Any) -> None:
@@ -22,11 +22,9 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    if not options.gain:
-        raise InputError("gain: must be given, for example --gain 0.1 --gain 0.4")
-    gains = [positive("gain", text) for text in options.gain]
+    gains = [positive("gain", text) for text in given("gain", options.gain, "--gain 0.1 --gain 0.4")]
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     loops = [linear_loop(servo, gain) for gain in gains]
     if plot:
         from ..pictures import loop as pictures_loop
@@ -36,8 +34,8 @@ def run(options: argparse.Namespace) -> int:
     frictionless, viscous = routh_hurwitz_gain(servo), lowest_stable_gain(servo)
     if options.json:
         record = {
-            "lowest_stable_gain": _number(viscous),
-            "lowest_stable_gain_without_viscous_friction": _number(frictionless),
+            "lowest_stable_gain": finite_or_none(viscous),
+            "lowest_stable_gain_without_viscous_friction": finite_or_none(frictionless),
             "loops": [_record(loop) for loop in loops],
         }
         print(json.dumps(record))
@@ -70,12 +68,8 @@ def _record(loop: LinearLoop) -> dict[str, Any]:
         "gain_crossovers": crossovers(loop.gain_crossovers, "phase_margin_deg"),
         "phase_crossovers": crossovers(loop.phase_crossovers, "gain_factor"),
         "lowest_factor": loop.lowest_factor,
-        "highest_factor": _number(loop.highest_factor),
+        "highest_factor": finite_or_none(loop.highest_factor),
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _stable_from(gain: float) -> str:

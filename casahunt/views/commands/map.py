@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from typing import Any
 
-from ...checks import to_error
+from ...checks import finite_or_none, to_error
 from ...errors import InputError, NoOrbit, Status
 from ...servo.event_map.fixed_points import POINTS, fixed_points
-from .console import add_common, positive, progress, servo_of, teller, writable
+from .console import add_common, gain_of, picture_of, positive, progress, servo_of, teller
 
 
 def add(commands: Any) -> None:
@@ -26,14 +25,12 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    if options.gain is None:
-        raise InputError("gain: must be given, for example --gain 0.1")
-    gain = positive("gain", options.gain)
+    gain = gain_of(options)
     low = None if options.start is None else positive("from", options.start)
     high = None if options.to is None else positive("to", options.to)
     points = _count(options.points)
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     tell = teller(progress(options.quiet))
 
     def report(motions: int, a: float) -> None:
@@ -60,7 +57,10 @@ def run(options: argparse.Namespace) -> int:
                 for f in seen.fixed
             ],
             "jumps": [
-                {"at": j.start, "below": _number(j.below), "above": _number(j.above), "crosses": j.crosses}
+                {
+                    "at": j.start, "below": finite_or_none(j.below), "above": finite_or_none(j.above),
+                    "crosses": j.crosses,
+                }
                 for j in seen.jumps
             ],
             "motions": len(seen.points),
@@ -90,7 +90,3 @@ def _count(text: Any) -> int:
     if not 2 <= count <= 1000:
         raise InputError(f"points = {count}: must be between 2 and 1000")
     return count
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
 from typing import Any
 
-from ...checks import known, to_error
-from ...errors import InputError
+from ...checks import error_text, finite_or_none, known, to_error
 from ...orbits.adapt import Options
 from ...orbits.archive import save_orbit
 from ...orbits.floquet import Multipliers
@@ -21,7 +19,8 @@ from .console import (
     add_solver,
     complex_text,
     finite,
-    positive,
+    gain_of,
+    picture_of,
     progress,
     progress_line,
     say,
@@ -57,12 +56,10 @@ def run(options: argparse.Namespace) -> int:
     model = known("model", options.model, MODELS)
     branch = known("branch", options.branch, BRANCHES)
     route = known("multipliers", options.multipliers, ROUTES)
-    if options.gain is None:
-        raise InputError("gain: must be given, for example --gain 0.1")
-    gain = positive("gain", options.gain)
+    gain = gain_of(options)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options), half=not options.full)
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     save = writable("save", options.save, (".npz",))
     began = time.perf_counter()
     orbit = find_orbit(servo, model, gain, branch=branch, options=how)  # type: ignore[arg-type]
@@ -76,8 +73,9 @@ def run(options: argparse.Namespace) -> int:
         options.outputs.write(save_orbit, orbit, save)
     if plot:
         from ..pictures import plotting
+        from ..pictures.orbits import time_traces
 
-        options.outputs.draw(lambda: plotting.save(plotting.time_traces([orbit]), plot))
+        options.outputs.draw(lambda: plotting.save(time_traces([orbit]), plot))
     if options.json:
         print(json.dumps(record))
         return 0
@@ -97,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"  multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
     if second is not None:
         _print_second_route(orbit, second)
-    print(f"  error estimate   {orbit.error_estimate:.1e} (relative, period and amplitude)")
+    print(f"  error estimate   {error_text(orbit.error_estimate)} (relative, period and amplitude)")
     print(f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
           f"{orbit.iterations} iterations, {record['wall_s']:.2f} s")  # fmt: skip
     return 0
@@ -114,7 +112,7 @@ def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
     return {
         "half_multiplier": m.leading.real if m.trusted and orbit.half else None,
         "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
-        "trivial_multiplier_error": m.trivial_error if math.isfinite(m.trivial_error) else None,
+        "trivial_multiplier_error": finite_or_none(m.trivial_error),
         "difference": _difference(orbit.multipliers, m) if trusted else None,
     }
 
@@ -144,7 +142,7 @@ def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
         "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
         "log10_abs_half_multiplier": (m.log10_leading if orbit.half else m.log10_leading / 2) if m.trusted else None,
         "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
-        "trivial_multiplier_error": m.trivial_error if math.isfinite(m.trivial_error) else None,
+        "trivial_multiplier_error": finite_or_none(m.trivial_error),
         "multipliers_trusted": m.trusted,
         "stable": orbit.stable if m.trusted else None,
         "error_estimate": orbit.error_estimate,

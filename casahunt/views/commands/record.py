@@ -16,13 +16,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ...checks import known, moderate
+from ...checks import error_text, finite_or_none, known, moderate
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
 from ...errors import InputError, NoOrbit
@@ -30,7 +29,7 @@ from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from .console import add_common, complain, finite, positive, progress, say, servo_of, writable
+from .console import add_common, complain, finite, picture_of, positive, progress, say, servo_of
 
 LARGE, MANY = 2e7, 1_000_000
 """Bytes that take more than two seconds to read, and samples that take as long to measure."""
@@ -58,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     start = None if options.start is None else finite("from", options.start)
     how = Options(tol=finite("tol", options.tol))
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     began = time.perf_counter()
     stream = progress(options.quiet)
     with suppress(OSError):
@@ -122,7 +121,7 @@ def _show(file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None,
             print(f"  {sentence}")
     if orbit:
         source = f"{orbit.model} model at gain {orbit.gain:.10g}"
-        print(f"  predicted by the {source}, error estimate {orbit.error_estimate:.1e}")
+        print(f"  predicted by the {source}, error estimate {error_text(orbit.error_estimate)}")
 
 
 def _remarks(m: Measurement) -> list[str]:
@@ -149,9 +148,6 @@ def _record(
     set_point: float | None,
     wall_s: float,
 ) -> dict[str, Any]:
-    def number(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
     names = (
         "amplitude", "amplitude_scatter", "amplitude_error", "frequency", "frequency_scatter", "frequency_error",
         "period", "period_scatter", "period_error", "mean_level", "drift", "noise", "quantum", "above", "missing",
@@ -169,8 +165,8 @@ def _record(
             "period": orbit.period,
             "frequency": 1 / orbit.period,
             "error_estimate": orbit.error_estimate,
-            "amplitude_ratio": number(m.amplitude / orbit.amplitude),
-            "frequency_ratio": number(m.frequency * orbit.period),
+            "amplitude_ratio": finite_or_none(m.amplitude / orbit.amplitude),
+            "frequency_ratio": finite_or_none(m.frequency * orbit.period),
         }
     return {
         "file": file,
@@ -178,8 +174,8 @@ def _record(
         "kind": m.kind,
         "reason": m.reason or None,
         "periods": int(m.periods.size),
-        **{name: number(getattr(m, name)) for name in names},
-        "offset": None if set_point is None else number(m.mean_level - set_point),
+        **{name: finite_or_none(getattr(m, name)) for name in names},
+        "offset": None if set_point is None else finite_or_none(m.mean_level - set_point),
         "left_out_before": m.left_out[0],
         "left_out_behind": m.left_out[1],
         "amplitudes": m.amplitudes.tolist(),

@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import known, moderate
+from ...checks import error_text, finite_or_none, known, moderate
 from ...errors import InputError
 from ...files import whole_text
 from ...servo.hunting import MODELS
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
 from ...tables import table as csv_table
-from .console import add_common, complain, finite, positive, servo_of, writable
+from .console import add_common, complain, finite, gain_of, picture_of, positive, servo_of, writable
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
@@ -56,9 +56,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = known("model", options.model, MODELS)
-    if options.gain is None:
-        raise InputError("gain: must be given, for example --gain 0.04")
-    gain = positive("gain", options.gain)
+    gain = gain_of(options, "--gain 0.04")
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
     numbers = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
@@ -68,11 +66,11 @@ def run(options: argparse.Namespace) -> int:
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     servo = servo_of(options)
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     table = writable("csv", options.csv, (".csv",))
     began = time.perf_counter()
     found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)  # type: ignore[arg-type]
-    verdict = found.verdict
+    kind = found.verdict.kind
     wall_s = time.perf_counter() - began
     if table:
         options.outputs.write(_write, found, table, step)
@@ -85,29 +83,33 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_record(found, advice, wall_s)))
     else:
-        x = found.end
-        name = f"{model} servo{' with stick band' if found.regularised else ''} at gain {gain:.10g}"
-        print(f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}")
-        print(f"  because          {verdict.sentence}")
-        if verdict.judged:
-            swings = ", ".join(f"{a:.6g}" for a in verdict.judged)
-            print(f"  judged from      {swings} rad since {verdict.since:.6g} s; floor {verdict.floor:.1e} rad")
-        if math.isfinite(verdict.amplitude):
-            of = f"mean of the last {verdict.swings} periods" if verdict.swings else "the cycle's: no period agrees yet"
-            print(f"  amplitude        {verdict.amplitude:.10g} rad ({of})")
-        if math.isfinite(verdict.period):
-            print(f"  period           {verdict.period:.10g} s")
-        print(f"  at the end       position {found.set_point + x[0]:.10g} rad, velocity {x[1]:.10g} rad/s")
-        print(f"  events           {_counts(found)}")
-        end = f"{_short(found.end_error)} of the final state"
-        print(f"  error estimate   {_short(found.time_error)} s of event times, {end}")
-        print(f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
+        _print(found, wall_s)
     if advice:
         complain("casahunt simulate", advice)
-    cut = bool(found.ended) and verdict.kind != "growing"
+    cut = bool(found.ended) and kind != "growing"
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
     return 0 if found.status.ok and not cut else 1
+
+
+def _print(found: Trajectory, wall_s: float) -> None:
+    x, verdict = found.end, found.verdict
+    name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g}"
+    print(f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}")
+    print(f"  because          {verdict.sentence}")
+    if verdict.judged:
+        swings = ", ".join(f"{a:.6g}" for a in verdict.judged)
+        print(f"  judged from      {swings} rad since {verdict.since:.6g} s; floor {verdict.floor:.1e} rad")
+    if math.isfinite(verdict.amplitude):
+        of = f"mean of the last {verdict.swings} periods" if verdict.swings else "the cycle's: no period agrees yet"
+        print(f"  amplitude        {verdict.amplitude:.10g} rad ({of})")
+    if math.isfinite(verdict.period):
+        print(f"  period           {verdict.period:.10g} s")
+    print(f"  at the end       position {found.set_point + x[0]:.10g} rad, velocity {x[1]:.10g} rad/s")
+    print(f"  events           {_counts(found)}")
+    end = f"{error_text(found.end_error)} of the final state"
+    print(f"  error estimate   {error_text(found.time_error)} s of event times, {end}")
+    print(f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
 
 
 def _size(key: str, text: Any) -> float:
@@ -115,17 +117,13 @@ def _size(key: str, text: Any) -> float:
 
 
 def _advice(found: Trajectory) -> str:
-    what = f"the event times to {_short(found.time_error)} s and the final state to {_short(found.end_error)}"
+    what = f"the event times to {error_text(found.time_error)} s and the final state to {error_text(found.end_error)}"
     if not math.isfinite(found.time_error):
         what = "not even its sequence of events"
     return (
         f"the motion is computed, but not to the tolerance {found.tol:g}: known are {what}; ask for a larger "
         "tolerance or a shorter time"
     )
-
-
-def _short(value: float) -> str:
-    return f"{value:.1e}" if math.isfinite(value) else "unknown"
 
 
 def _counts(found: Trajectory) -> str:
@@ -135,9 +133,6 @@ def _counts(found: Trajectory) -> str:
 
 
 def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, Any]:
-    def number(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
     x, verdict = found.end, found.verdict
     return {
         "model": found.model,
@@ -148,26 +143,26 @@ def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, A
         "tol": found.tol,
         "verdict": verdict.kind,
         "reason": verdict.sentence,
-        "amplitude": number(verdict.amplitude),
-        "period": number(verdict.period),
+        "amplitude": finite_or_none(verdict.amplitude),
+        "period": finite_or_none(verdict.period),
         "swings": verdict.swings,
         "judged": {
             "swings": list(verdict.judged),
-            "since": number(verdict.since),
-            "ratios": [number(ratio) for ratio in verdict.ratios],
-            "limit": number(verdict.limit),
-            "multiplier": number(verdict.multiplier),
-            "floor": number(verdict.floor),
+            "since": finite_or_none(verdict.since),
+            "ratios": [finite_or_none(ratio) for ratio in verdict.ratios],
+            "limit": finite_or_none(verdict.limit),
+            "multiplier": finite_or_none(verdict.multiplier),
+            "floor": finite_or_none(verdict.floor),
             "map_motions": verdict.motions,
         },
         "position": found.set_point + float(x[0]),
         "velocity": float(x[1]),
         "integral": float(x[2]),
         "bristle": float(x[3]) if x.size > 3 else None,
-        "events": [[e.time, e.name, e.before, e.after, number(e.error)] for e in found.events],
-        "time_error": number(found.time_error),
-        "end_error": number(found.end_error),
-        "state_errors": [number(value) for value in found.state_errors],
+        "events": [[e.time, e.name, e.before, e.after, finite_or_none(e.error)] for e in found.events],
+        "time_error": finite_or_none(found.time_error),
+        "end_error": finite_or_none(found.end_error),
+        "state_errors": [finite_or_none(value) for value in found.state_errors],
         "status": found.status.name.lower(),
         "advice": advice,
         "ended": found.ended or None,

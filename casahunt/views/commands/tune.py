@@ -28,12 +28,13 @@ from typing import Any
 from ...checks import known, to_error
 from ...design.tune.demands import COSTS, FREE, Demands
 from ...design.tune.tuning import Tuning, tune
-from ...design.uncertainty import load_uncertainty
+from ...design.uncertainty.toml import load_uncertainty
 from ...errors import InputError
 from ...files import together, whole_text
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS
-from ..evidence import before_tasks, page, record_of
+from ..evidence.page import page
+from ..evidence.record import before_tasks, record_of
 from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
 
 FILES = ["tune.html", "tune.json"]
@@ -137,46 +138,16 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 def _print(record: dict[str, Any], tol: float) -> None:
     """The answer as text; `tol` is the error of what is computed to the tolerance and has no estimate of its own."""
-    check, fold = record["verification"], record["fold"]
+    check = record["verification"]
     error = tol  # of the fold gain: what is estimated, and what two computations differ by
     if check["fold_gain"]:
         error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
-    known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
-    print(f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad")
-    if record["free"]:
-        lead, integral = (to_error(record[name], tol) for name in ("lead_time", "integral_time"))
-        print(f"  controller times lead_time {lead} s, integral_time {integral} s")
-    only = record["cost_gain_only"]
-    print(
-        f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
-        + (f" ({to_error(only, tol)} with the times as given)" if only is not None else "")
-    )
-    if record["fold_gain"]:
-        where = ", ".join(f"{name} = {value:.6g}" for name, value in record["worst"]["corner"].items())
-        largest = to_error(record["fold_gain"], error)
-        print(f"  hunting          possible up to gain {largest}" + (f" at {where}" if where else ""))
-        if where and fold["nominal"] is not None:
-            print(f"                   up to {to_error(fold['nominal'], fold['error'])} at the nominal friction")
-    else:
-        print("  hunting          possible at no gain")
-    print(f"  binding          {', '.join(record['binding']) or 'nothing'}")
+    _print_answer(record, error, tol)
     print(f"checked apart from the optimisation: {check['result']}")
-    if check["fold_gain"] is not None:
-        again = to_error(check["fold_gain"], error)
-        # K/K_fold - 1 has the error of K_fold.
-        part = 1 + 1 / check["margin"] if check["margin"] else 1.0
-        above = to_error(100 * check["margin"], abs(part) * error, most=6)
-        print(f"  fold once more   {again}; the gain is {above} % above it")
-    print(f"  event map        {check['scan']}")
-    if check["set"]:
-        number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
-        print(f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)}")
+    _print_folds(check, error, tol)
     for name, loop in check["loops"].items():
         if name == "nominal" or loop != check["loops"]["nominal"]:
-            at = ", ".join(f"{key} = {value:.6g}" for key, value in check["loop_corners"].get(name, {}).items())
-            what = {"worst": "worst friction"}.get(name, f"least {name}" if name in check["loop_corners"] else name)
-            where = f"{what} ({at})" if at else what
-            print(f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+            _print_loop(name, loop, check["loop_corners"])
     for task in check["tasks"]:
         print(f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}")
     for task in (record["before"] or {"tasks": []})["tasks"]:
@@ -189,6 +160,55 @@ def _print(record: dict[str, Any], tol: float) -> None:
     for sentence in record["proves_not"]:
         print(f"  {sentence}")
     print(f"  {record['wall_s']:.2f} s")
+
+
+def _print_answer(record: dict[str, Any], error: float, tol: float) -> None:
+    """Gain, times, cost, and the fold that they keep away from; `error` is that of the fold gain."""
+    fold = record["fold"]
+    known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
+    print(f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad")
+    if record["free"]:
+        lead, integral = (to_error(record[name], tol) for name in ("lead_time", "integral_time"))
+        print(f"  controller times lead_time {lead} s, integral_time {integral} s")
+    only = record["cost_gain_only"]
+    print(
+        f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
+        + (f" ({to_error(only, tol)} with the times as given)" if only is not None else "")
+    )
+    if record["fold_gain"]:
+        where = _values(record["worst"]["corner"])
+        largest = to_error(record["fold_gain"], error)
+        print(f"  hunting          possible up to gain {largest}" + (f" at {where}" if where else ""))
+        if where and fold["nominal"] is not None:
+            print(f"                   up to {to_error(fold['nominal'], fold['error'])} at the nominal friction")
+    else:
+        print("  hunting          possible at no gain")
+    print(f"  binding          {', '.join(record['binding']) or 'nothing'}")
+
+
+def _print_folds(check: dict[str, Any], error: float, tol: float) -> None:
+    """What a second look has found of hunting: the fold, the event map, the folds of the set."""
+    if check["fold_gain"] is not None:
+        again = to_error(check["fold_gain"], error)
+        # K/K_fold - 1 has the error of K_fold.
+        part = 1 + 1 / check["margin"] if check["margin"] else 1.0
+        above = to_error(100 * check["margin"], abs(part) * error, most=6)
+        print(f"  fold once more   {again}; the gain is {above} % above it")
+    print(f"  event map        {check['scan']}")
+    if check["set"]:
+        number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
+        print(f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)}")
+
+
+def _print_loop(name: str, loop: dict[str, Any], corners: dict[str, dict[str, float]]) -> None:
+    at = _values(corners.get(name, {}))
+    what = {"worst": "worst friction"}.get(name, f"least {name}" if name in corners else name)
+    where = f"{what} ({at})" if at else what
+    print(f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+
+
+def _values(corner: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in corner.items())
 
 
 def _factors(loop: dict[str, Any]) -> str:

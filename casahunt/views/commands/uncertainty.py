@@ -9,16 +9,22 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from typing import Any
 
+import numpy as np
+
 from ... import interrupts
 from ...checks import known, quoted, to_error
-from ...design.uncertainty import Samples, Uncertainty, draw, load_uncertainty, sample, summary, worst_corner
+from ...design.uncertainty.samples import Samples, draw, sample
+from ...design.uncertainty.set import Uncertainty
+from ...design.uncertainty.summary import Summary, summary
+from ...design.uncertainty.toml import load_uncertainty
+from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import InputError, NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .console import add_common, finite, progress, progress_line, say, servo_of, teller, writable
+from .console import add_common, finite, given, picture_of, progress, progress_line, say, servo_of, teller
 
 SAMPLES = 200
 
@@ -45,11 +51,10 @@ def run(options: argparse.Namespace) -> int:
     n, jobs = _whole("samples", options.samples, 1), _whole("jobs", options.jobs, 1)
     seed = _whole("seed", options.seed, 0)
     servo = servo_of(options)
-    if options.uncertainty is None:
-        raise InputError("uncertainty: must be given, for example --uncertainty friction.toml")
-    uncertainty = load_uncertainty(options.uncertainty, servo)
+    path = given("uncertainty", options.uncertainty, "--uncertainty friction.toml")
+    uncertainty = load_uncertainty(path, servo)
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
-    plot = writable("plot", options.plot, (".png", ".pdf", ".svg"))
+    plot = picture_of(options)
     out = progress(options.quiet)
 
     say(out, "computing the fold of the servo itself")
@@ -59,13 +64,13 @@ def run(options: argparse.Namespace) -> int:
     tell = teller(out)
     samples = _solved(servo, model, uncertainty, n, seed, jobs, how, fold, lambda i: tell(f"{i} of {n} samples solved"))
     say(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
-    low, high = uncertainty.box(servo)
-    inside = samples.worst is not None and bool(
-        ((low <= samples.parameters[samples.worst]) & (samples.parameters[samples.worst] <= high)).all()
-    )
-    starts = [samples.parameters[samples.worst]] if inside else []
     worst = worst_corner(
-        servo, model, uncertainty, options=how, fold=fold, starts=starts,
+        servo,
+        model,
+        uncertainty,
+        options=how,
+        fold=fold,
+        starts=_worst_inside(samples, uncertainty.box(servo)),
         report=lambda i: tell(f"searching the worst corner: fold {i}"),
     )
     seen = summary(fold, uncertainty, samples, worst)
@@ -74,35 +79,11 @@ def run(options: argparse.Namespace) -> int:
         from ..pictures import uncertainty as pictures_uncertainty
 
         options.outputs.draw(lambda: plotting.save(pictures_uncertainty.histogram(fold, samples, worst, seen), plot))
-    complete = not samples.failures and not worst.failures
-    status = Status.CONVERGED if complete else Status.NOT_CONVERGED
-    wall = time.perf_counter() - began
+    wall_s = time.perf_counter() - began
     if options.json:
-        record = {
-            "model": model,
-            "gain": fold.gain,
-            "linear": {"low": seen.linear[0], "high": seen.linear[1], "std": seen.std},
-            "worst": {"gain": worst.gain, "corner": worst.corner},
-            "samples": {"n": n, "failures": len(samples.failures), "quantiles": seen.quantiles},
-            "misleading": seen.misleading,
-            "status": status.name.lower(),
-            "wall_s": wall,
-        }
-        print(json.dumps(record))
+        print(json.dumps(_record(fold, samples, worst, seen, wall_s)))
     else:
-        error = fold.gain_error
-        print(f"{model} servo: hunting is possible up to gain {to_error(fold.gain, error)}; with the uncertainty")
-        low_text, high_text = (to_error(value, error, most=6) for value in seen.linear)
-        print(f"  linearised       {low_text} to {high_text} ({seen.range_name}; standard deviation {seen.std:.3g})")
-        if seen.quantiles:
-            shown = ", ".join(f"{key} {to_error(value, how.tol, most=6)}" for key, value in seen.quantiles.items())
-            print(f"  {n} samples      {shown}")
-        largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
-        print(f"  worst corner     {largest} ({worst.evaluations} folds computed), at")
-        for name, value in worst.corner.items():
-            print(f"    {name:28s} {value:.8g}")
-        print(f"  {seen.misleading}")
-        print(f"  {wall:.1f} s")
+        _print(fold, samples, worst, seen, how.tol, wall_s)
     for i, sentence in samples.failures:
         say(out, f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
@@ -112,8 +93,56 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
+def _worst_inside(samples: Samples, box: tuple[np.ndarray, np.ndarray]) -> list[np.ndarray]:
+    """The parameters (k,) of the worst sample, where it lies in the box: normal ones may not."""
+    if samples.worst is None:
+        return []
+    q, (low, high) = samples.parameters[samples.worst], box
+    return [q] if ((low <= q) & (q <= high)).all() else []
+
+
+def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, wall_s: float) -> dict[str, Any]:
+    """The JSON object."""
+    complete = not samples.failures and not worst.failures
+    status = Status.CONVERGED if complete else Status.NOT_CONVERGED
+    return {
+        "model": fold.orbit.model,
+        "gain": fold.gain,
+        "linear": {"low": seen.linear[0], "high": seen.linear[1], "std": seen.std},
+        "worst": {"gain": worst.gain, "corner": worst.corner},
+        "samples": {"n": len(samples.gains), "failures": len(samples.failures), "quantiles": seen.quantiles},
+        "misleading": seen.misleading,
+        "status": status.name.lower(),
+        "wall_s": wall_s,
+    }
+
+
+def _print(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float) -> None:
+    error = fold.gain_error
+    print(f"{fold.orbit.model} servo: hunting is possible up to gain {to_error(fold.gain, error)}; "
+          "with the uncertainty")  # fmt: skip
+    low, high = (to_error(value, error, most=6) for value in seen.linear)
+    print(f"  linearised       {low} to {high} ({seen.range_name}; standard deviation {seen.std:.3g})")
+    if seen.quantiles:
+        shown = ", ".join(f"{key} {to_error(value, tol, most=6)}" for key, value in seen.quantiles.items())
+        print(f"  {len(samples.gains)} samples      {shown}")
+    largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
+    print(f"  worst corner     {largest} ({worst.evaluations} folds computed), at")
+    for name, value in worst.corner.items():
+        print(f"    {name:28s} {value:.8g}")
+    print(f"  {seen.misleading}")
+    print(f"  {wall_s:.1f} s")
+
+
 def _solved(
-    servo: Servo, model: Any, uncertainty: Uncertainty, n: int, seed: int, jobs: int, how: Options, fold: HuntingFold,
+    servo: Servo,
+    model: Any,
+    uncertainty: Uncertainty,
+    n: int,
+    seed: int,
+    jobs: int,
+    how: Options,
+    fold: HuntingFold,
     report: Callable[[int], None],
 ) -> Samples:
     if jobs == 1:

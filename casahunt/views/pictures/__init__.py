@@ -1,6 +1,8 @@
 """Pictures, each a function from results to a file.
 
-plotting.py      the only import of matplotlib; diagrams and orbits
+plotting.py      what they share: the only import of matplotlib, figures, looks, files
+branches.py      amplitude, period and multiplier against the gain
+orbits.py        time traces, phase portraits
 fold.py          elasticities of a fold
 fold_curve.py    the gains with and without hunting against another parameter
 loop.py          Bode pictures

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...design.fold_curve import FoldCurve, hermite
+from ...design.fold_curve.points import FoldCurve, hermite
 from ...errors import InputError
 from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Figure, new_figure
 

@@ -11,7 +11,8 @@ from ...design.record.file import Record
 from ...design.record.measure import Measurement
 from ...servo.problem import HuntingOrbit
 from ...servo.simulation.trajectory import Trajectory
-from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure, rolled
+from .orbits import rolled
+from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure
 
 PER_INTERVAL = 8
 MOST_DOTS = 20_000

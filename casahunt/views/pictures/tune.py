@@ -14,9 +14,9 @@ from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
 from ...orbits.adapt import Options
 from ...servo.branch import Branch
+from .branches import diagram as drawn_diagram
 from .fold import elasticities
 from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
-from .plotting import diagram as drawn_diagram
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...design.uncertainty import Samples, Summary, WorstCase
+from ...design.uncertainty.samples import Samples
+from ...design.uncertainty.summary import Summary
+from ...design.uncertainty.worst_corner import WorstCase
 from ...errors import InputError
 from ...servo.problem import HuntingFold
 from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, SMALL, Figure, new_figure

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, Status
-from ..servo.branch import Branch
-from ..servo.hunting import Model
-from ..servo.saved import load_branch, load_run, save_branch
-from ..servo.servo import Servo
-from .fold_curve import FoldCurve, FoldPoint
+from ...errors import InputError, Status
+from ...servo.branch import Branch
+from ...servo.hunting import Model
+from ...servo.saved import load_branch, load_run, save_branch
+from ...servo.servo import Servo
+from .points import FoldCurve, FoldPoint
 
 INTERRUPTED = "interrupted"
 """Why a curve ends that is not at its end."""

@@ -1,0 +1,155 @@
+"""A fold curve as data: its axis, its points, the cubic through them.
+
+    c = (q - A)/(B - A), or (ln q - ln A)/(ln B - ln A) for a wide range:  the place of q between its ends A and B
+
+Units: K in V/rad, q as in servo/servo.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import Status
+from ...servo.hunting import Model
+from ...servo.problem import HuntingOrbit
+from ...servo.servo import Servo
+
+Array = np.ndarray
+
+WIDE = 5.0
+"""Ratio of the ends of a range from which on the points are spread over the logarithm of the parameter."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The second parameter: its name and range."""
+
+    vary: str
+    start: float
+    end: float
+
+    @property
+    def wide(self) -> bool:
+        """Whether c is spread over the logarithm."""
+        a, b = sorted((self.start, self.end))
+        return a > 0 and b >= WIDE * a
+
+    def value(self, c: float) -> float:
+        """q at c; the ends exactly."""
+        if c in (0.0, 1.0):
+            return self.end if c else self.start
+        if self.wide:
+            return float(self.start * (self.end / self.start) ** c)
+        return self.start + c * (self.end - self.start)
+
+    def place(self, q: float) -> float:
+        """c at q; the ends exactly."""
+        if q in (self.start, self.end):
+            return float(q == self.end)
+        if self.wide:
+            return float(np.log(q / self.start) / np.log(self.end / self.start))
+        return (q - self.start) / (self.end - self.start)
+
+    def rate(self, c: float) -> float:
+        """dq/dc."""
+        return self.value(c) * float(np.log(self.end / self.start)) if self.wide else self.end - self.start
+
+
+@dataclass(frozen=True, eq=False)
+class FoldPoint:
+    """A point of a fold curve.
+
+    Attributes
+    ----------
+    value : the second parameter q.
+    gain : the fold gain K [V/rad].
+    slope : dK/dq.
+    orbit : the orbit at the fold, with the servo there.
+    error_estimate : the largest estimated relative error of gain, amplitude and period.
+    curvature : phi_s, the second derivative of lambda along the branch: < 0 where the gain is the largest, > 0 where
+        it is the smallest, 0 at a cusp.
+    status : as everywhere.
+    turns : whether the curve turns back in q here: a cusp.
+    """
+
+    value: float
+    gain: float
+    slope: float
+    orbit: HuntingOrbit
+    error_estimate: float
+    curvature: float
+    status: Status
+    turns: bool = False
+
+    @property
+    def elasticity(self) -> float:
+        """q/K dK/dq, per cent of gain for one per cent of the parameter."""
+        return self.value * self.slope / self.gain
+
+
+@dataclass(frozen=True, eq=False)
+class FoldCurve:
+    """The fold gain against a second parameter.
+
+    Attributes
+    ----------
+    model, servo, vary : the problem; the servo as given.
+    points : in order along the curve, cusps among them.
+    cusps : the points where the curve turns back in q.
+    ended : sentence that says why the curve ended.
+    status : CONVERGED where the whole range, or all of it that has a fold, was covered.
+    wall_s : time [s].
+    vanishes : whether the curve was left where the gain tends to zero.
+    """
+
+    model: Model
+    servo: Servo
+    vary: str
+    points: tuple[FoldPoint, ...]
+    cusps: tuple[FoldPoint, ...]
+    ended: str
+    status: Status
+    wall_s: float
+    vanishes: bool = False
+
+    @property
+    def values(self) -> Array:
+        """The second parameter."""
+        return np.array([point.value for point in self.points])
+
+    @property
+    def gains(self) -> Array:
+        """The fold gains."""
+        return np.array([point.gain for point in self.points])
+
+    @property
+    def slopes(self) -> Array:
+        """dK/dq."""
+        return np.array([point.slope for point in self.points])
+
+
+def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
+    """(q, K) of the cubic through the points of a curve with their exact slopes, `samples` for each gap."""
+    q, K, slope = curve.values, curve.gains, curve.slopes
+    if len(q) < 2:
+        return q, K
+    x = np.linspace(0, 1, samples, endpoint=False)
+    h, rise = np.diff(q)[:, None], np.diff(K)[:, None]
+    a, b = slope[:-1, None] * h - rise, rise - slope[1:, None] * h
+    between = K[:-1, None] + x * rise + x * (1 - x) * (a * (1 - x) + b * x)
+    return np.append((q[:-1, None] + x * h).ravel(), q[-1]), np.append(between.ravel(), K[-1])
+
+
+def as_found(points: Sequence[FoldPoint], start: float) -> list[FoldPoint]:
+    """The points of a part of a curve in the order in which they were found, up to the last that is no cusp.
+
+    `start` is where the range begins; a curve may have been followed from its other end.  At a cusp the second
+    parameter has no direction to go on in.
+    """
+    found = list(points if points and points[0].value == start else points[::-1])
+    while len(found) > 1 and found[-1].turns:
+        found.pop()
+    return found

@@ -1,0 +1,183 @@
+"""Folds of servos nearby: looked for where the fold of one of them lets them be expected.
+
+    K(q) ~ K0 prod_i (q_i/q0_i)^e_i,    e_i = d ln K/d ln q_i at q0: positive everywhere, unlike the linear answer
+
+The way to a fold starts at a cycle below the gain that is expected; where none is met there, from nothing.  A fold
+depends on its own servo and on the fold from which it is predicted, not on what was computed before it.
+
+Units: K in V/rad.  Symbols: k uncertain parameters, n servos, q (k,) values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...continuation.fold import WALK_TOLERANCE
+from ...errors import NoOrbit, Status
+from ...orbits.adapt import Options
+from ...servo.cold_start import stable_at
+from ...servo.event_map.scan import scan
+from ...servo.find_fold import find_fold
+from ...servo.hunting import Model
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo
+from ..sensitivity import fold_sensitivities
+from .set import Array, servo_at, values_of
+
+BELOW = 0.7
+"""Part of the predicted fold gain at which the way to the fold starts; the cold search costs three times as much."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Everything a worker needs for a few samples; small, and pickled once per task."""
+
+    servo: Servo
+    model: Model
+    options: Options
+    names: tuple[str, ...]
+    rows: Array
+    expected: Array
+
+
+def work(task: Task, report: Callable[[int], None] | None = None) -> list[tuple[float, str]]:
+    """(fold gain, "" or what went wrong) of every row; a function of the task alone, whoever runs it."""
+    results = []
+    for q, expected in zip(task.rows, task.expected, strict=True):
+        try:
+            fold = fold_near(servo_at(task.servo, task.names, q), task.model, float(expected), task.options)
+            results.append((fold.gain if fold else 0.0, ""))
+        except NoOrbit as error:
+            results.append((float("nan"), str(error)))
+        if report is not None:
+            report(len(results))
+    return results
+
+
+def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> HuntingFold | None:
+    """The fold of a servo whose gain is about `expected` (nan: unknown); None where the servo cannot hunt.
+
+    Raises
+    ------
+    NoOrbit : the fold was not computed.
+    """
+    start = None
+    if np.isfinite(expected):
+        try:
+            rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+            met = stable_at(servo, model, BELOW * expected, options=rough)  # where it meets none, that proves nothing
+            if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
+                start = met.orbit
+        except NoOrbit:
+            pass  # the prediction was too far off: search from nothing
+    try:
+        return find_fold(servo, model, options=options, start=start)
+    except NoOrbit as error:
+        if error.status is not None:
+            raise
+        # The search found no cycle at any gain; the map at the expected gain is asked once more.
+        if np.isfinite(expected) and scan("switch", servo, BELOW * expected).upper is not None:
+            sentence = f"{error}, but the event map has one near gain {expected:.4g}"
+            raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
+        return None
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """K(q) ~ K0 prod (q_i/q0_i)^e_i, e the elasticities: positive everywhere, unlike the linear one."""
+
+    gain: float
+    q: Array
+    elasticities: Array
+
+    def __call__(self, rows: Array) -> Array:
+        """(n,) gains predicted at rows (n, k)."""
+        usable = (self.q > 0) & (rows > 0)
+        logs = np.log(np.where(usable, rows, 1.0) / np.where(usable, self.q, 1.0))
+        return self.gain * np.exp(np.clip(np.where(usable, logs, 0.0) @ self.elasticities, -50, 50))
+
+
+def prediction(servo: Servo, fold: HuntingFold | None, names: Sequence[str]) -> Prediction:
+    """The gains to be expected, from the fold of `servo`; nan everywhere where there is none."""
+    q = values_of(servo, names)
+    if fold is None:
+        return Prediction(float("nan"), q, np.zeros(q.size))
+    elasticities = fold_sensitivities(fold).elasticities
+    return Prediction(fold.gain, q, np.array([elasticities[name] for name in names]))
+
+
+def nominal_fold(servo: Servo, model: Model, options: Options, fold: HuntingFold | None) -> HuntingFold | None:
+    """The servo's own fold, computed where it is not given; None where it cannot hunt or was not computed."""
+    if fold is not None:
+        return fold
+    try:
+        return find_fold(servo, model, options=options)
+    except NoOrbit:
+        return None
+
+
+def fold_gains(
+    servo: Servo,
+    model: Model,
+    names: Sequence[str],
+    rows: Array,
+    *,
+    options: Options | None = None,
+    fold: HuntingFold | None = None,
+    report: Callable[[int], None] | None = None,
+) -> tuple[Array, dict[int, str]]:
+    """Fold gains at given parameter values.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    names, rows
+        k parameters and (n, k) values of them.
+    options
+        tolerance of every fold.
+    fold
+        a fold from which the others are predicted, of any servo nearby.
+    report
+        called with the number of folds computed so far.
+
+    Returns
+    -------
+    (n,) gains; 0 where the search finds no cycle at any gain, nan where the fold was not computed, and the sentence by
+    index of the latter.
+    """
+    near = fold.orbit.servo if fold is not None else servo
+    names = tuple(names)
+    expected = prediction(near, fold, names)(rows)
+    results = work(Task(servo, model, options or Options(), names, rows, expected), report)
+    return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
+
+
+def fold_beside(
+    servo: Servo, model: Model, known: HuntingFold, *, options: Options | None = None
+) -> HuntingFold | None:
+    """The fold of a servo, looked for where that of a servo nearby lets it be expected.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    known
+        the fold of a servo nearby.
+    options
+        tolerance.
+
+    Returns
+    -------
+    The fold; None where the search finds no cycle at any gain.
+
+    Raises
+    ------
+    NoOrbit : it was not computed.
+    """
+    names = tuple(fold_sensitivities(known).elasticities)
+    expected = prediction(known.orbit.servo, known, names)(values_of(servo, names)[None, :])
+    return fold_near(servo, model, float(expected[0]), options or Options())

@@ -1,0 +1,159 @@
+"""Fold gains of servos drawn from the uncertainty.
+
+    q_j uniform in the box,    or    q_j = q0 + D R z_j:    D = diag sqrt(C_ii), R R = D^-1 C D^-1, z_j standard normal
+
+Units: K in V/rad.  Symbols: k uncertain parameters, n samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...checks import known, quoted
+from ...errors import InputError
+from ...orbits.adapt import Options
+from ...servo.hunting import MODELS, Model
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo
+from .nearby import Task, nominal_fold, prediction, work
+from .set import Array, Uncertainty, check_box, servo_at, values_of
+
+CHUNK = 5
+"""Samples per task: few enough to keep all workers busy to the end, enough to hide what a task costs."""
+MOST_SAMPLES = 1_000_000
+"""Beyond so many the folds would take days."""
+LEVELS = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
+"""Quantiles of the sampled fold gains."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Solved samples.
+
+    Attributes
+    ----------
+    names : the k uncertain parameters.
+    parameters : (n, k) their values.
+    gains : (n,) fold gains; 0 where the search finds no cycle at any gain, nan where the fold was not computed.
+    failures : (index, sentence) of every sample that was not computed.
+    """
+
+    names: tuple[str, ...]
+    parameters: Array
+    gains: Array
+    failures: tuple[tuple[int, str], ...]
+
+    @property
+    def computed(self) -> Array:
+        """(n,) bool."""
+        return np.isfinite(self.gains)
+
+    @property
+    def worst(self) -> int | None:
+        """Index of the largest fold gain; None where none was computed."""
+        return int(np.nanargmax(self.gains)) if self.computed.any() else None
+
+    def quantiles(self) -> dict[str, float]:
+        """Quantiles (`LEVELS`) of the fold gains that were computed; empty where none was."""
+        gains = self.gains[self.computed]
+        return {key: float(np.quantile(gains, level)) for key, level in LEVELS.items()} if gains.size else {}
+
+
+def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
+    """(n, k) parameter values: uniform in the intervals, or normal about the servo's values.
+
+    The first rows do not depend on n.
+
+    Raises
+    ------
+    InputError : a value out of its parameter's range, for example static below Coulomb friction.
+    """
+    if isinstance(n, bool) or int(n) != n or n < 1:
+        raise InputError(f"samples = {quoted(n)}: must be a whole number, at least 1")
+    if n > MOST_SAMPLES:
+        raise InputError(f"samples = {quoted(n)}: must be at most {MOST_SAMPLES} (each is a fold to be computed)")
+    if isinstance(seed, bool) or int(seed) != seed or seed < 0:
+        raise InputError(f"seed = {seed!r}: must be a whole number, at least 0")
+    random = np.random.default_rng(np.random.SeedSequence(int(seed)))
+    names = uncertainty.parameters
+    if uncertainty.covariance is None:
+        low, high = uncertainty.box(servo)
+        rows = low + (high - low) * random.random((int(n), len(names)))
+    else:
+        # The symmetric root exists for a singular matrix too, and has no sign to choose; of the correlations,
+        # because the variances differ by many orders of magnitude.
+        std = np.where(uncertainty.std > 0, uncertainty.std, 1.0)
+        w, v = np.linalg.eigh(uncertainty.covariance / np.outer(std, std))
+        root = (v * np.sqrt(np.maximum(w, 0))) @ v.T
+        rows = values_of(servo, names) + std * (random.standard_normal((int(n), len(names))) @ root)
+    for i, q in enumerate(rows):
+        try:
+            servo_at(servo, names, q)
+        except InputError as error:
+            raise InputError(f"sample {i + 1} of {n}: {error}; make the uncertainty smaller") from None
+    return rows
+
+
+def sample(
+    servo: Servo,
+    model: Model,
+    uncertainty: Uncertainty,
+    n: int,
+    *,
+    seed: int = 0,
+    executor: Executor | None = None,
+    options: Options | None = None,
+    fold: HuntingFold | None = None,
+    report: Callable[[int], None] | None = None,
+) -> Samples:
+    """Fold gains of n servos drawn from the uncertainty.
+
+    Every sample starts from the gain that the servo's own fold predicts for it, none from another sample: results
+    depend neither on the executor nor on the order.
+
+    Parameters
+    ----------
+    servo, model, uncertainty, n
+        the problem.
+    seed
+        of numpy's SeedSequence.
+    executor
+        any concurrent.futures.Executor: ProcessPoolExecutor (spawn), ``dask.distributed.Client(...).get_executor()``,
+        ``MPIPoolExecutor``; default: this process.  Threads give the same results, but hardly sooner.
+    options
+        tolerance of every fold.
+    fold
+        the servo's own fold, where it is known already.
+    report
+        called with the number of samples solved so far.
+
+    Returns
+    -------
+    Samples; a servo that cannot hunt has the fold gain 0.
+
+    Raises
+    ------
+    InputError : a sample out of range.
+    """
+    known("model", model, MODELS)
+    check_box(servo, uncertainty)
+    options = options or Options()
+    names = uncertainty.parameters
+    rows = draw(servo, uncertainty, n, seed=seed)
+    expected = prediction(servo, nominal_fold(servo, model, options, fold), names)(rows)
+    tasks = [
+        Task(servo, model, options, names, rows[i : i + CHUNK], expected[i : i + CHUNK])
+        for i in range(0, len(rows), CHUNK)
+    ]
+    batches = map(work, tasks) if executor is None else executor.map(work, tasks)
+    results: list[tuple[float, str]] = []
+    for batch in batches:
+        results += batch
+        if report is not None:
+            report(len(results))
+    failures = tuple((i, sentence) for i, (_, sentence) in enumerate(results) if sentence)
+    return Samples(names, rows, np.array([gain for gain, _ in results]), failures)

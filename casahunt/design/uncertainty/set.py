@@ -1,0 +1,146 @@
+"""What is uncertain: intervals of parameters, or a covariance about the servo's own values.
+
+    l_i <= q_i <= h_i,    or    mean q0 and covariance C, whose box is    q0_i +- sigmas sqrt(C_ii)
+
+The box of a covariance takes no notice of correlations: its corners are farther out than any likely servo, and normal
+samples may lie outside it.
+
+Units: q as in servo/servo.py.  Symbols: k uncertain parameters, l, h (k,) bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...checks import LARGEST, SMALLEST, known, number, quoted, require, shown
+from ...errors import InputError
+from ...servo.servo import Servo, flatten
+from ..sensitivity import NAMES
+
+Array = np.ndarray
+
+SIGMAS = 3.0
+ROUNDING = 1e-10
+"""Relative asymmetry, and negative eigenvalue of the correlations, that a typed covariance may have."""
+STATIC, COULOMB = "friction.static", "friction.coulomb"
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What is uncertain: intervals, or a covariance about the servo's own values.
+
+    Attributes
+    ----------
+    intervals : (low, high) by parameter name (sensitivity.NAMES), in the parameter's unit.
+    names, covariance : k parameter names and their (k, k) covariance, instead of intervals.
+    sigmas : half width of a covariance's box, in standard deviations; > 0.
+
+    Raises
+    ------
+    InputError : nothing or both given, an unknown name, low > high, or a matrix that is no covariance.
+    """
+
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    covariance: Array | None = None
+    sigmas: float = SIGMAS
+
+    def __post_init__(self) -> None:
+        given = len(self.intervals) > 0
+        if given == (self.covariance is not None):
+            raise InputError("uncertainty: must be either intervals (at least one) or names with a covariance")
+        require("sigmas", self.sigmas, above=0)
+        if given:
+            if len(self.names):
+                raise InputError(f"names = {list(self.names)!r}: must be left out where intervals are given")
+            object.__setattr__(self, "intervals", {name: _interval(name, i) for name, i in self.intervals.items()})
+            return
+        names = tuple(known("parameter", name, NAMES) for name in self.names)
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "covariance", _covariance(names, self.covariance))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The k names of what is uncertain, in the order of every array."""
+        return self.names or tuple(self.intervals)
+
+    @property
+    def std(self) -> Array:
+        """(k,) standard deviations; of an interval those of the uniform distribution."""
+        if self.covariance is not None:
+            return np.sqrt(np.diag(self.covariance))
+        return np.array([high - low for low, high in self.intervals.values()]) / np.sqrt(12)
+
+    def box(self, servo: Servo) -> tuple[Array, Array]:
+        """(low, high), (k,) each: the intervals, or q0 +- sigmas standard deviations."""
+        if self.covariance is None:
+            low, high = np.array(list(self.intervals.values())).T
+            return low, high
+        q = values_of(servo, self.parameters)
+        return q - self.sigmas * self.std, q + self.sigmas * self.std
+
+
+def _interval(name: str, pair: Any) -> tuple[float, float]:
+    known("parameter", name, NAMES)
+    if isinstance(pair, str) or not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
+        raise InputError(f"{name} = {quoted(pair)}: must be an interval [low, high]")
+    low, high = number(name, pair[0]), number(name, pair[1])
+    if low > high:
+        raise InputError(f"{name} = [{shown(low)}, {shown(high)}]: low must not exceed high")
+    return low, high
+
+
+def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
+    """The (k, k) matrix, symmetric to the last bit, or InputError."""
+    k = len(names)
+    if k == 0 or len(set(names)) < k:
+        raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
+    try:
+        c = np.array(matrix, dtype=float)
+    except (TypeError, ValueError, OverflowError):  # an integer may be too large for a float
+        raise InputError(f"covariance: must be a matrix of numbers, {k} rows of {k}") from None
+    if c.shape != (k, k) or not (np.abs(c) <= LARGEST**2).all():
+        which = f"one for each of {', '.join(names)}"
+        raise InputError(f"covariance: must be {k} rows of {k} finite numbers up to {LARGEST**2:g}, {which}")
+    spread = np.sqrt(np.abs(np.diag(c)))
+    size = np.outer(spread, spread)
+    if (np.abs(c - c.T) > ROUNDING * size).any():
+        raise InputError("covariance: must be symmetric")
+    if (np.diag(c) < 0).any():
+        raise InputError("covariance: must have no negative variance on its diagonal")
+    correlation = np.divide(c, size, out=np.zeros_like(c), where=size > 0)
+    if (np.abs(c[size == 0]) > 0).any() or np.linalg.eigvalsh(correlation)[0] < -ROUNDING * k:
+        raise InputError("covariance: must be positive semidefinite (some correlations contradict each other)")
+    return (c + c.T) / 2
+
+
+def values_of(servo: Servo, names: Iterable[str]) -> Array:
+    """(k,) values of the named parameters."""
+    values = flatten(servo)
+    return np.array([values[name] for name in names])
+
+
+def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
+    """Raise InputError where a bound is out of its parameter's range, or static < Coulomb friction all over the box."""
+    names = uncertainty.parameters
+    low, high = uncertainty.box(servo)
+    # Each bound on its own, with the friction that leaves it the most room: static high, Coulomb low.
+    roomy = {name: float(high[i] if name == STATIC else low[i]) for i, name in enumerate(names)}
+    for name, bounds in zip(names, np.column_stack([low, high]), strict=True):
+        for bound in bounds:
+            try:
+                room = {COULOMB: SMALLEST} if name == STATIC else {STATIC: LARGEST} if name == COULOMB else {}
+                servo.replace(**{name: float(bound)}, **room)
+            except InputError as error:
+                where = "" if uncertainty.covariance is None else f" (at {uncertainty.sigmas:g} standard deviations)"
+                raise InputError(f"{error}{where}") from None
+    servo.replace(**roomy)
+
+
+def servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
+    """The servo with the values q (k,).  Raises InputError where they are none of a servo."""
+    return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})

@@ -1,0 +1,92 @@
+"""Linear answer, samples and worst corner side by side.
+
+    relative error of the linear answer = K_linear/K_solved - 1, both at the same parameters
+
+It misleads from an error of 2 % on, where a sample cannot hunt at all, or where its lower end is no gain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...servo.problem import HuntingFold
+from .linear import linear_gains, linear_moments, linear_range
+from .samples import Samples
+from .set import Uncertainty
+from .worst_corner import WorstCase
+
+MISLEADS = 0.02
+"""Relative error of a fold gain from which the linear answer is said to mislead."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Linear and solved answers side by side.
+
+    Attributes
+    ----------
+    linear : (low, high) of `linear_range`.
+    mean, std : `linear_moments`.
+    linear_quantiles, quantiles : of the linear gains at the samples, and of the solved ones.
+    range_name : what `linear` is, "interval" or so many standard deviations.
+    relative_error : by place ("worst corner", "5%", "95%"), how far the linear answer is off, relative to the solved.
+    misleading : whether, and where, the linear answer misleads.
+    """
+
+    linear: tuple[float, float]
+    mean: float
+    std: float
+    linear_quantiles: dict[str, float]
+    quantiles: dict[str, float]
+    relative_error: dict[str, float]
+    misleading: str
+    range_name: str
+
+
+def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
+    """Compare the linear answer with samples and worst corner, each at the same parameter values."""
+    names = uncertainty.parameters
+    ok = samples.computed
+    linear = linear_gains(fold, names, samples.parameters)
+    of_linear = replace(samples, gains=np.where(ok, linear, np.nan)).quantiles()
+    solved = samples.quantiles()
+    at_worst = float(linear_gains(fold, names, np.array([[worst.corner[name] for name in names]]))[0])
+    pairs = {"the worst corner": (at_worst, worst.gain)}
+    pairs |= {key: (of_linear[key], solved[key]) for key in ("5%", "95%") if solved}
+    errors = {key: a / b - 1 for key, (a, b) in pairs.items() if b > 0}
+    said = [
+        f"at {key if key.startswith('the') else 'the ' + key + ' quantile of the samples'} "
+        f"it gives {pairs[key][0]:.4g}, solving gives {pairs[key][1]:.4g} ({100 * error:+.1f} %)"
+        for key, error in errors.items()
+        if abs(error) > MISLEADS
+    ]
+    dead = ok & (samples.gains == 0)
+    if dead.any():
+        highest = float(linear[dead].max())
+        said.append(
+            f"{int(dead.sum())} of {int(ok.sum())} samples cannot hunt at all"
+            + (f", where it gives up to {highest:.4g}" if highest > 0 else "")
+        )
+    if linear_range(fold, uncertainty)[0] <= 0:
+        said.append("its lower end is no gain (not positive)")
+    if said:
+        text = "the linear answer misleads: " + "; ".join(said)
+    else:
+        largest = max((abs(e) for e in errors.values()), default=0.0)
+        text = (
+            f"the linear answer does not mislead here: within {100 * largest:.2g} % of the solved one at the worst "
+            "corner and at the 5% and 95% quantiles of the samples"
+        )
+    mean, std = linear_moments(fold, uncertainty)
+    return Summary(
+        linear=linear_range(fold, uncertainty),
+        mean=mean,
+        std=std,
+        linear_quantiles=of_linear,
+        quantiles=solved,
+        relative_error={key.removeprefix("the "): error for key, error in errors.items()},
+        misleading=text,
+        range_name="interval" if uncertainty.covariance is None else f"+- {uncertainty.sigmas:g} standard deviations",
+    )

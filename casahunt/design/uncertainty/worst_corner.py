@@ -1,0 +1,226 @@
+"""The largest fold gain in a box of servos.
+
+    max K(q) over l <= q <= h,    with the exact gradient at every iterate
+
+The search is a local one.  K is monotone in most parameters, so it goes straight to the corner that the signs of g
+give, takes the gradient there, and goes on until no bound and no interior point is better to first order: what a
+concave K could still gain, sum_i |g_i| room_i, is below the tolerance.  A coordinate along which the gradient changes
+sign is brought to its zero by a search along that coordinate.  It is started from the servo, from a few random corners,
+and from where the caller likes.
+
+Units: K in V/rad.  Symbols: k uncertain parameters, q, l, h (k,) values and bounds, g (k,) gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...checks import known
+from ...errors import InputError, NoOrbit, Status
+from ...hybrid.roots import Bracket
+from ...orbits.adapt import Options
+from ...servo.hunting import MODELS, Model
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo
+from .linear import gradient
+from .nearby import fold_near, nominal_fold, prediction
+from .set import COULOMB, STATIC, Array, Uncertainty, check_box, servo_at, values_of
+
+RANDOM_CORNERS = 2
+MOST_EVALUATIONS = 100
+MOST_ALONG = 25
+"""Folds per search for a worst corner, and per search along one coordinate."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorstCase:
+    """The largest fold gain found in a box.
+
+    Attributes
+    ----------
+    servo : the servo there.
+    fold : its fold; None where no servo of the box was found to hunt.
+    corner : the values of the uncertain parameters there.
+    evaluations : folds computed.
+    failures : what went wrong at points that were not computed.
+    """
+
+    servo: Servo
+    fold: HuntingFold | None
+    corner: dict[str, float]
+    evaluations: int
+    failures: tuple[str, ...] = ()
+
+    @property
+    def gain(self) -> float:
+        """The fold gain; 0 without a fold."""
+        return self.fold.gain if self.fold is not None else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A point of the search: K = -inf where it is no servo or was not computed; no gradient where K <= 0."""
+
+    q: Array
+    gain: float
+    gradient: Array | None = None
+    fold: HuntingFold | None = None
+
+
+class _Search:
+    """The folds computed so far in one box; every point is computed once."""
+
+    def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: HuntingFold | None,
+                 report: Callable[[int], None] | None):  # fmt: skip
+        self.report = report
+        self.servo, self.model, self.options = servo, model, options
+        self.names = uncertainty.parameters
+        self.low, self.high = uncertainty.box(servo)
+        self.predict = prediction(servo, fold, self.names)
+        self.places: dict[bytes, _Place] = {}
+        self.evaluations = 0
+        self.failures: list[str] = []
+        if fold is not None:
+            self._keep(_Place(self.predict.q, fold.gain, gradient(fold, self.names), fold))
+
+    def _keep(self, place: _Place) -> _Place:
+        return self.places.setdefault(place.q.tobytes(), place)
+
+    def at(self, q: Array) -> _Place:
+        """The fold at q."""
+        if q.tobytes() in self.places:
+            return self.places[q.tobytes()]
+        try:
+            servo = servo_at(self.servo, self.names, q)
+        except InputError:  # static below Coulomb friction; the other bounds have been checked
+            return self._keep(_Place(q, -np.inf))
+        self.evaluations += 1
+        if self.report is not None:
+            self.report(self.evaluations)
+        try:
+            fold = fold_near(servo, self.model, float(self.predict(q[None, :])[0]), self.options)
+        except NoOrbit as error:
+            corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, q, strict=True))
+            self.failures.append(f"at {corner}: {error}")
+            return self._keep(_Place(q, -np.inf))
+        if fold is None:
+            return self._keep(_Place(q, 0.0))
+        return self._keep(_Place(q, fold.gain, gradient(fold, self.names), fold))
+
+    def climb(self, q: Array) -> None:
+        """From q to a point from which no step within the box leads up, to first order."""
+        here = self.at(q)
+        while here.gradient is not None and self.evaluations < MOST_EVALUATIONS:
+            g = here.gradient
+            room = np.where(g > 0, self.high, self.low) - here.q
+            rise = g * room
+            if rise.sum() <= self.options.tol * here.gain:
+                return
+            corner = np.where(rise > 0, np.where(g > 0, self.high, self.low), here.q)
+            there = self.at(corner)
+            if not there.gain > here.gain:
+                there = self._along(here, int(np.argmax(rise)))
+            if not there.gain > here.gain:
+                return
+            here = there
+
+    def _along(self, here: _Place, i: int) -> _Place:
+        """The best point along coordinate i, upwards from `here`: the zero of the gradient by Illinois steps."""
+        assert here.gradient is not None
+        sense = np.sign(here.gradient[i])
+        start, end = float(here.q[i]), float((self.high if sense > 0 else self.low)[i])
+        # Up to where K falls again; of the far end no more is known yet.
+        bracket = Bracket(end, -np.inf, start, float(abs(here.gradient[i])))
+        best, x = here, end
+        for _ in range(MOST_ALONG):
+            q = here.q.copy()
+            q[i] = x
+            place = self.at(q)
+            slope = np.nan if place.gradient is None else float(sense * place.gradient[i])
+            best = place if place.gain > best.gain else best
+            level = abs(slope) * abs(end - start) <= self.options.tol * place.gain
+            if level or (x == end and slope > 0 and best is place):
+                break
+            rises = slope > 0 and place.gain >= here.gain
+            bracket = bracket.told(x, slope if rises or slope < 0 else -np.inf)
+            x = bracket.illinois
+            if not bracket.holds(x):
+                break
+        return best
+
+    def starts(self, given: Iterable[Array], seed: int) -> list[Array]:
+        """(k,) each: the servo itself, what the caller likes, and random corners."""
+        random = np.random.default_rng(np.random.SeedSequence(seed))
+        corners = [np.where(random.random(self.low.size) < 0.5, self.low, self.high) for _ in range(RANDOM_CORNERS)]
+        return [np.clip(values_of(self.servo, self.names), self.low, self.high), *given, *corners]
+
+    def possible(self, q: Array) -> Array:
+        """q, with the friction that hunts most where static would not exceed Coulomb friction."""
+        friction = dict(zip(self.names, q, strict=True))
+        own = self.servo.friction
+        if friction.get(STATIC, own.static) > friction.get(COULOMB, own.coulomb):
+            return q
+        q = np.where([name == STATIC for name in self.names], self.high, q)
+        return np.where([name == COULOMB for name in self.names], self.low, q)
+
+    def best(self) -> _Place:
+        """The best point of the box, the corner that favours hunting most where none was found to hunt."""
+        favourable = np.where([name == STATIC for name in self.names], self.high, self.low)
+        if max(place.gain for place in self.places.values()) <= 0:
+            self.climb(favourable)
+        inside = [p for p in self.places.values() if (self.low <= p.q).all() and (p.q <= self.high).all()]
+        return max(inside, key=lambda p: (p.gain, np.array_equal(p.q, favourable)))
+
+
+def worst_corner(
+    servo: Servo,
+    model: Model,
+    uncertainty: Uncertainty,
+    *,
+    options: Options | None = None,
+    fold: HuntingFold | None = None,
+    starts: Iterable[Array] = (),
+    seed: int = 0,
+    report: Callable[[int], None] | None = None,
+) -> WorstCase:
+    """The largest fold gain over the box of the uncertainty, by a local search (module docstring).
+
+    Parameters
+    ----------
+    servo, model, uncertainty
+        the problem.
+    options
+        tolerance of every fold, and of the search.
+    fold
+        the servo's own fold, where it is known already.
+    starts
+        more points (k,) of the box to start from, for example the worst of the samples.
+    seed
+        of the random corners.
+    report
+        called before every fold with its number.
+
+    Returns
+    -------
+    WorstCase; where no point of the box was found to hunt, gain 0 at the corner that favours hunting most
+    (largest static, smallest Coulomb friction).
+
+    Raises
+    ------
+    InputError : the box is no servo's.
+    NoOrbit : no point of the box could be computed.
+    """
+    known("model", model, MODELS)
+    check_box(servo, uncertainty)
+    options = options or Options()
+    search = _Search(servo, model, uncertainty, options, nominal_fold(servo, model, options, fold), report)
+    for q in search.starts(starts, seed):
+        search.climb(search.possible(np.array(q, dtype=float)))
+    best = search.best()
+    if best.gain == -np.inf:
+        raise NoOrbit(f"no fold in the box was computed: {'; '.join(search.failures)}", Status.NOT_CONVERGED)
+    corner = {name: float(value) for name, value in zip(search.names, best.q, strict=True)}
+    return WorstCase(servo.replace(**corner), best.fold, corner, search.evaluations, tuple(search.failures))

@@ -1,0 +1,318 @@
+"""Pictures of branches: amplitude, period and half multiplier against the controller gain.
+
+A point on a branch belongs where the detour to it is shortest; stable runs are solid, unstable ones dashed.
+
+Symbols: m points of a branch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...servo.branch import Branch
+from ...servo.problem import HuntingOrbit
+from .plotting import (
+    GAIN_LABEL,
+    LOOKS,
+    NAMES,
+    NEUTRAL,
+    SMALL,
+    Array,
+    Axes,
+    Figure,
+    FixedLocator,
+    FuncFormatter,
+    Line2D,
+    Look,
+    NullLocator,
+    at_least_one,
+    new_figure,
+)
+
+SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "grazing": "v", "superstable": "*"}
+OTHER_MARKERS = ("P", "d", "p", "h", "<", ">")
+"""For the kinds of special points that users define, in turn."""
+FAR = 1e3
+"""A detour longer than any in a picture of size one."""
+TINY = 1e-12
+"""Span below which all gains, or all amplitudes, are the same."""
+EXCHANGING = ("fold", "symmetry breaking")
+"""Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
+
+
+def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
+    """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
+
+    Parameters
+    ----------
+    branches
+        one per model, as a rule.
+    equilibria
+        say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis.
+
+    Raises
+    ------
+    InputError : no branch, or a branch without orbits.
+    """
+    curves = _curves(branches)
+    markers = _special_markers(branches)
+    figure = new_figure()
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.35, 1))
+    for axes, quantity in ((above, "amplitude"), (below, "period")):
+        for curve in curves:
+            values = np.array([getattr(orbit, quantity) for orbit in curve.orbits])
+            _draw_curve(axes, curve, values, markers)
+        axes.set_ylabel({"amplitude": "amplitude max |x$_1$| [rad]", "period": "period [s]"}[quantity])
+        axes.grid(True, which="major", color="0.88", linewidth=0.6)
+        axes.margins(x=0.04, y=0.08)
+    above.set_yscale("log")
+    low, high = below.dataLim.intervaly
+    if high > 10 * low:
+        below.set_yscale("log")
+    below.set_xlabel(GAIN_LABEL)
+    if equilibria:
+        _draw_equilibria(above)
+    _label_folds(above, curves)
+    figure.legend(handles=_legend(curves, markers), loc="outside upper center", fontsize=SMALL, ncols=5)
+    return figure
+
+
+def multipliers(branches: Sequence[Branch]) -> Figure:
+    """Leading half multiplier mu against the controller gain, linear between -1 and 1, logarithmic beyond.
+
+    Orbits that were not computed on the half cycle have no mu and leave a gap.
+
+    Parameters
+    ----------
+    branches
+        one per model, as a rule.
+
+    Raises
+    ------
+    InputError : no branch, or a branch without orbits.
+    """
+    curves = _curves(branches)
+    markers = _special_markers(branches)
+    figure = new_figure()
+    axes = figure.subplots()
+    axes.axhspan(-1, 1, color="0.93", zorder=0)
+    everything = [-1.0, 1.0]
+    for curve in curves:
+        mu = np.array([orbit.half_multiplier for orbit in curve.orbits])
+        everything += list(mu[np.isfinite(mu)])
+        _draw_curve(axes, curve, mu, markers)
+    _multiplier_axis(axes, min(everything), max(everything))
+    beside = axes.get_yaxis_transform()  # x in axes fractions, y in data
+    for level, text in ((1, "fold\nμ = +1"), (0, "stable\n|μ| < 1"), (-1, "symmetry\nbreaking\nμ = −1")):
+        if level:
+            axes.axhline(level, color=NEUTRAL, linewidth=1.0, zorder=2)
+        axes.text(1.015, level, text, transform=beside, va="center", fontsize=SMALL, color="black")
+    axes.margins(x=0.04)
+    axes.set_xlabel(GAIN_LABEL)
+    axes.set_ylabel("leading half multiplier μ [–]")
+    axes.grid(True, which="major", color="0.85", linewidth=0.6)
+    figure.legend(handles=_legend(curves, markers), loc="outside upper center", fontsize=SMALL, ncols=5)
+    return figure
+
+
+class _Curve(NamedTuple):
+    """A branch ready to be drawn: its orbits with the special points between them, where they belong."""
+
+    look: Look
+    name: str
+    orbits: list[HuntingOrbit]
+    kinds: list[str]
+    """Kind of the special point, "" for an ordinary orbit."""
+
+    @property
+    def gains(self) -> Array:
+        """(m,) controller gains."""
+        return np.array([orbit.gain for orbit in self.orbits])
+
+    def runs(self) -> list[tuple[bool, slice]]:
+        """(stable, points) of the runs of one stability; neighbours share a point, so that no gap is left.
+
+        A stretch is stable if neither of its ends is unstable; a point with |mu| = 1 decides nothing.
+        """
+        unstable = [k not in EXCHANGING and not o.stable for o, k in zip(self.orbits, self.kinds, strict=True)]
+        stretches = [not (a or b) for a, b in zip(unstable, unstable[1:], strict=False)]
+        result, start = [], 0
+        for stable, group in groupby(stretches):
+            stop = start + len(list(group))
+            result.append((stable, slice(start, stop + 1)))
+            start = stop
+        return result
+
+
+def _curves(branches: Sequence[Branch]) -> list[_Curve]:
+    at_least_one("branches", branches)
+    result = []
+    for branch in branches:
+        at_least_one("orbits of the branch", branch.orbits)
+        orbits, kinds = _with_special(branch)
+        result.append(_Curve(LOOKS[branch.model], NAMES[branch.model], orbits, kinds))
+    return result
+
+
+def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
+    """The orbits with every special point put in where it belongs, and the kinds ("" for the others).
+
+    That is where the detour to it is shortest in gain and logarithm of the amplitude, both over their span;
+    for a point with |mu| = 1, of the places where stability changes.
+    """
+    orbits, kinds = list(branch.orbits), [""] * len(branch.orbits)
+    inside = {id(orbit): i for i, orbit in enumerate(orbits)}
+    apart = []
+    for special in branch.special:
+        if id(special.orbit) in inside:
+            kinds[inside[id(special.orbit)]] = special.kind
+        else:
+            apart.append(special)
+
+    every = [*orbits, *(special.orbit for special in apart)]
+    place = np.array([(orbit.gain, math.log(orbit.amplitude)) for orbit in every])  # (m, 2)
+    place /= np.maximum(np.ptp(place, axis=0), TINY)
+    for special, target in zip(apart, place[len(orbits) :].copy(), strict=True):
+        path = place[: len(orbits)]
+        to = np.linalg.norm(path - target, axis=1)
+        between = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        detours = np.concatenate([to[:1], to[:-1] + to[1:] - between, to[-1:]])  # before, between, after
+        if special.kind in EXCHANGING:
+            stable = np.array([orbit.stable for orbit in orbits])
+            changes = np.concatenate([[False], stable[:-1] != stable[1:], [False]])
+            detours[~changes] += changes.any() * FAR
+        where = int(np.argmin(detours))
+        orbits.insert(where, special.orbit)
+        kinds.insert(where, special.kind)
+        place = np.insert(path, where, target, axis=0)
+    return orbits, kinds
+
+
+def _special_markers(branches: Sequence[Branch]) -> dict[str, str]:
+    """Marker of every kind of special point that occurs."""
+    kinds = list(dict.fromkeys(special.kind for branch in branches for special in branch.special))
+    own = [kind for kind in kinds if kind not in SPECIAL_MARKERS]
+    others = {kind: OTHER_MARKERS[i % len(OTHER_MARKERS)] for i, kind in enumerate(own)}
+    return {kind: (SPECIAL_MARKERS | others)[kind] for kind in kinds}
+
+
+def _special_style(kind: str, marker: str, colour: str) -> dict[str, Any]:
+    """Filled for a fold, hollow for the others."""
+    return {
+        "linestyle": "none",
+        "marker": marker,
+        "markersize": {"superstable": 9}.get(kind, 7),
+        "markerfacecolor": colour if kind == "fold" else "white",
+        "markeredgecolor": "black",
+        "markeredgewidth": 1.0,
+    }
+
+
+def _draw_curve(axes: Axes, curve: _Curve, values: Array, markers: dict[str, str]) -> None:
+    """One branch: runs solid or dashed, small markers at the computed orbits, special points on top."""
+    gains, look = curve.gains, curve.look
+    for stable, run in curve.runs():
+        axes.plot(
+            gains[run], values[run], color=look.colour, linewidth=look.width, linestyle=_dashes(stable),
+            dash_capstyle="butt", zorder=look.zorder,
+        )  # fmt: skip
+    ordinary = np.array([kind == "" for kind in curve.kinds])
+    axes.plot(
+        gains[ordinary], values[ordinary], linestyle="none", marker=look.marker, markersize=3.2 + 0.5 * look.width,
+        markerfacecolor=look.colour, markeredgecolor="black", markeredgewidth=0.4, zorder=look.zorder + 0.5,
+    )  # fmt: skip
+    for kind, marker in markers.items():
+        here = np.array([k == kind for k in curve.kinds])
+        if here.any():
+            style = _special_style(kind, marker, look.colour)
+            axes.plot(gains[here], values[here], zorder=9 if kind == "fold" else 8, **style)
+
+
+def _dashes(stable: bool) -> Any:
+    return "-" if stable else (0, (3.2, 1.6))
+
+
+def _legend(curves: list[_Curve], markers: dict[str, str]) -> list[Line2D]:
+    """Models, stabilities and kinds of special points, each once."""
+    models = {
+        curve.name: Line2D(
+            [], [], color=curve.look.colour, linewidth=curve.look.width, marker=curve.look.marker, markersize=5,
+            markeredgecolor="black", markeredgewidth=0.4, label=curve.name,
+        )
+        for curve in curves
+    }  # fmt: skip
+    seen = {stable for curve in curves for stable, _ in curve.runs()}
+    lines = [
+        Line2D([], [], color=NEUTRAL, linewidth=1.6, linestyle=_dashes(stable), label=label)
+        for stable, label in ((True, "stable"), (False, "unstable"))
+        if stable in seen
+    ]
+    special = [Line2D([], [], label=kind, **_special_style(kind, m, NEUTRAL)) for kind, m in markers.items()]
+    return [*models.values(), *lines, *special]
+
+
+def _draw_equilibria(axes: Axes) -> None:
+    """A strip of ticks at the bottom edge for what a logarithmic axis cannot show."""
+    room = 0.16  # of the height, for the strip and its note
+    low, high = np.log10(axes.get_ylim())
+    axes.set_ylim(bottom=10 ** (low - (high - low) * room / (1 - room)))
+    axes.plot(
+        np.linspace(0, 1, 101), np.full(101, 0.02), transform=axes.transAxes, linestyle="none", marker="|",
+        markersize=8, color="0.3", zorder=2, scalex=False, scaley=False,
+    )  # fmt: skip
+    axes.text(
+        0.012, 0.05, "equilibria (stuck): x = 0 exists at every gain; amplitude 0 is below this axis",
+        transform=axes.transAxes, fontsize=SMALL, color="0.15", va="bottom",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0}, zorder=2,
+    )  # fmt: skip
+
+
+def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
+    """Write K at every fold, on its open side, the labels of one side kept apart."""
+    room, away, apart = 0.17, 0.03, 0.13  # of the axes: for a label, from its fold, between labels
+    sides: dict[int, list[tuple[HuntingOrbit, str]]] = {-1: [], 1: []}
+    for curve in curves:
+        for i in (i for i, kind in enumerate(curve.kinds) if kind == "fold"):
+            orbit, beside = curve.orbits[i], curve.orbits[i - 1 if i else min(1, len(curve.orbits) - 1)]
+            text = f"{curve.name} fold\nK = {orbit.gain:.4g}"
+            sides[1 if beside.gain <= orbit.gain else -1].append((orbit, text))
+    left, right = axes.get_xlim()
+    extra = (right - left) * room / (1 - room)
+    axes.set_xlim(left - extra * bool(sides[-1]), right + extra * bool(sides[1]))
+    to_axes = axes.transData + axes.transAxes.inverted()
+    for side, labels in sides.items():
+        at = sorted(((*to_axes.transform((o.gain, o.amplitude)), text) for o, text in labels), key=lambda a: a[1])
+        heights = [y for _, y, _ in at]
+        for i in range(1, len(at)):
+            heights[i] = max(heights[i], heights[i - 1] + apart)
+        lift = sum(y for _, y, _ in at) / max(len(at), 1) - sum(heights) / max(len(at), 1)
+        for (x, y, text), height in zip(at, heights, strict=True):
+            axes.annotate(
+                text, (x, y), (x + side * away, height + lift), xycoords="axes fraction", fontsize=SMALL,
+                ha="left" if side > 0 else "right", va="center", zorder=7,
+                arrowprops={"arrowstyle": "-", "color": "0.3", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 4},
+            )  # fmt: skip
+
+
+def _multiplier_axis(axes: Axes, low: float, high: float) -> None:
+    """Linear from -1 to 1, logarithmic beyond, with ticks that can be read in both parts."""
+    decades = math.log10(high) + math.log10(max(-low, 1.0))
+    axes.set_yscale("symlog", linthresh=1.0, linscale=max(1.0, decades / 3))
+    axes.set_ylim(3 * min(low, -1.0), 3 * max(high, 1.0))
+    step = max(1, math.ceil(decades / 6))
+    powers = [10.0**k for k in range(step, math.floor(math.log10(max(high, 1.0))) + 1, step)]
+    negative = [-(10.0**k) for k in range(step, math.floor(math.log10(max(-low, 1.0))) + 1, step)]
+    axes.yaxis.set_major_locator(FixedLocator([*reversed(negative), -1, -0.5, 0, 0.5, 1, *powers]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(_multiplier_tick))
+
+
+def _multiplier_tick(value: float, position: int) -> str:
+    if abs(value) <= 1:
+        return f"{value:g}".replace("-", "−")
+    return f"${'-' if value < 0 else ''}10^{{{round(math.log10(abs(value)))}}}$"

@@ -1,0 +1,217 @@
+"""Pictures of orbits: time traces and phase portraits.
+
+Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+
+from ...servo.problem import HuntingOrbit
+from .plotting import (
+    ALONE,
+    LOOKS,
+    MORE_LOOKS,
+    NAMES,
+    NEUTRAL,
+    SMALL,
+    Array,
+    Axes,
+    Figure,
+    Line2D,
+    Look,
+    MaxNLocator,
+    at_least_one,
+    new_figure,
+)
+
+LONG = 24
+"""Characters of a legend entry of which four do not fit side by side."""
+STUCK = 1e-3
+"""Slower than this part of the largest |x2| counts as stick."""
+SAMPLES = 16
+"""Points per mesh interval of a drawn orbit."""
+
+
+def time_traces(orbits: Sequence[HuntingOrbit]) -> Figure:
+    """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
+
+    The window opens a quarter of a period before that, so that no slip is cut in two.
+
+    Parameters
+    ----------
+    orbits
+        one or two, for instance both models at the same gain.
+
+    Raises
+    ------
+    InputError : no orbit.
+    """
+    at_least_one("orbits", orbits)
+    traces = [rolled(*orbit.sample(SAMPLES)) for orbit in orbits]
+    n = max(len(states) for _, states in traces)
+    figure = new_figure()
+    panels = figure.subplots(n, 1, sharex=True)
+    names = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"), ("z", "rad"))
+    for i, (axes, (name, unit)) in enumerate(zip(panels, names, strict=False)):
+        peak = max(float(np.max(np.abs(states[i]))) for _, states in traces if i < len(states))
+        factor, label = _scaled(name, unit, peak)
+        shown = [(*t, look) for t, look in zip(traces, _looks(orbits), strict=True) if i < len(t[1])]
+        for times, states, look in shown:
+            width = look.width if len(shown) > 1 else ALONE
+            axes.plot(
+                times, states[i] / factor, color=look.colour, linewidth=width, linestyle=look.dashes,
+                zorder=look.zorder,
+            )  # fmt: skip
+        axes.set_ylabel(label)
+        axes.axhline(0, color="0.6", linewidth=0.7, zorder=1)
+        axes.axvline(0, color="0.6", linewidth=0.7, zorder=1)
+        axes.grid(True, color="0.9", linewidth=0.6)
+        axes.margins(x=0.01, y=0.1)
+    panels[-1].set_xlabel("time from the rise of x$_1$ through zero [s]")
+    figure.align_ylabels(panels)
+    labels = [f"{_name(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
+    figure.legend(handles=_orbit_handles(orbits, labels), loc="outside upper center", fontsize=SMALL, frameon=False)
+    return figure
+
+
+def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
+    """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
+
+    Stick, |x2| < STUCK max |x2|, is drawn thick.
+
+    Parameters
+    ----------
+    orbits
+        one or more.
+
+    Raises
+    ------
+    InputError : no orbit.
+    """
+    at_least_one("orbits", orbits)
+    samples = [orbit.sample(SAMPLES)[1][:3] for orbit in orbits]
+    peaks = np.max([np.max(np.abs(states), axis=1) for states in samples], axis=0)
+    units = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"))
+    scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]
+    labels = [label for _, label in scales]
+    figure = new_figure()
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
+    space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
+    planes = ((figure.add_subplot(grid[0, 1]), 1), (figure.add_subplot(grid[1, 1]), 2))
+    for look, states in zip(_looks(orbits), samples, strict=True):
+        x = states / np.array([factor for factor, _ in scales])[:, None]
+        stuck = np.abs(x[1]) < STUCK * np.max(np.abs(x[1]))
+        _draw_orbit(space, x, stuck, look)
+        for axes, row in planes:
+            _draw_orbit(axes, x[[0, row]], stuck, look)
+    for axis, label in zip((space.xaxis, space.yaxis, space.zaxis), labels, strict=True):
+        axis.set_label_text(label)
+        axis.labelpad = 7
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    space.margins(x=0.15, y=0.15, z=0.03)  # keeps the last tick labels of neighbouring axes apart
+    space.view_init(elev=20, azim=-55)
+    space.set_box_aspect((1, 1, 1.5), zoom=0.95)
+    for axes, row in planes:
+        axes.set(xlabel=labels[0], ylabel=labels[row])
+        axes.grid(True, color="0.9", linewidth=0.6)
+        axes.margins(0.08)
+    names = _distinct_names(orbits)
+    handles = _orbit_handles(orbits, names)
+    handles += [Line2D([], [], color=NEUTRAL, linewidth=1.3, label="slip (thin)")]
+    handles += [Line2D([], [], color=NEUTRAL, linewidth=4.5, label="stick (thick)")]
+    columns = min(len(handles), 4) if all(len(name) < LONG for name in names) else 2
+    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False, ncols=columns)
+    return figure
+
+
+def _looks(orbits: Sequence[HuntingOrbit]) -> list[Look]:
+    """The look of its model for the first orbit of a model, others for the rest."""
+    if len(orbits) == 1:
+        return [LOOKS[orbits[0].model]._replace(width=ALONE)]
+    seen: set[str] = set()
+    result, spare = [], 0
+    for orbit in orbits:
+        if orbit.model in seen:
+            result.append(MORE_LOOKS[spare % len(MORE_LOOKS)])
+            spare += 1
+        else:
+            result.append(LOOKS[orbit.model])
+        seen.add(orbit.model)
+    return result
+
+
+def _name(orbit: HuntingOrbit) -> str:
+    return f"{NAMES[orbit.model]}, K = {orbit.gain:.4g}"
+
+
+def _distinct_names(orbits: Sequence[HuntingOrbit]) -> list[str]:
+    """Model and gain; and the amplitude, where these are not enough."""
+    names = [_name(orbit) for orbit in orbits]
+    return [
+        name if names.count(name) == 1 else f"{name}, amplitude {_rounded(orbit.amplitude)} rad"
+        for name, orbit in zip(names, orbits, strict=True)
+    ]
+
+
+def _rounded(value: float) -> str:
+    """Four digits, with a power of ten as print has it."""
+    exponent = math.floor(math.log10(value))
+    if -3 < exponent < 4:
+        return f"{value:.4g}"
+    return f"{value / 10.0**exponent:.3f}·10$^{{{exponent}}}$"
+
+
+def _orbit_handles(orbits: Sequence[HuntingOrbit], labels: Sequence[str]) -> list[Line2D]:
+    return [
+        Line2D([], [], color=look.colour, linewidth=look.width, linestyle=look.dashes, label=label)
+        for look, label in zip(_looks(orbits), labels, strict=True)
+    ]
+
+
+def _scaled(name: str, unit: str, peak: float) -> tuple[float, str]:
+    """(factor, axis label) that bring numbers of size `peak` between 0.1 and 100."""
+    exponent = 3 * math.floor((math.log10(peak) + 1) / 3) if peak > 0 else 0
+    return 10.0**exponent, f"{name} [{unit}]" if exponent == 0 else f"{name} [10$^{{{exponent}}}$ {unit}]"
+
+
+def rolled(times: Array, states: Array) -> tuple[Array, Array]:
+    """A periodic motion with t = 0 where x1 rises through zero, from -T/4 on.
+
+    Parameters
+    ----------
+    times
+        (m,) [s] of one period, both ends included.
+    states
+        (n, m).
+
+    Returns
+    -------
+    times (m,) and states (n, m) of one period, both ends included.
+    """
+    x1, x2, period = states[0], states[1], times[-1] - times[0]
+    rising = np.flatnonzero((x1[:-1] < 0) & (x1[1:] >= 0))
+    if rising.size:
+        i = rising[np.argmax(x2[rising])]
+        zero = times[i] - x1[i] * (times[i + 1] - times[i]) / (x1[i + 1] - x1[i])
+    else:
+        zero = times[np.argmax(x2)]
+    shifted = (times[:-1] - zero + period / 4) % period - period / 4
+    order = np.argsort(shifted, kind="stable")
+    closed = np.append(order, order[0])
+    return np.append(shifted[order], shifted[order[0]] + period), states[:, closed]
+
+
+def _draw_orbit(axes: Axes, x: Array, stuck: Array, look: Look) -> None:
+    """A closed line in two or three dimensions, x (2 or 3, m), with the stick part (m,) bool thick."""
+    axes.plot(*x, color=look.colour, linewidth=look.width, linestyle=look.dashes, zorder=look.zorder)
+    for is_stuck, group in groupby(range(stuck.size), key=lambda i: bool(stuck[i])):
+        part = list(group)
+        if is_stuck and len(part) > 1:
+            axes.plot(
+                *x[:, part], color=look.colour, linewidth=look.width + 2.6, solid_capstyle="round", zorder=look.zorder
+            )
