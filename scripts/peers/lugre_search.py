@@ -1,6 +1,4 @@
-"""Folds and cycles of a LuGre servo by Taylor series (lugre_digits.py, needs heyoka).
-
-Extended precision, and quadruple where rounding would blur the judgement.
+"""Folds and cycles of a LuGre servo by Taylor series in extended or quadruple precision (lugre_digits.py; heyoka).
 
 A refused cycle is sought by following its branch from the next gain at which the program found one.
 """
@@ -19,11 +17,11 @@ from scripts.peers import switch_digits as digits
 from scripts.peers.switch_search import SwitchTruth
 
 BLURRED = 0.1
-"""Rounding of the LuGre engine, in units of the error estimate to be judged, that more digits are taken for."""
+"""Rounding of the engine, in units of the error estimate to be judged, that more digits are taken for."""
 
 
 class LugreTruth:
-    """Folds and cycles of one LuGre servo by Taylor series in extended precision."""
+    """Folds and cycles of one LuGre servo by Taylor series."""
 
     def __init__(self, servo: Servo) -> None:
         self.servo = servo

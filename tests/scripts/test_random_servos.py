@@ -69,7 +69,9 @@ def test_quadruple_precision_judges_multipliers_that_extended_precision_cannot()
         "friction.coulomb": 1.1523, "friction.stribeck_velocity": 0.017676, "friction.viscous": 0.016928,
     })  # fmt: skip
     orbit = find_orbit(servo, "lugre", 34.757, branch="unstable", options=Options(tol=1e-8))
-    truth = random_servos.LugreTruth(servo).next_to(orbit)
+    from scripts.peers.lugre_search import LugreTruth
+
+    truth = LugreTruth(servo).next_to(orbit)
     assert truth is not None and truth.noise < 1e-20
     assert float(truth.mu) == pytest.approx(orbit.half_multiplier, rel=1e-9) and float(truth.mu) > 1e8
     assert abs(float(truth.period) / orbit.period - 1) < 10 * orbit.error_estimate < 1e-8

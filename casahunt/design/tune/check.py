@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -122,13 +122,9 @@ class Verification:
 
 
 def verified(
-    answer: Answer,
-    model: Model,
-    demands: Demands,
-    uncertainty: Uncertainty | None,
-    options: Options,
+    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
     tell: Callable[[str], None] = silent,
-) -> Verification:
+) -> Verification:  # fmt: skip
     """Everything of the module docstring.
 
     Parameters
@@ -172,7 +168,12 @@ def verified(
     unverified += [f"the event map at the worst friction is not conclusive: {sentence}"] if seen == "open" else []
     unverified += checked.open if checked else ()
     unverified += [f"in the search for the worst friction: {failure}" for failure in answer.worst.failures]
-    unverified += _undecided(tasks)
+    unverified += [
+        f"{t.friction} friction, {t.start}: {t.motion.verdict.kind} after {t.motion.times[-1]:.4g} s "
+        f"({t.motion.verdict.sentence if t.motion.status.ok else t.motion.status.advice})"
+        for t in tasks
+        if not t.decided and not t.hunts
+    ]
     return Verification(
         fold, nominal, margin, kept, sentence, seen, loops, corners, number, not missed, checked, span, amplitude,
         tuple(tasks), tuple(against), tuple(unverified),
@@ -193,15 +194,6 @@ def _simulated(
         except NoOrbit as error:
             missing.append(f"the tasks with the {friction} friction were not simulated: {error}")
     return tasks, missing
-
-
-def _undecided(tasks: Sequence[Task]) -> list[str]:
-    return [
-        f"{t.friction} friction, {t.start}: {t.motion.verdict.kind} after {t.motion.times[-1]:.4g} s "
-        f"({t.motion.verdict.sentence if t.motion.status.ok else t.motion.status.advice})"
-        for t in tasks
-        if not t.decided and not t.hunts
-    ]
 
 
 # The set
