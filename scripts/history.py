@@ -1,6 +1,7 @@
 """No history: what is computed does not depend on what was computed before in the process, nor on what is still kept.
 
-    python scripts/history.py [--servos N] [--lugre N] [--seed S] [--orders N] [--tol T] [--limit W] [--out FILE.json]
+    python scripts/history.py [--servos N] [--lugre N] [--seed S] [--orders N] [--tol T] [--solver S] [--limit W]
+                              [--out FILE.json]
 
 Every servo, drawn log-uniformly from `RANGES`, is asked for its fold, and for its stable and its unstable cycle at a
 share of the fold gain between 0.3 and 0.995, in these runs:
@@ -81,9 +82,9 @@ def draw(seed: int, number: int) -> Servo:
     return Servo().replace(**out)
 
 
-def answer(seed: int, question: Question, tol: float, limit: float) -> Answer:
+def answer(seed: int, question: Question, options: Options, limit: float) -> Answer:
     """What the program says, to the last bit."""
-    servo, options = draw(seed, question.number), Options(tol=tol)
+    servo = draw(seed, question.number)
     with effort.watched(None, limit=limit) as watch:
         try:
             if question.what == "fold":
@@ -136,7 +137,7 @@ def restored() -> None:
 
 
 def answers(
-    seed: int, questions: Sequence[Question], treatment: Caches, tol: float, limit: float
+    seed: int, questions: Sequence[Question], treatment: Caches, options: Options, limit: float
 ) -> list[tuple[Question, Answer]]:
     """The answers to questions in this order, in this process."""
     if treatment == "one entry":
@@ -145,7 +146,7 @@ def answers(
     for i, question in enumerate(questions):
         if treatment == "emptied" and i % 2:
             emptied()
-        out.append((question, answer(seed, question, tol, limit)))
+        out.append((question, answer(seed, question, options, limit)))
     return out
 
 
@@ -167,12 +168,14 @@ def in_a_new_process(*arguments: Any) -> list[tuple[Question, Answer]]:
         return pool.submit(answers, *arguments).result()
 
 
-def alone_each(seed: int, numbers: Sequence[tuple[int, Model]], tol: float, limit: float) -> dict[Question, Answer]:
+def alone_each(
+    seed: int, numbers: Sequence[tuple[int, Model]], options: Options, limit: float
+) -> dict[Question, Answer]:
     """Every question in a process of its own; the fold, asked first, places the gains of the others."""
     run: dict[Question, Answer] = {}
     for number, model in numbers:
         fold = Question(number, model, "fold", 0.0)
-        ((_, run[fold]),) = in_a_new_process(seed, [fold], "kept", tol, limit)
+        ((_, run[fold]),) = in_a_new_process(seed, [fold], "kept", options, limit)
         if len(run[fold]) == 2:  # a sentence
             print(f"{model} {number}: {run[fold][0]}", flush=True)
             continue
@@ -180,7 +183,7 @@ def alone_each(seed: int, numbers: Sequence[tuple[int, Model]], tol: float, limi
         for what in ("stable", "unstable"):
             gain = float.fromhex(run[fold][0]) * float(rng.uniform(*SHARES))
             question = Question(number, model, what, gain)
-            ((_, run[question]),) = in_a_new_process(seed, [question], "kept", tol, limit)
+            ((_, run[question]),) = in_a_new_process(seed, [question], "kept", options, limit)
     return run
 
 
@@ -191,20 +194,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--orders", type=int, default=3, help="runs together")
     parser.add_argument("--tol", type=float, default=1e-6)
+    parser.add_argument("--solver", choices=("auto", "newton", "ipopt"), default="auto")
     parser.add_argument("--limit", type=float, default=WORK, help="work after which an answer is given up")
     parser.add_argument("--out", type=Path, help="file for all answers, JSON")
     args = parser.parse_args(arguments)
     numbers: list[tuple[int, Model]] = [(k, "switch") for k in range(args.servos)]
     numbers += [(k, "lugre") for k in range(args.lugre)]
+    options = Options(tol=args.tol, solver=args.solver)
     began = time.perf_counter()
-    runs = {"alone": alone_each(args.seed, numbers, args.tol, args.limit)}
+    runs = {"alone": alone_each(args.seed, numbers, options, args.limit)}
     questions = list(runs["alone"])
     print(f"alone: {len(questions)} questions, {time.perf_counter() - began:.0f} s", flush=True)
     for k in range(args.orders):
         treatment = TREATMENTS[k % len(TREATMENTS)]
         order = [questions[i] for i in np.random.default_rng([args.seed, 2, k]).permutation(len(questions))]
         began, name = time.perf_counter(), f"order {k + 1}, caches {treatment}"
-        runs[name] = dict(in_a_new_process(args.seed, order, treatment, args.tol, args.limit))
+        runs[name] = dict(in_a_new_process(args.seed, order, treatment, options, args.limit))
         unlike = differences({"alone": runs["alone"], name: runs[name]})
         print(f"{name}: {len(unlike)} differ from alone, {time.perf_counter() - began:.0f} s", flush=True)
     if args.out:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from casahunt import Options
 from casahunt.servo import find_fold
 from scripts import history
 
@@ -27,14 +28,14 @@ def test_four_servos_in_two_orders(large_caches):
     for number in NUMBERS:
         history.emptied()
         fold = history.Question(number, "switch", "fold", 0.0)
-        alone |= dict(history.answers(1, [fold], "kept", 1e-6, history.WORK))
+        alone |= dict(history.answers(1, [fold], "kept", Options(), history.WORK))
         gain = 0.7 * float.fromhex(alone[fold][0])
         for what in ("stable", "unstable"):
             question = history.Question(number, "switch", what, gain)
-            alone |= dict(history.answers(1, [question], "kept", 1e-6, history.WORK))
+            alone |= dict(history.answers(1, [question], "kept", Options(), history.WORK))
     assert all(len(said) > 2 for said in alone.values())
     order = [list(alone)[i] for i in np.random.default_rng(0).permutation(len(alone))]
-    together = dict(history.answers(1, order, "one entry", 1e-6, history.WORK))
+    together = dict(history.answers(1, order, "one entry", Options(), history.WORK))
     assert history.differences({"alone": alone, "together": together}) == {}
 
 
@@ -49,7 +50,7 @@ def test_a_history_is_seen(monkeypatch):
 
     monkeypatch.setattr(find_fold, "confirmed", with_memory)
     question = history.Question(48, "switch", "fold", 0.0)
-    runs = {name: dict(history.answers(1, [question], "kept", 1e-6, history.WORK)) for name in ("alone", "again")}
+    runs = {name: dict(history.answers(1, [question], "kept", Options(), history.WORK)) for name in ("alone", "again")}
     assert history.differences(runs) == {question: ["again"]}
     assert "differ" in history.table(runs) and "again: 0x" in history.table(runs)
 

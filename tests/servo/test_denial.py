@@ -10,7 +10,7 @@ from numpy.polynomial import legendre
 
 from casahunt import NoOrbit, Servo, Status, find_orbit
 from casahunt.collocation.scheme import scheme
-from casahunt.servo import cold_start
+from casahunt.servo import cold_start, find_fold
 from casahunt.servo import find_orbit as find
 from casahunt.servo.denial import no_cycle
 from casahunt.servo.event_map.scan import Scan
@@ -128,7 +128,8 @@ def test_a_proof_does_without_a_fold(monkeypatch, scanned):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("branch", ["stable", "unstable"])
-def test_pure_coulomb_friction_below_is_not_found(branch):
+def test_pure_coulomb_friction_below_is_not_found(branch, monkeypatch):
+    monkeypatch.setattr(find_fold, "SEARCH_FACTORS", 1)
     with pytest.raises(NoOrbit, match="was found at gain .*, which does not prove that there is none") as refused:
         find_orbit(COULOMB, "switch", 0.3 * routh_hurwitz_gain(COULOMB), branch=branch)
     assert refused.value.status is Status.NOT_FOUND
