@@ -9,8 +9,12 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.servo.event_map import fixed_points as module
-from casahunt.servo.event_map.fixed_points import fixed_points, map_at, map_error, map_fold, rounding
-from casahunt.servo.event_map.scan import _fixed_point, half_cycle
+from casahunt.servo.event_map import fold as fold_module
+from casahunt.servo.event_map.fixed_points import fixed_points
+from casahunt.servo.event_map.fold import map_fold
+from casahunt.servo.event_map.half_cycle import half_cycle
+from casahunt.servo.event_map.scan import _fixed_point
+from casahunt.servo.event_map.slopes import map_at, map_error, rounding
 from problems import table1
 from problems.taylor import switch_half_cycle
 
@@ -120,13 +124,13 @@ def test_fold_of_the_map_is_the_fold():
 
 def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
     """Where the climb stops too early, what is located is some fold, not the last one."""
-    honest = module._outermost
+    honest = fold_module._outermost
 
     def one_more(servo, gain):
         return (gain, None) if gain > 0.9 else honest(servo, gain)
 
-    monkeypatch.setattr(module, "CLIMB", ())
-    monkeypatch.setattr(module, "_outermost", one_more)
+    monkeypatch.setattr(fold_module, "CLIMB", ())
+    monkeypatch.setattr(fold_module, "_outermost", one_more)
     with pytest.raises(NoOrbit, match="not the last one"):
         map_fold(Servo())
 
