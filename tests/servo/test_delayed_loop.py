@@ -1,4 +1,4 @@
-"""The formulas of the loop with delay, stated once for numbers and expressions: against L(s) itself, in complex numbers."""
+"""The formulas of the loop with delay, stated once for numbers and expressions: against L(i omega) itself."""
 
 from __future__ import annotations
 
