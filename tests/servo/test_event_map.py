@@ -9,8 +9,12 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.servo.event_map import fixed_points as module
-from casahunt.servo.event_map.fixed_points import fixed_points, map_at, map_error, map_fold, rounding
-from casahunt.servo.event_map.scan import _fixed_point, half_cycle
+from casahunt.servo.event_map import fold as fold_module
+from casahunt.servo.event_map.fixed_points import fixed_points
+from casahunt.servo.event_map.fold import map_fold
+from casahunt.servo.event_map.half_cycle import half_cycle
+from casahunt.servo.event_map.scan import _fixed_point
+from casahunt.servo.event_map.slopes import MapPoint, map_at, map_error, rounding
 from problems import table1
 from problems.taylor import switch_half_cycle
 
@@ -120,15 +124,45 @@ def test_fold_of_the_map_is_the_fold():
 
 def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
     """Where the climb stops too early, what is located is some fold, not the last one."""
-    honest = module._outermost
+    honest = fold_module._outermost
 
     def one_more(servo, gain):
         return (gain, None) if gain > 0.9 else honest(servo, gain)
 
-    monkeypatch.setattr(module, "CLIMB", ())
-    monkeypatch.setattr(module, "_outermost", one_more)
+    monkeypatch.setattr(fold_module, "CLIMB", ())
+    monkeypatch.setattr(fold_module, "_outermost", one_more)
     with pytest.raises(NoOrbit, match="not the last one"):
         map_fold(Servo())
+
+
+def peaked(peak: float, sticks_up_to: float, crosses_from: float = 0.0):
+    """A map P/a = exp(-log(a/peak)^2); beyond `sticks_up_to` it swings on, short of `crosses_from` it rests."""
+
+    def at(servo, gain, a):
+        if a > sticks_up_to:
+            return MapPoint(a, np.nan, np.nan, np.nan, 1.0, np.nan, a, 40)
+        if a < crosses_from:
+            return MapPoint(a, 0.0, 0.0, 0.0, np.inf, 0.0, a, 1)
+        y = np.log(a / peak)
+        ratio = float(np.exp(-y * y))
+        return MapPoint(a, a * ratio, ratio * (1 - 2 * y), -1.0, 1.0, 0.0, a, 1)
+
+    return at
+
+
+@pytest.mark.parametrize(("sticks_up_to", "crosses_from"), [(9.0, 0.0), (0.0131, 0.0), (9.0, 0.0113), (0.0131, 0.0113)])
+def test_a_peak_between_motions_that_never_stick_and_that_rest(monkeypatch, sticks_up_to, crosses_from):
+    """Of both only the side is known that they are on: the bracket is halved until it has slopes at both ends."""
+    monkeypatch.setattr(fold_module, "map_at", peaked(0.0123, sticks_up_to, crosses_from))
+    for low, high in ((0.01, 0.02), (0.002, 0.003), (0.03, 0.05)):
+        top = fold_module._peak(Servo(), 0.1, low, high)
+        assert top.start == pytest.approx(0.0123, rel=1e-6) and top.excess == pytest.approx(0, abs=1e-11)
+
+
+def test_a_map_that_rises_for_ever_has_no_peak(monkeypatch):
+    monkeypatch.setattr(fold_module, "map_at", peaked(1e30, 1e31))
+    with pytest.raises(NoOrbit, match="no smooth maximum"):
+        fold_module._peak(Servo(), 0.1, 0.01, 0.02)
 
 
 def test_bad_input():

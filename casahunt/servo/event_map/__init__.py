@@ -2,6 +2,10 @@
 
     a = |x1| at a stick,    P(a) = |x1| at the next one,    P(a) = a
 
+half_cycle.py    the map by a short march, of both models
 scan.py          the map by half cycles: guesses, and evidence that no cycle exists
-fixed_points.py  the map to rounding: slopes, all fixed points in a range, fold
+slopes.py        the map to rounding, with its derivatives
+cubics.py        what motions foretell of those between them
+fixed_points.py  all fixed points in a range, and the jumps that are none
+fold.py          the largest gain with a fixed point
 """

@@ -1,14 +1,8 @@
-"""The hunting servo as a map of an interval: stuck at -a, breakaway, slip, stuck at P(a).
+"""The scan of the event map by half cycles: where a cycle is, and evidence that there is none.
 
-Switch: at breakaway with x1 = -a the torque is m = +Fs, so the state is (-a, 0, (kp a - Fs)/ki) and has
-one free number.  The slip ends at the next stick position P(a).  Symmetric hunting cycles are the fixed
-points P(a) = a, and P'(a) is minus the half multiplier with the sign convention of orbits/floquet.py taken in.
-LuGre has the same map up to the fast transients of the bristle; it starts stuck at -a with m = 0.9 Fs on
-the elastic bristle and is read off when m has come down to -0.9 Fs on the other side.
-
-Between them the two facts that the rest of the program needs: where to start a boundary value problem without any help
-from the user, and whether P(a) < a all over the scanned range.  The latter supports the claim that there is no cycle,
-and does not prove it: two fixed points just below a fold fit between any two motions.
+Two facts that the rest of the program needs: where to start a boundary value problem without any help from the user,
+and whether P(a) < a all over the scanned range.  The latter supports the claim that there is no cycle, and does not
+prove it: two fixed points just below a fold fit between any two motions.
 
 On log a, y(a) = log P(a)/a crosses zero downwards at a stable cycle (or at one past its symmetry breaking) and upwards
 at an unstable one.  A scan walks inwards and takes every change of sign to its end, a fixed point or a jump; where none
@@ -18,20 +12,17 @@ linear loop throws the servo out further, and the peak that counts lies below th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...collocation.scheme import Kind
-from ...motion.march import MarchFailure, Segment, march
-from ..hunting import LUGRE, SCHEMES, SWITCH, Model, motor_torque
+from ...hybrid.roots import Bracket
+from ...motion.march import MarchFailure
+from ..hunting import Model
 from ..servo import Servo
+from .half_cycle import SECTION, HalfCycle, half_cycle, patience, state_scale
 
-Array = np.ndarray
-
-SECTION = 0.9
-"""LuGre: part of Fs that the motor torque has where the map starts and ends."""
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
 """Scanned stick positions, in units of Fs/kp, where the proportional torque equals static friction."""
@@ -39,12 +30,6 @@ MOST_FAILURES = 8
 """Motions in a row that may fail from the start before the scan is given up."""
 ALLOWED_FAILURES = 0.2
 """Part of the scanned motions that may fail before the scan proves nothing."""
-MOST_INTERVALS = {"switch": 1000, "lugre": 4000}
-"""Intervals after which one application of the map is given up."""
-MOST_SLIPS = 12
-"""Slips in a row without a stick after which the swing is taken for what it has become."""
-THROWN_OUT = 3.0
-"""A servo that turns this many times farther out than it started is not followed further."""
 LOCAL = 0.005
 """Width in log a of the difference quotient for the slope of the map."""
 NEAR_FOLD = 0.4
@@ -55,155 +40,18 @@ FAR_OFF, SECANT_ROUNDS, LARGEST_SECANT = 10.0, 7, 1.0
 """Short cut to the stable fixed point: largest ratio P(a)/a or a/P(a) met, steps, and their length in log a."""
 CLOSE = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
+CLOSER = 1e-4
+"""The same where it has not."""
 NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
 """Regula falsi steps before every second one halves the bracket, and all of them."""
-CLOSER = 1e-4
-"""The same where it has not."""
 TYPICAL = 0.1
 """Stick position of most stable cycles, in units of Fs/kp."""
-PATIENCE = 1e6
-"""Longest half period looked for, in units of the controller's times."""
-MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
-
-
-@dataclass(frozen=True, eq=False)
-class HalfCycle:
-    """One application of the map.
-
-    Attributes
-    ----------
-    start : a [rad].
-    position : P(a) [rad], positive on the far side; 0 where the servo comes to rest for good; the last
-        turning point |x1| of a servo that swings on without sticking.
-    segments : the motion between two corresponding points, as phases of a half cycle.
-    slope : d log(P/a) / d log a there, where a search has found it out; nan elsewhere.  0 at a fold,
-        negative at a stable fixed point.
-    """
-
-    start: float
-    position: float
-    segments: list[Segment]
-    slope: float = float("nan")
-
-    @property
-    def ratio(self) -> float:
-        """P(a)/a."""
-        return self.position / self.start
-
-
-def half_cycle(
-    model: Model,
-    servo: Servo,
-    gain: float,
-    a: float,
-    *,
-    tol: float | None = None,
-    degree: int = 0,
-    kind: Kind = "gauss",
-) -> HalfCycle:
-    """Let the servo go from the stick position -a < 0 until it is stuck again.
-
-    Parameters
-    ----------
-    model, servo, gain
-        the problem.
-    a
-        stick position [rad], > 0.
-    tol, degree, kind
-        of the march; defaults per model.
-
-    Raises
-    ------
-    MarchFailure : the motion could not be computed.
-    """
-    if degree == 0:
-        degree, kind = SCHEMES[model]
-    run = _switch if model == "switch" else _lugre
-    return run(servo, gain, a, tol or MARCH_TOLERANCE[model], degree, kind)
-
-
-def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
-    """Expected size of the states (n,) in a motion of amplitude a."""
-    kp, kd, ki = servo.torque_gains(gain)
-    f = servo.friction
-    rate = min(np.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
-    scale = [a, max(a * rate, 1e-300), max(abs(kp * a - f.static), f.static) / ki]
-    return np.array(scale + ([f.static / f.stiffness] if model == "lugre" else []))
-
-
-def patience(servo: Servo) -> float:
-    """Time [s] after which a servo that has not moved across counts as being at rest."""
-    c = servo.controller
-    return PATIENCE * (c.integral_time + c.lead_time)
-
-
-def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
-    kp, _, ki = servo.torque_gains(gain)
-    slips = 0
-
-    def stuck_or_tired(segment: Segment) -> bool:
-        nonlocal slips
-        slips += segment.event == "stop"
-        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * a
-        return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
-
-    segments = march(
-        SWITCH,
-        "slip+",
-        np.array([-a, 0.0, (kp * a - servo.friction.static) / ki]),
-        servo.parameters(gain),
-        scale=state_scale("switch", servo, gain, a),
-        until=stuck_or_tired,
-        tol=tol,
-        degree=degree,
-        kind=kind,
-        max_time=patience(servo),
-        max_intervals=MOST_INTERVALS["switch"],
-    )
-    if segments[-1].event == "":
-        return HalfCycle(a, 0.0, segments)
-    position = float(segments[-1].end[0])
-    return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
-
-
-def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
-    """Two centre crossings: the second half cycle is the one that is kept, free of the artificial start."""
-    kp, _, ki = servo.torque_gains(gain)
-    f = servo.friction
-    torque = SECTION * f.static
-    x = np.array([-a, ki * a / f.stiffness, (kp * a - torque) / ki, torque / f.stiffness])
-    crossings = 0
-
-    def second_centre(segment: Segment) -> bool:
-        nonlocal crossings
-        crossings += segment.event == "centre"
-        return crossings == 2
-
-    p = servo.parameters(gain)
-    segments = march(
-        LUGRE, "slide+", x, p,
-        scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
-        max_time=patience(servo), max_intervals=MOST_INTERVALS["lugre"],
-    )  # fmt: skip
-    if crossings < 2:
-        return HalfCycle(a, 0.0, segments)
-    first = next(i for i, s in enumerate(segments) if s.event == "centre")
-    kept = segments[first + 1 :]
-    side = np.sign(kept[0].end[0])
-    last = kept[-1]
-    n = x.size
-    nodes = np.vstack([last.w[:, :n], last.end])
-    torques = motor_torque(nodes.T, p) * side
-    below = np.flatnonzero(torques <= -torque)
-    i = int(below[0]) if below.size else 0
-    if i == 0:
-        position = float(nodes[0, 0])
-    else:
-        weight = (torques[i - 1] + torque) / (torques[i - 1] - torques[i])
-        position = float(nodes[i - 1, 0] + weight * (nodes[i, 0] - nodes[i - 1, 0]))
-    return HalfCycle(a, position * float(side), kept)
+TIGHT, ROUGH = 1e-14, 1e-3
+"""|P/a - 1| at which a fixed point is located: the unstable one, and the stable one."""
+EDGE, SMALLEST_RATIO = 0.02, 1e-3
+"""Part of a bracket that false position keeps off its ends; P/a below which smaller does not count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,6 +104,9 @@ class Scan:
         return text
 
 
+Try = Callable[[float], HalfCycle | None]
+
+
 def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
     """Find the fixed points of the map, the outer one first, without a guess.
 
@@ -269,8 +120,7 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
     """
     kp, _, _ = servo.torque_gains(gain)
     unit = servo.friction.static / kp
-    grid = unit * np.geomspace(SCAN_HIGH, SCAN_LOW, SCAN_POINTS)
-    seen: list[HalfCycle] = []
+    grid = [float(a) for a in unit * np.geomspace(SCAN_HIGH, SCAN_LOW, SCAN_POINTS)]
     failures: list[float] = []
 
     def at(a: float) -> HalfCycle | None:
@@ -280,12 +130,33 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
             failures.append(a)
             return None
 
+    seen, upper, lower = _inwards(at, grid, want_lower)
+    if upper is None:
+        found = _highest_peak(at, seen)
+        if found is not None:
+            inside, peak, beyond = found
+            seen.append(peak)
+            upper = _fixed_point(at, peak, beyond) if peak.ratio >= 1 else None
+            lower = _fixed_point(at, peak, inside, tight=True) if want_lower and upper is not None else lower
+    best = max(seen, key=lambda r: r.ratio, default=None)
+    return Scan(
+        grid[-1], grid[0],
+        best.ratio if best else float("nan"), best.start if best else float("nan"),
+        upper, lower, tuple(failures), len(seen),
+    )  # fmt: skip
+
+
+def _inwards(
+    at: Try, grid: Iterable[float], want_lower: bool
+) -> tuple[list[HalfCycle], HalfCycle | None, HalfCycle | None]:
+    """(motions, outer and inner fixed point) seen from the outside inwards, until those wanted are found."""
+    seen: list[HalfCycle] = []
     upper: HalfCycle | None = None
     lower: HalfCycle | None = None
-    for a in grid:
-        run = at(float(a))
+    for k, a in enumerate(grid, 1):
+        run = at(a)
         if run is None:
-            if len(failures) >= MOST_FAILURES and not seen:
+            if k >= MOST_FAILURES and not seen:
                 break
             continue
         outside = seen[-1] if seen else None
@@ -299,29 +170,16 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
             lower = _fixed_point(at, outside, run, tight=True)
         if upper is not None and (lower is not None or not want_lower):
             break
-    if upper is None:
-        found = _highest_peak(at, seen)
-        if found is not None:
-            inside, peak, beyond = found
-            seen.append(peak)
-            upper = _fixed_point(at, peak, beyond) if peak.ratio >= 1 else None
-            lower = _fixed_point(at, peak, inside, tight=True) if want_lower and upper is not None else lower
-    best = max(seen, key=lambda r: r.ratio, default=None)
-    return Scan(
-        float(grid[-1]), float(grid[0]),
-        best.ratio if best else float("nan"), best.start if best else float("nan"),
-        upper, lower, tuple(failures), len(seen),
-    )  # fmt: skip
+    return seen, upper, lower
 
 
-def near_stable(
-    model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None
-) -> HalfCycle | None:
+def near_stable(model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None) -> HalfCycle | None:
     """A half cycle close to a stable fixed point next to a, or None; a short cut that replaces no scan.
 
-    Secant steps in (log a, log P/a); the fixed point is taken for the stable one only where the ratio
-    falls with a, as it does at P'(a) < 1, and falls so steeply that the next step would reach the fixed point: at tiny
-    gains P(a)/a is next to one over decades of a, and crosses it nowhere.
+    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.  The
+    fixed point is taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so
+    steeply that the next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a, and
+    crosses it nowhere.
     """
     close = close or CLOSE[model]
     x, previous = float(np.log(a)), None
@@ -341,9 +199,6 @@ def near_stable(
         previous = (x, y)
         x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if abs(y) >= close else x + 0.02
     return None
-
-
-Try = Callable[[float], HalfCycle | None]
 
 
 def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle, HalfCycle] | None:
@@ -390,30 +245,52 @@ def _maximise(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> H
 def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle | None:
     """A half cycle close to the fixed point between `above` (P >= a) and `below` (P < a).
 
-    A few regula falsi steps in (log a, log P/a) for the stable one, where the boundary value problem needs
-    no more; to rounding for the unstable one (`tight`), whose slope P' may be 1e5.  None where P jumps across a.
+    Close for the stable one, where the boundary value problem needs no more; to rounding for the unstable one
+    (`tight`), whose slope P' may be 1e5.  None where P jumps across a.
     """
-    goal = 1e-14 if tight else 1e-3
-    best = min(above, below, key=lambda r: abs(r.ratio - 1))
-    for k in range(MOST_STEPS):
-        width = abs(np.log(above.start / below.start))
-        if abs(best.ratio - 1) < goal or width < 1e-15:
-            break
-        x, y = np.log(above.start), np.log(max(above.ratio, 1e-3))
-        x2, y2 = np.log(below.start), np.log(max(below.ratio, 1e-3))
-        theta = 0.5 if k % 2 and (tight or k > FEW_STEPS) else np.clip(y / (y - y2), 0.02, 0.98) if y != y2 else 0.5
-        run = at(float(np.exp(x + theta * (x2 - x))))
-        if run is None:
-            break
-        if run.ratio >= 1:
-            above = run
-        else:
-            below = run
-        if abs(run.ratio - 1) < abs(best.ratio - 1):
-            best = run
+    best = _narrowed(at, above, below, tight=tight)
     if abs(np.log(max(best.ratio, 1e-300))) > NOT_A_JUMP:
         return None
     beside = at(best.start * (1 + LOCAL))
     if beside is None or min(beside.ratio, best.ratio) <= 0:
         return best
     return replace(best, slope=float(np.log(beside.ratio / best.ratio) / np.log1p(LOCAL)))
+
+
+def _narrowed(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool) -> HalfCycle:
+    """The motion whose P/a is closest to one, by false position in (log a, log P/a) and by halving in turn."""
+    goal = TIGHT if tight else ROUGH
+    best = min(above, below, key=lambda r: abs(r.ratio - 1))
+    if abs(best.ratio - 1) < goal:
+        return best
+    bracket = Bracket(*_place(above), *_place(below))
+    for k in range(MOST_STEPS):
+        if not bracket.holds(bracket.middle):
+            break
+        share = 0.5 if k % 2 and (tight or k > FEW_STEPS) else bracket.share(EDGE)
+        run = at(float(np.exp(bracket.at(share))))
+        if run is None:
+            break
+        if abs(run.ratio - 1) < abs(best.ratio - 1):
+            best = run
+        if abs(best.ratio - 1) < goal:
+            break
+        bracket = bracket.told(*_place(run))
+    return best
+
+
+def _place(run: HalfCycle) -> tuple[float, float]:
+    """(log a, log P/a); the latter not below what a servo that comes to rest would make of it."""
+    return float(np.log(run.start)), float(np.log(max(run.ratio, SMALLEST_RATIO)))
+
+
+__all__ = [
+    "SECTION",
+    "HalfCycle",
+    "Scan",
+    "half_cycle",
+    "near_stable",
+    "patience",
+    "scan",
+    "state_scale",
+]

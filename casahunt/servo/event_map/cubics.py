@@ -1,0 +1,70 @@
+"""What cubics through neighbouring motions foretell of the event map between them.
+
+    y(t) = P/a - 1 along log a,   y and dy/d log a = P' - P/a given at t = 0 and 1
+
+Three motions whose cubics agree, and keep off y = 0, have no fixed point between them; a pair that fits between two
+motions without disturbing them is what every scan can miss.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .slopes import MapPoint
+
+SMOOTH, DISTANCE = 0.01, 0.25
+"""A motion half-way may miss the cubic through its neighbours by SMOOTH + DISTANCE times the distance from P = a."""
+NEAR = 1e-3
+"""A cubic that comes this close to P = a is looked at more closely."""
+STEEP = 0.5
+"""Part of a step of P between two motions at rounding distance that their slopes must explain; else it is a jump."""
+LOOKS = 33
+"""Places at which a cubic is looked at."""
+
+
+def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
+    """The motion half-way is where the cubic has it, and the cubics keep off P = a."""
+    if not math.isfinite(middle.position) or not middle.excess * left.excess > 0:
+        return False
+    expected, nearest = foretold(left, right)
+    if abs(middle.excess - expected) > SMOOTH + DISTANCE * nearest:
+        return False
+    return nearest > NEAR or one_sided(left, middle, right)
+
+
+def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
+    """(4,) coefficients, in t from 0 to 1 along log a, of the cubic through P/a - 1 and its slopes."""
+    width = math.log(right.start / left.start)
+    y0, y1 = left.excess, right.excess
+    s0 = width * (left.slope - 1 - y0)  # d(P/a)/d log a = P' - P/a
+    s1 = width * (right.slope - 1 - y1)
+    return np.array([2 * y0 - 2 * y1 + s0 + s1, -3 * y0 + 3 * y1 - 2 * s0 - s1, s0, y0])
+
+
+def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
+    """(P/a - 1 half-way, smallest |P/a - 1| between) by the cubic; 0 for the latter where its sign changes."""
+    c = hermite(left, right)
+    t = np.linspace(0, 1, LOOKS)
+    values = np.polyval(c, t)
+    smallest = 0.0 if np.any(values * values[0] <= 0) else float(np.min(np.abs(values)))
+    return float(np.polyval(c, 0.5)), smallest
+
+
+def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
+    """Close to P = a, but a narrow interval whose two halves both stay on one side, with room to spare."""
+    for a, b in ((left, middle), (middle, right)):
+        c = hermite(a, b)
+        values = np.polyval(c, np.linspace(0, 1, LOOKS))
+        spread = float(np.ptp(values))
+        if np.any(values * values[0] <= 0) or float(np.min(np.abs(values))) < 0.1 * spread:
+            return False
+    return True
+
+
+def cubic_is_good(left: MapPoint, right: MapPoint) -> bool:
+    """Both slopes are of the size of the step, so that P is no jump here."""
+    step = abs(right.position - left.position)
+    by_slope = max(abs(left.slope), abs(right.slope)) * (right.start - left.start)
+    return by_slope > STEEP * step

@@ -1,0 +1,171 @@
+"""One half cycle of the hunting servo as a map of an interval: stuck at -a, breakaway, slip, stuck at P(a).
+
+Switch: at breakaway with x1 = -a the torque is m = +Fs, so the state is (-a, 0, (kp a - Fs)/ki) and has
+one free number.  The slip ends at the next stick position P(a).  Symmetric hunting cycles are the fixed
+points P(a) = a, and P'(a) is minus the half multiplier with the sign convention of orbits/floquet.py taken in.
+LuGre has the same map up to the fast transients of the bristle; it starts stuck at -a with m = 0.9 Fs on
+the elastic bristle and is read off when m has come down to -0.9 Fs on the other side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...collocation.scheme import Kind
+from ...motion.march import Segment, march
+from ..hunting import LUGRE, SCHEMES, SWITCH, Model, motor_torque
+from ..servo import Servo
+
+Array = np.ndarray
+
+SECTION = 0.9
+"""LuGre: part of Fs that the motor torque has where the map starts and ends."""
+MOST_INTERVALS = {"switch": 1000, "lugre": 4000}
+"""Intervals after which one application of the map is given up."""
+MOST_SLIPS = 12
+"""Slips in a row without a stick after which the swing is taken for what it has become."""
+THROWN_OUT = 3.0
+"""A servo that turns this many times farther out than it started is not followed further."""
+PATIENCE = 1e6
+"""Longest half period looked for, in units of the controller's times."""
+MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
+
+
+@dataclass(frozen=True, eq=False)
+class HalfCycle:
+    """One application of the map.
+
+    Attributes
+    ----------
+    start : a [rad].
+    position : P(a) [rad], positive on the far side; 0 where the servo comes to rest for good; the last
+        turning point |x1| of a servo that swings on without sticking.
+    segments : the motion between two corresponding points, as phases of a half cycle.
+    slope : d log(P/a) / d log a there, where a search has found it out; nan elsewhere.  0 at a fold,
+        negative at a stable fixed point.
+    """
+
+    start: float
+    position: float
+    segments: list[Segment]
+    slope: float = float("nan")
+
+    @property
+    def ratio(self) -> float:
+        """P(a)/a."""
+        return self.position / self.start
+
+
+def half_cycle(
+    model: Model,
+    servo: Servo,
+    gain: float,
+    a: float,
+    *,
+    tol: float | None = None,
+    degree: int = 0,
+    kind: Kind = "gauss",
+) -> HalfCycle:
+    """Let the servo go from the stick position -a < 0 until it is stuck again.
+
+    Parameters
+    ----------
+    model, servo, gain
+        the problem.
+    a
+        stick position [rad], > 0.
+    tol, degree, kind
+        of the march; defaults per model.
+
+    Raises
+    ------
+    MarchFailure : the motion could not be computed.
+    """
+    if degree == 0:
+        degree, kind = SCHEMES[model]
+    run = _switch if model == "switch" else _lugre
+    return run(servo, gain, a, tol or MARCH_TOLERANCE[model], degree, kind)
+
+
+def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
+    """Expected size of the states (n,) in a motion of amplitude a."""
+    kp, kd, ki = servo.torque_gains(gain)
+    f = servo.friction
+    rate = min(np.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
+    scale = [a, max(a * rate, 1e-300), max(abs(kp * a - f.static), f.static) / ki]
+    return np.array(scale + ([f.static / f.stiffness] if model == "lugre" else []))
+
+
+def patience(servo: Servo) -> float:
+    """Time [s] after which a servo that has not moved across counts as being at rest."""
+    c = servo.controller
+    return PATIENCE * (c.integral_time + c.lead_time)
+
+
+def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
+    kp, _, ki = servo.torque_gains(gain)
+    slips = 0
+
+    def stuck_or_tired(segment: Segment) -> bool:
+        nonlocal slips
+        slips += segment.event == "stop"
+        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * a
+        return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
+
+    segments = march(
+        SWITCH,
+        "slip+",
+        np.array([-a, 0.0, (kp * a - servo.friction.static) / ki]),
+        servo.parameters(gain),
+        scale=state_scale("switch", servo, gain, a),
+        until=stuck_or_tired,
+        tol=tol,
+        degree=degree,
+        kind=kind,
+        max_time=patience(servo),
+        max_intervals=MOST_INTERVALS["switch"],
+    )
+    if segments[-1].event == "":
+        return HalfCycle(a, 0.0, segments)
+    position = float(segments[-1].end[0])
+    return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
+
+
+def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
+    """Two centre crossings: the second half cycle is the one that is kept, free of the artificial start."""
+    kp, _, ki = servo.torque_gains(gain)
+    f = servo.friction
+    torque = SECTION * f.static
+    x = np.array([-a, ki * a / f.stiffness, (kp * a - torque) / ki, torque / f.stiffness])
+    crossings = 0
+
+    def second_centre(segment: Segment) -> bool:
+        nonlocal crossings
+        crossings += segment.event == "centre"
+        return crossings == 2
+
+    p = servo.parameters(gain)
+    segments = march(
+        LUGRE, "slide+", x, p,
+        scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
+        max_time=patience(servo), max_intervals=MOST_INTERVALS["lugre"],
+    )  # fmt: skip
+    if crossings < 2:
+        return HalfCycle(a, 0.0, segments)
+    first = next(i for i, s in enumerate(segments) if s.event == "centre")
+    kept = segments[first + 1 :]
+    side = np.sign(kept[0].end[0])
+    last = kept[-1]
+    n = x.size
+    nodes = np.vstack([last.w[:, :n], last.end])
+    torques = motor_torque(nodes.T, p) * side
+    below = np.flatnonzero(torques <= -torque)
+    i = int(below[0]) if below.size else 0
+    if i == 0:
+        position = float(nodes[0, 0])
+    else:
+        weight = (torques[i - 1] + torque) / (torques[i - 1] - torques[i])
+        position = float(nodes[i - 1, 0] + weight * (nodes[i, 0] - nodes[i - 1, 0]))
+    return HalfCycle(a, position * float(side), kept)

@@ -1,0 +1,212 @@
+"""The event map of the Switch servo to rounding, with its slopes.
+
+Breakaway at x1 = -a with m = Fs, state x0(a, K) = (-a, 0, (kp a - Fs)/ki); the servo slips, reverses where it
+must, and is stuck again at x1 = P(a).  P(a) > 0 is the far side of the set point.  Symmetric hunting cycles are
+P(a) = a, their half multiplier is mu = -P'(a) times the sign of the closure -I, that is mu = P'(a).
+
+Slope.  The condensed interval maps of the march (collocation/interval.py) carry d x along each slip at a fixed
+duration; at the stop, x2 = 0, the duration yields by dT = -dx2/x2':
+
+    d x0/d a = (-1, 0, kp/ki),   d x0/d K = (0, 0, Fs/(ki K)),   dx1 = dx1,  dx2 = 0,  dx3 = dx3 + x1 dT.
+
+(kp a/ki does not depend on K.)  No eigenvalue problem, no transcription: a second engine beside orbits/orbit.py.
+
+Precision.  The state holds a inside x3 = (kp a - Fs)/ki, so that P is known to about
+
+    |dP| = eps (|P'| a + ...) max(1, Fs/(kp a)),       eps = 1.1e-16,
+
+and a fixed point to eps Fs/(kp a) whatever its slope, up to |P'| of about 1e-3/eps: beyond, one rounding error of a
+moves P(a) by a thousandth, and a steep crossing cannot be told from a jump.
+
+Source: DCT 2001.021, section 3.2 for the modes; the event map is the classical one of stick-slip oscillators.
+Symbols: n states, d stages, R = n (d + 1).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...checks import require
+from ...collocation.interval import field_at, interval_map
+from ...motion.march import MarchFailure, Segment, march
+from ..hunting import SCHEMES, SWITCH, slips_back
+from ..servo import PARAMETERS, Servo
+from .half_cycle import patience, state_scale
+
+Array = np.ndarray
+
+TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-6)
+"""Of the march, tried in turn: below 1e-11 rounding makes steps vanish; a grazing may need a looser one."""
+CHECK_TOLERANCE, CHECK_DEGREE = 1e-9, 7
+"""March with which `map_error` compares: other intervals and another scheme."""
+MOST_SLIPS = 40
+"""Slips in a row without a stick after which the motion counts as swinging."""
+THROWN_OUT = 100.0
+"""A motion that stops this many times farther out than it started, with more torque than static friction holds, counts
+as swinging on."""
+MOST_INTERVALS = 3000
+GROWS = 3.0
+"""A motion that goes this many times farther out than it started is marched again in its own scale."""
+REST = 1e-9
+"""A servo that creeps to this part of a, or ever closer, is at the set point: P = 0."""
+EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class MapPoint:
+    """The event map at one stick position.
+
+    Attributes
+    ----------
+    start : a [rad].
+    position : P(a) [rad]; nan where the servo did not come to stick.
+    slope : P'(a).
+    gain_slope : dP/dK [rad per unit of gain].
+    duration : from breakaway to breakaway [s], inf where it stays stuck.
+    duration_slope : its derivative with respect to a [s/rad].
+    turning : max |x1| on the way [rad].
+    slips : slips before the stick.
+    note : why there is no position, or "".
+    """
+
+    start: float
+    position: float
+    slope: float
+    gain_slope: float
+    duration: float
+    duration_slope: float
+    turning: float
+    slips: int
+    note: str = ""
+
+    @property
+    def excess(self) -> float:
+        """P(a)/a - 1: positive where the servo swings farther out."""
+        return (self.position - self.start) / self.start
+
+
+def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, degree: int = 0) -> MapPoint:
+    """The event map of the Switch servo with its slopes.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    gain
+        controller gain K > 0.
+    a
+        stick position [rad], > 0.
+    tol, degree
+        of the march; by default as tight as rounding allows.
+
+    Raises
+    ------
+    InputError : gain or a not a finite number > 0.
+    MarchFailure : the motion could not be computed.
+    """
+    require("a", a, above=0)
+    p = servo.parameters(gain)
+    kp, _, ki = servo.torque_gains(gain)
+    x = np.array([-a, 0.0, (kp * a - servo.friction.static) / ki])
+    scheme_degree = degree or SCHEMES["switch"][0]
+    scale = state_scale("switch", servo, gain, a)
+    segments = _motion(servo, p, x, scale, tol, scheme_degree)
+    reached = max(float(np.max(np.abs(s.w.reshape(-1, 3)[:, 0]))) for s in segments)
+    if GROWS * a < reached and not reached > THROWN_OUT * a:
+        scale = np.maximum(scale, state_scale("switch", servo, gain, reached))
+        segments = _motion(servo, p, x, scale, tol, scheme_degree)
+    last = segments[-1]
+    duration = float(sum(s.duration for s in segments))
+    slips = sum(s.mode != "stick" for s in segments)
+    turning = max(float(np.max(np.abs(np.append(s.w.reshape(-1, 3)[:, 0], s.end[0])))) for s in segments)
+    creeping = last.event == "" and abs(last.end[0]) <= REST * a
+    if creeping or (last.mode == "stick" and abs(last.end[0]) <= REST * a):
+        return MapPoint(a, 0.0, 0.0, 0.0, math.inf, 0.0, turning, slips, "it creeps to the set point")
+    if last.mode != "stick":
+        nan = float("nan")
+        note = "it is still swinging" if last.event == "stop" else "it has not come to a stop"
+        note = f"after {slips} slips and {duration:.3g} s {note}"
+        return MapPoint(a, nan, nan, nan, duration, nan, turning, slips, note)
+    directions = np.array([[-1.0, 0.0], [0.0, 0.0], [kp / ki, servo.friction.static / (ki * gain)]])
+    (slope, gain_slope), slip_slope, x3_slope = _sensitivities(segments[:-1], directions, p, scale, scheme_degree)
+    P = float(last.end[0])
+    # The stick lasts (x3(breakaway) - x3(stop))/P, with x3(breakaway) = (sign(P) Fs - kp P)/ki.
+    stick_slope = (-kp / ki * slope - x3_slope - last.duration * slope) / P
+    return MapPoint(a, P, slope, gain_slope, duration, slip_slope + stick_slope, turning, slips)
+
+
+def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, degree: int) -> list[Segment]:
+    slips = 0
+
+    def stuck_or_tired(segment: Segment) -> bool:
+        nonlocal slips
+        slips += segment.event == "stop"
+        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * abs(float(x[0])) and slips_back(segment.end, p)
+        return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
+
+    tolerances = (tol,) if tol else TOLERANCES
+    for k, tolerance in enumerate(tolerances):
+        slips = 0
+        try:
+            return march(
+                SWITCH, "slip+", x, p, scale=scale, until=stuck_or_tired, tol=tolerance, degree=degree, kind="gauss",
+                max_time=patience(servo), max_intervals=MOST_INTERVALS,
+            )  # fmt: skip
+        except MarchFailure:
+            if k == len(tolerances) - 1:
+                raise
+    raise AssertionError("no tolerance")
+
+
+def _sensitivities(
+    segments: list[Segment], dx: Array, p: Array, scale: Array, degree: int
+) -> tuple[tuple[float, float], float, float]:
+    """((dP/da, dP/dK), d/da of the slips' duration, dx3/da at the stop) from d x0/d(a, K) = `dx` (3, 2)."""
+    n = 3
+    rows = n * (degree + 1)
+    d_rows = rows - n
+    dp = np.zeros(len(PARAMETERS))
+    dp[PARAMETERS.index("gain")] = 1.0
+    column = dx / scale[:, None]
+    duration = 0.0
+    for segment in segments:
+        mode = SWITCH.modes[segment.mode]
+        function = interval_map(mode.field, n, p.size, degree, "gauss", 1)
+        scaled = segment.w / np.tile(scale, degree + 1)
+        for w, fraction in zip(scaled, np.diff(segment.breaks), strict=True):
+            block = function(w, np.zeros(n), segment.duration, fraction, mode.sign, p, dp, scale)[0]
+            # Residual columns of the block are its rows here: d/dw at 1..R, d/d lambda last.
+            forcing = block[1 : n + 1].T @ column
+            forcing[:, 1] += block[rows + 2]
+            stages = np.linalg.solve(block[n + 1 : rows + 1, :d_rows].T, forcing[:d_rows])
+            column = block[n + 1 : rows + 1, d_rows:].T @ stages - forcing[d_rows:]
+        f = field_at(mode.field, segment.end / scale, mode.sign, p, scale)  # at the stop
+        if f[1] == 0:  # the stop grazes: P has no derivative there
+            nan = float("nan")
+            return (nan, nan), nan, nan
+        duration -= float(column[1, 0] / f[1])
+        column = column - np.outer(f, column[1] / f[1])
+    slope = column[0] * scale[0]
+    return (float(slope[0]), float(slope[1])), duration, float(column[2, 0] * scale[2])
+
+
+def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:
+    """Measured relative errors of P(a) and P'(a): against another scheme on other intervals.
+
+    Parameters
+    ----------
+    servo, gain, a
+        as in `map_at`.
+    """
+    best = map_at(servo, gain, a)
+    other = map_at(servo, gain, a, tol=CHECK_TOLERANCE, degree=CHECK_DEGREE)
+    return abs(other.position / best.position - 1), abs(other.slope / best.slope - 1)
+
+
+def rounding(servo: Servo, gain: float, a: float) -> float:
+    """Relative precision to which the state at breakaway holds a: eps max(1, Fs/(kp a))."""
+    kp, _, _ = servo.torque_gains(gain)
+    return EPS * max(1.0, servo.friction.static / (kp * a))
