@@ -7,8 +7,8 @@ there, stages eliminated.  With J^T psi = c for the linear functional q = c . y 
     q(exact) - q(u) = sum_e psi_e . r_e,
 
 to first order in an error that the refined mesh makes 2^(2d) times smaller.  The sum is the error
-estimate; its terms say which interval is to blame and place the next mesh.  An interval far up-stream of an unstable direction weighs exactly as much as
-it matters, which no local monitor can know.
+estimate; its terms say which interval is to blame and place the next mesh.  An interval far up-stream of an unstable
+direction weighs exactly as much as it matters, which no local monitor can know.
 
 Two things can make that sum too small, both where the field changes suddenly inside an interval.  Gauss collocation is
 far more accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside

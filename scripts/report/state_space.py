@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from casahunt.collocation.interval import point_function
-from casahunt.servo.friction import stribeck
 from casahunt.servo import stick_band as regularised
+from casahunt.servo.friction import stribeck
 from casahunt.views.pictures.plotting import LOOKS, NEUTRAL, Figure
 
 from .drawing import FIXED, MARK, Axes, grid, key, line, plain, sheet

@@ -236,7 +236,7 @@ LEAD = Servo().replace(**{
     "servo.inertia": 0.0725, "controller.integral_time": 0.2139, "controller.lead_time": 0.1158,
 })  # fmt: skip
 LONGEST_LEAD = 0.12079349612278774
-"""Lead time at which the fold gain of this servo is 0.875, by the event map to 24 digits (scripts/peers/switch_digits.py)."""
+"""Lead time at which its fold gain is 0.875, by the event map to 24 digits (scripts/peers/switch_digits.py)."""
 
 
 def test_a_walk_starts_in_the_sense_asked_for_however_long_its_first_step():
