@@ -15,7 +15,9 @@ from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation.fold import confirmed_smallest
 from casahunt.continuation.fold_conditions import data_of
 from casahunt.continuation.special_points import FOLD, SpecialPoint, crossings
+from casahunt.continuation.turning_point import turning_point
 from casahunt.continuation.walk import walk
+from casahunt.errors import Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of
@@ -63,12 +65,22 @@ def test_where_it_lies_and_how_it_moves(solver):
         assert relative == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_point_beside_it_is_refused():
+@pytest.mark.parametrize("solver", ["ipopt", "newton"])
+def test_a_point_beside_it_is_refused(solver):
     """Half a tolerance off it is confirmed, and the optimum lies at the fold itself, not as far on the other side."""
-    options = Options(tol=1e-4)
+    options = Options(tol=1e-4, solver=solver)
     beside = stable_cycle(SMALLEST * (1 + 5e-5), Options(tol=1e-9))
     fold = confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", options)
     assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-8)
     assert fold.value_error >= 5e-5 * (1 - 1e-3)
     with pytest.raises(NoOrbit, match="not confirmed as the smallest nu"):
-        confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", Options(tol=1e-5))
+        confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", Options(tol=1e-5, solver=solver))
+
+
+def test_a_smallest_parameter_is_not_given_as_the_largest():
+    """Newton's method finds turning points of either kind."""
+    t, u, setting = unknowns_of(stable_cycle(SMALLEST * (1 + 5e-5), Options(tol=1e-9)))
+    direction = np.array([1.0, 0.0, 0.0, 0.0]) * setting.p[0]
+    assert turning_point(t, u, replace(setting, dp=-direction)).status is Status.CONVERGED
+    refused = turning_point(t, u, replace(setting, dp=direction))
+    assert refused.status is Status.NOT_CONVERGED and np.isnan(refused.multipliers).all()

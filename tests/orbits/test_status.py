@@ -68,7 +68,7 @@ def test_wrong_sequence_is_inadmissible(orbit):
 
 
 def test_a_stick_that_holds_more_than_static_friction_is_none(orbit):
-    """The cycle of a servo with more static friction: it slips, lasts a while, and its stick ends at m = -Fs/0.9.
+    """The cycle of a servo with more static friction: it slips forward, and sticks until m = -Fs/0.9.
 
     Along the stick |m| is largest at its end, so the condition 1 - |m|/Fs falls to 1 - 1/0.9.
     """

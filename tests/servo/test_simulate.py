@@ -220,7 +220,7 @@ def test_stiff_start_of_a_high_gain(gain):
 
 
 def test_stick_band_tends_to_the_exact_servo():
-    """Event times differ by the time to cross the band, of order sqrt(eta)."""
+    """The servo gets into the band J eta/|net torque| too early and creeps by up to eta in it: all of order eta."""
     exact = regulator("switch", 1e-9, 30.0)
     t = np.linspace(0, 30, 3001)
     differences = []
@@ -230,9 +230,8 @@ def test_stick_band_tends_to_the_exact_servo():
         )
         assert found.status.ok
         differences.append(float(np.max(np.abs(found.sample(t)[0] - exact.sample(t)[0]))))
-    assert differences[0] < 0.05
     orders = [math.log(a / b, 100) for a, b in zip(differences, differences[1:], strict=False)]
-    assert all(0.4 < order < 1.1 for order in orders)
+    assert orders == pytest.approx([1, 1], abs=0.01)
 
 
 def test_stick_band_has_the_modes_of_the_report():

@@ -10,7 +10,7 @@ import casadi as ca
 import pytest
 
 from casahunt import Options, Servo, collect, diagram, find_orbit
-from casahunt.collocation.node_system import NodeSystem, node_system
+from casahunt.collocation.node_system import node_system
 from casahunt.collocation.transcription import Transcription, transcribe
 from casahunt.continuation.special_points import FOLD
 from casahunt.orbits import floquet, orbit
@@ -59,8 +59,7 @@ def test_each_problem_is_built_once_per_mesh_structure(monkeypatch, model):
     assert len(branch.orbits) > 5
     assert max(built.values()) == 1
     assert max(factorised.values()) == 1
-    assert len(factorised) <= len(built)
-    assert isinstance(NodeSystem, type)
+    assert 2 * len(factorised) <= len(built), "the halved mesh of each is built, and not factorised"
 
 
 def test_an_error_estimate_factorises_no_second_system(monkeypatch):
