@@ -88,18 +88,12 @@ def march(
         called with every finished segment; True ends the march.
     degree, kind
         collocation scheme.
-    x
-        (n,) initial state.
-    p
-        parameter vector.
-    scale
-        (n,) size of the states, for the tolerance.
-    tol
-        bound on the last Legendre coefficient of each interval, relative to `scale`.
-    max_time
-        stop there [s].
-    max_intervals
-        give up beyond.
+    x, p
+        (n,) initial state; parameter vector.
+    scale, tol
+        (n,) size of the states; bound on the last Legendre coefficient of each interval, relative to it.
+    max_time, max_intervals
+        [s], stop there; give up beyond.
 
     Returns
     -------

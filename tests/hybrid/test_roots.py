@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from casahunt.hybrid.roots import Bracket, Search, boundary, inverse_interpolation, secant
@@ -115,7 +116,8 @@ def test_false_position_keeps_off_the_ends():
 
 
 def test_ends_of_which_only_the_sign_is_known():
-    for bracket in (Bracket(0.0, -math.inf, 3.0, 1.0), Bracket(3.0, 1e-9, 0.0, -math.inf)):
+    numpy = Bracket(np.float64(0.0), np.float64(1.0), np.float64(3.0), np.float64(-np.inf))  # which would warn
+    for bracket in (Bracket(0.0, -math.inf, 3.0, 1.0), Bracket(3.0, 1e-9, 0.0, -math.inf), numpy):
         assert bracket.illinois == 1.5 and bracket.share(0.1) == 0.5
     assert math.isfinite(Bracket(0.0, -math.inf, 3.0, 1.0).told(1.5, -0.5).illinois)
 
@@ -153,6 +155,18 @@ def test_a_search_is_inverse_interpolation(f, a, b, root):
     x, count = search(f, between(f, a, b), 4e-15, lambda k, x: False)
     assert x == pytest.approx(root, rel=1e-14)
     assert count <= (60 if b - a > 20 else 8)
+
+
+def test_a_search_is_exact_where_x_is_a_parabola_of_f():
+    """x = 0.3 + f - f^2/4 is a parabola of f, which three points give; an Illinois step is only near it."""
+
+    def f(x: float) -> float:
+        return 2 - math.sqrt(4 - 4 * (x - 0.3))
+
+    state = Search.within(between(f, -0.5, 1.2))
+    state = state.told(state.ask(), f(state.ask()))
+    assert state.ask() == pytest.approx(0.3, abs=1e-14)
+    assert abs(state.bracket.illinois - 0.3) > 1e-3
 
 
 def test_a_search_goes_round_what_fails():
@@ -208,5 +222,6 @@ def test_secant():
     x, f = secant(SIMPLE[0][0], 1.0, 2.0, tolerance=1e-15)
     assert x == pytest.approx(math.sqrt(2), rel=4e-16) and abs(f) <= 1e-15
     assert secant(lambda x: 5.0, 0.0, 1.0, tolerance=1e-13) == (1.0, 5.0)
-    assert math.isnan(secant(lambda x: math.nan, 0.0, 1.0, tolerance=1e-13)[1])
+    calls.clear()
+    assert math.isnan(secant(lambda x: line(x) * math.nan, 0.0, 1.0, tolerance=1e-13)[1]) and len(calls) == 2
     assert abs(secant(lambda x: x * x + 1, 0.0, 1.0, tolerance=1e-13)[1]) >= 1

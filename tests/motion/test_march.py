@@ -59,7 +59,7 @@ def test_a_marked_event_ends_a_segment():
 
 
 def test_exits_of_a_closed_form():
-    """Of three exits the earliest that is crossed in its direction; none where none is: it rests for ever."""
+    """Of four exits the earliest to come that is crossed in its direction; none where none is: it rests for ever."""
 
     def flow(x: Any, T: Any, p: Any) -> Any:
         return ca.vertcat(x[0] * ca.cos(T) + x[1] * ca.sin(T), x[1] * ca.cos(T) - x[0] * ca.sin(T), x[2] + T)
@@ -67,7 +67,8 @@ def test_exits_of_a_closed_form():
     late = Exit(Event("end", lambda x, duration, p: x[2] - 2), +1, lambda x, p: "clock")
     soon = Exit(Event("end", lambda x, duration, p: x[2] ** 3 - 1), +1, lambda x, p: "clock")
     falling = Exit(Event("end", lambda x, duration, p: x[2] - 0.7), -1, lambda x, p: "clock")
-    (segment,) = marched(late, soon, falling, start=0.5, mode="clock", flow=flow)
+    past = Exit(Event("end", lambda x, duration, p: x[2] - 0.2), +1, lambda x, p: "clock")
+    (segment,) = marched(late, soon, falling, past, start=0.5, mode="clock", flow=flow)
     assert segment.duration == pytest.approx(0.5, rel=1e-13)
     np.testing.assert_allclose(segment.end, [math.sin(1), math.cos(1), 1], rtol=1e-13)
     (segment,) = marched(falling, start=0.5, mode="clock", flow=flow)
