@@ -200,7 +200,6 @@ LONG = {
     "casahunt/continuation/walk.py": "the curve, its predictor and the walk: to be divided into curve and walk",
     "casahunt/collocation/solve.py newton": "one loop and its line search; the rest is docstring",
     "casahunt/continuation/walk.py walk": "a docstring of forty lines; the rest is one loop",
-    "casahunt/motion/march.py march": "a docstring of forty lines; the rest is one loop",
     "casahunt/orbits/adapt.py solve_adaptively": "the loop of the module docstring: to be divided by its boxes",
     "casahunt/servo/simulation/simulate.py simulate": "a docstring of forty lines; the rest is checks and one call",
 }
