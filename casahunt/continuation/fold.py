@@ -180,8 +180,9 @@ def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, bega
     value = here * (1 + best.parameter)
     if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
+        status = Status.TOLERANCE_NOT_REACHED if best.status.ok else best.status
         raise NoOrbit(
-            f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", best.status
+            f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", status
         )
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     check = _largest(finer, u, replace(setting.moved(best.parameter), fractions=fractions), options)

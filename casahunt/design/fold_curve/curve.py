@@ -178,7 +178,7 @@ def _first_chart(problem: Problem) -> Chart:
         if isinstance(chart, Chart):
             return chart
         complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {chart}")
-    raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints))
+    raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints), Status.NOT_FOUND)
 
 
 def _begin(problem: Problem, begun: Sequence[FoldPoint]) -> tuple[Chart, float, float, list[FoldPoint]]:
@@ -192,7 +192,8 @@ def _begin(problem: Problem, begun: Sequence[FoldPoint]) -> tuple[Chart, float, 
     position = axis.place(found[-1].value)
     again = chart_of(problem, found[-1].orbit, position, like=None)
     if isinstance(again, str):
-        raise NoOrbit(f"the curve cannot be taken up at {axis.vary} = {shown(found[-1].value)}: {again}")
+        where = f"{axis.vary} = {shown(found[-1].value)}"
+        raise NoOrbit(f"the curve cannot be taken up at {where}: {again}", Status.NOT_CONVERGED)
     sense = position - axis.place(found[-2].value) if len(found) > 1 else 0.5 - c
     return again, c, float(np.sign(sense)), found
 

@@ -317,7 +317,7 @@ def _distance(a: Servo, b: Servo) -> float:
 
 
 def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
-    """The fold; None where no cycle was found at any gain, which the scan at the answer has to confirm."""
+    """The fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm."""
     try:
         return find_fold(servo, model, options=options)
     except NoOrbit as error:

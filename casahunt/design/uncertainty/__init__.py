@@ -5,9 +5,8 @@
 K(q) is the fold gain of the servo with the parameters q (servo.PARAMETERS without the gain), of which k are uncertain:
 either each in an interval [l_i, h_i], or all together with a covariance C about the servo's own values q0.
 
-K is 0 where the search of servo/find_fold.py finds no cycle at any of its gains; with static = Coulomb friction there
-is none (Bisoffi et al.), and static < Coulomb is no friction at all.  Such a servo costs a hundred times as much as
-another.
+K is 0 where a proof shows that the servo hunts at no gain (servo/denial.py; with static = Coulomb friction and a stable
+loop that of Bisoffi et al.), and static < Coulomb is no friction at all.  A search that meets no cycle is a failure.
 
 set.py            what is uncertain: intervals, or a covariance; the box of it
 toml.py           an uncertainty read from a file

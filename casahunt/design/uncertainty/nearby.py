@@ -78,7 +78,7 @@ def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> 
     except NoOrbit as error:
         if error.status is not None:
             raise
-        # The search found no cycle at any gain; the map at the expected gain is asked once more.
+        # A proof says that it hunts at no gain; the map at the expected gain is asked all the same.
         if np.isfinite(expected) and scan("switch", servo, BELOW * expected).upper is not None:
             sentence = f"{error}, but the event map has one near gain {expected:.4g}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
@@ -146,8 +146,8 @@ def fold_gains(
 
     Returns
     -------
-    (n,) gains; 0 where the search finds no cycle at any gain, nan where the fold was not computed, and the sentence by
-    index of the latter.
+    (n,) gains; 0 where a proof shows that no gain hunts (servo/denial.py), nan where the fold was not computed, and the
+    sentence by index of the latter.
     """
     near = fold.orbit.servo if fold is not None else servo
     names = tuple(names)
@@ -172,7 +172,7 @@ def fold_beside(
 
     Returns
     -------
-    The fold; None where the search finds no cycle at any gain.
+    The fold; None where a proof shows that it hunts at no gain (servo/denial.py).
 
     Raises
     ------

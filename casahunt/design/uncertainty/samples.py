@@ -38,7 +38,7 @@ class Samples:
     ----------
     names : the k uncertain parameters.
     parameters : (n, k) their values.
-    gains : (n,) fold gains; 0 where the search finds no cycle at any gain, nan where the fold was not computed.
+    gains : (n,) fold gains; 0 where a proof shows that no gain hunts, nan where the fold was not computed.
     failures : (index, sentence) of every sample that was not computed.
     """
 

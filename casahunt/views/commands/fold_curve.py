@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
         desk.follow(model)
     curves, failures = desk.curves, desk.failures
     if not curves:
-        raise NoOrbit("; ".join(failures))
+        raise NoOrbit("; ".join(failures), Status.NOT_FOUND)
     for failure in failures:
         complain("casahunt fold-curve", failure)
     if plot:
