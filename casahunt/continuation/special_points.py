@@ -94,7 +94,7 @@ class Monitor:
     ----------
     kind : name of the special point.
     value : (orbit, point of the curve) -> number, of order one away from the special point.
-    meaning : sentence with {name} and {value} for the parameter and its value.
+    meaning : sentence with {name} and {value} for the parameter and its value, and {beyond} (Problem.beyond_a_fold).
     tolerance : |value| at which the point counts as located.
     """
 
@@ -110,7 +110,7 @@ def _fold_value(orbit: Orbit, point: Point) -> float:
 
 FOLD = Monitor(
     "fold", _fold_value,
-    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; beyond it there is neither",
+    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; {beyond}",
 )  # fmt: skip
 SYMMETRY_BREAKING = Monitor(
     "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
@@ -134,7 +134,8 @@ def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0
     `error` is the relative error of the parameter, where it is known better than from the orbit itself.
     """
     value = to_error(parameter_value(orbit, vary), error or orbit.parameter_error or orbit.error_estimate)
-    return SpecialPoint(monitor.kind, orbit, monitor.meaning.format(name=vary, value=float(value)))
+    meaning = monitor.meaning.format(name=vary, value=float(value), beyond=orbit.problem.beyond_a_fold)
+    return SpecialPoint(monitor.kind, orbit, meaning)
 
 
 def crossings(

@@ -39,7 +39,9 @@ class Problem(ABC):
     orbit_type: ClassVar[type | None] = None
     """A subclass of `orbit.Orbit` without fields of its own, or None for `Orbit` itself."""
     fold_type: ClassVar[type | None] = None
-    """The same for `fold_point.Fold`."""
+    """The same for `continuation.fold.Fold`."""
+    beyond_a_fold: ClassVar[str] = "beyond it there is neither"
+    """What a user is told of the far side of a fold, where a stable and an unstable cycle merge."""
 
     @property
     def scheme(self) -> tuple[int, Kind]:

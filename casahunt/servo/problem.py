@@ -77,6 +77,7 @@ class Hunting(Problem):
 
     orbit_type: ClassVar[type | None] = HuntingOrbit
     fold_type: ClassVar[type | None] = HuntingFold
+    beyond_a_fold: ClassVar[str] = "beyond it the servo does not hunt"
 
     model: Model
     servo: Servo
