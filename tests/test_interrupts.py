@@ -407,7 +407,7 @@ def test_workers_that_still_import_end_with_their_parent(tmp_path, kind):
     )  # fmt: skip
     try:
         end = time.monotonic() + PATIENCE
-        while len(list(tmp_path.glob("ready-*"))) < 2:
+        while not list(tmp_path.glob("ready-*")):  # a worker imports CasADi when it gets its first task
             assert process.poll() is None and time.monotonic() < end
             time.sleep(0.02)
         number, code = SIGNALS[kind]

@@ -442,7 +442,7 @@ def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
 @pytest.mark.slow
 def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypatch, servo):
     """A fold that is not computed at a corner, and an event map that does not help, leave it unverified."""
-    from casahunt.design.uncertainty import nearby
+    from casahunt.design.uncertainty import nearby, worst_corner
 
     honest = nearby.fold_near
 
@@ -451,7 +451,8 @@ def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypa
             raise NoOrbit("not today")
         return honest(servo, *rest)
 
-    monkeypatch.setattr(nearby, "fold_near", failing)
+    for module in (nearby, worst_corner):
+        monkeypatch.setattr(module, "fold_near", failing)
     monkeypatch.setattr("casahunt.design.tune.check._no_cycle", lambda *_: False)
     found = tune(servo, "switch", uncertainty=Uncertainty({"servo.inertia": (0.025, 0.028)}))
     check = found.verification
