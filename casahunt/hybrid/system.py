@@ -3,11 +3,11 @@
 A system follows a mode until one of its exits; the exit names the next mode.  A cycle is the boundary value problem
 
     phase k = 1..P:   x' = f_k(x; p) for a free duration T_k,   h_k(x(end of k), T_k; p) = 0,
-    x continuous from phase to phase,   x(start) = S x(end of P).
+    x(start of k + 1) = R_k(x(end of k); p), or x itself where it does not jump,   x(start of 1) = S x(behind P) - c.
 
 S = I closes a full period.  A cycle with the symmetry x(t + T/2) = S x(t), often S = -I, is closed after half
-a period with half the unknowns; `repeats` = 2 says so.  Each phase end is
-anchored by its event, so there are as many equations as unknowns and no other phase condition.
+a period with half the unknowns; `repeats` = 2 says so.  The shift c is what an angle or a clock has gained.  Each phase
+end is anchored by its event, so there are as many equations as unknowns and no other phase condition.
 
 Nothing here computes: fields, flows and events are functions from CasADi symbols to CasADi
 expressions, called once by whoever builds a transcription; conditions and features take numpy arrays.
@@ -41,6 +41,9 @@ Admissible = Callable[[Any, Any, float], Any]
 
 Feature = Callable[[Any, Any], Any]
 """(x, p) -> scalar of order one; (n, m) and (p,) arrays to (m,)."""
+
+Reset = Callable[[Expression, Expression], Expression]
+"""(x, p) -> state behind an event at which it jumps."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +86,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Phase:
-    """One mode, followed until its event."""
+    """One mode, followed until its event; the state jumps there by `reset`, or None."""
 
     mode: Mode
     end: Event
+    reset: Reset | None = None
 
 
 @dataclass(frozen=True)
@@ -94,13 +98,14 @@ class Exit:
     """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
 
     `successor` maps (x, p) at the crossing to the name of the next mode.  `mark` is True for an event that
-    is a phase boundary although the mode goes on.
+    is a phase boundary although the mode goes on.  `reset` is the jump of the state there, or None.
     """
 
     event: Event
     direction: int
     successor: Callable[[np.ndarray, np.ndarray], str]
     mark: bool = False
+    reset: Reset | None = None
 
 
 @dataclass(frozen=True)
@@ -133,9 +138,10 @@ class Cycle:
     name : what it is, such as "block on a belt, full cycle".
     states, parameters : names, in the order of x and p.
     phases : the P phases in order.
-    closure : (n, n) matrix S with x(start) = S x(end); must be an involution-like symmetry, S^repeats = I.
+    closure : (n, n) matrix S with x(start) = S x(end) - c; must be an involution-like symmetry, S^repeats = I.
     repeats : how often the computed piece makes up the period (2 for a half cycle).
     measured : number of the state whose largest magnitude at the phase ends is the amplitude.
+    shift : (n,) the shift c; () for none.
     """
 
     name: str
@@ -145,20 +151,25 @@ class Cycle:
     closure: np.ndarray
     repeats: int
     measured: int = 0
+    shift: tuple[float, ...] = ()
     _key: tuple[int, tuple[Any, ...]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.states)
-        if self.closure.shape != (n, n):
-            raise ValueError(f"closure: expected shape {(n, n)}, got {self.closure.shape}")
+        if isinstance(self.repeats, bool) or not isinstance(self.repeats, int) or self.repeats < 1:
+            raise ValueError(f"repeats = {self.repeats!r}: must be 1, 2, ...")
+        if not isinstance(self.closure, np.ndarray) or self.closure.shape != (n, n):
+            raise ValueError(f"closure: expected an array of shape {(n, n)}, got one of {np.shape(self.closure)}")
         if not np.allclose(np.linalg.matrix_power(self.closure, self.repeats), np.eye(n)):
-            raise ValueError(f"closure to the power {self.repeats} must be the identity")
+            raise ValueError(f"closure to the power {self.repeats} must be the identity; a jump is a phase's reset")
+        if len(self.shift) not in (0, n):
+            raise ValueError(f"shift: {n} numbers are needed, {len(self.shift)} given")
         if not self.phases:
             raise ValueError("a cycle needs at least one phase")
         if not 0 <= self.measured < n:
             raise ValueError(f"measured = {self.measured}: must be the number of one of {n} states")
         closure = self.closure.tobytes()
-        key = (self.name, self.states, self.parameters, self.phases, closure, self.repeats, self.measured)
+        key = (self.name, self.states, self.parameters, self.phases, closure, self.repeats, self.measured, self.shift)
         object.__setattr__(self, "_key", (hash(key), key))
 
     def __hash__(self) -> int:

@@ -22,7 +22,7 @@ import numpy as np
 from .. import effort
 from ..collocation.scheme import Kind, scheme
 from ..hybrid.system import Exit, Mode, System
-from .march_exits import TooLong, end_of_flow, first_crossing, hidden, locate
+from .march_exits import TooLong, behind, end_of_flow, first_crossing, flow_to, hidden, linear_in_time, locate
 from .march_step import Stepper, last_mode, predict, reaches
 
 Array = np.ndarray
@@ -45,6 +45,7 @@ class Segment:
     breaks : (N + 1,) interval boundaries as fractions of the duration; (2,) for a closed-form mode.
     w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
     end : (n,) state at the end.
+    jumped : (n,) state behind the event where it jumps there, else None.
     """
 
     mode: str
@@ -53,11 +54,17 @@ class Segment:
     breaks: Array
     w: Array
     end: Array
+    jumped: Array | None = None
 
     @property
     def start(self) -> Array:
         """(n,) state at the start."""
         return self.w[0, : self.end.size]
+
+    @property
+    def behind(self) -> Array:
+        """(n,) state behind the event: where the next segment starts."""
+        return self.end if self.jumped is None else self.jumped
 
 
 class MarchFailure(Exception):
@@ -109,11 +116,14 @@ def march(
     time, used = 0.0, 0
     while True:
         field = system.modes[mode]
-        if field.flow is not None:
+        in_closed_form = field.flow is not None
+        if in_closed_form and linear_in_time(field, system.exits[mode], x.size, p.size):
             segment, mode = _closed_form(system, mode, x, p)
         else:
             stepper = Stepper(field.field, s, p, scale, field.sign)
             segment, mode = _collocated(system, mode, x, stepper, tol, max_time - time, max_intervals - used)
+            if in_closed_form:
+                segment = _polished(system, segment, p)
         segments.append(segment)
         time += segment.duration
         used += len(segment.w)
@@ -123,7 +133,7 @@ def march(
             raise MarchFailure(f"no end after {time:.3g} s and {used} intervals")
         if time >= max_time:
             return segments
-        x = segment.end
+        x = segment.behind
 
 
 def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
@@ -133,7 +143,18 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
     if found is None:
         return Segment(mode, "", np.inf, breaks, w, x.copy()), mode
     duration, way_out, end = found
-    return Segment(mode, way_out.event.name, duration, breaks, w, end), way_out.successor(end, p)
+    jumped = behind(way_out, end, p)
+    successor = way_out.successor(end if jumped is None else jumped, p)
+    return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor
+
+
+def _polished(system: System, segment: Segment, p: Array) -> Segment:
+    """A phase in closed form whose end was found by intervals: its duration to rounding."""
+    mode, exits = system.modes[segment.mode], system.exits[segment.mode]
+    way_out = next((e for e in exits if e.event.name == segment.event), None)
+    duration, end = flow_to(mode, exits, way_out, segment.start, segment.duration, p)
+    jumped = None if way_out is None else behind(way_out, end, p)
+    return Segment(segment.mode, segment.event, duration, np.array([0.0, 1.0]), segment.start[None], end, jumped)
 
 
 class _Interval(NamedTuple):
@@ -162,9 +183,10 @@ def _collocated(
     lengths: list[float] = []
     pieces: list[Array] = []
 
-    def segment(event: str, end: Array) -> Segment:
+    def segment(event: str, end: Array, jumped: Array | None = None) -> Segment:
         breaks = np.concatenate([[0.0], np.cumsum(lengths)])
-        return Segment(name, event, t, breaks / breaks[-1], np.array(pieces) * np.tile(scale, d + 1), end * scale)
+        w = np.array(pieces) * np.tile(scale, d + 1)
+        return Segment(name, event, t, breaks / breaks[-1], w, end * scale, jumped)
 
     t, start = 0.0, x / scale
     first = stepper.slope(start)
@@ -188,10 +210,11 @@ def _collocated(
         lengths.append(h)
         t += h
         if way_out is not None:
-            successor = way_out.successor(end * scale, p)
+            jumped = behind(way_out, end * scale, p)
+            successor = way_out.successor(end * scale if jumped is None else jumped, p)
             # An event that leads back into its own mode was touched, not crossed: the motion goes on.
             if successor != name or way_out.mark:
-                return segment(way_out.event.name, end), successor
+                return segment(way_out.event.name, end, jumped), successor
         previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
         h = min(h * min(GROWTH, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))

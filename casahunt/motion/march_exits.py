@@ -1,6 +1,7 @@
 """Where a mode ends: the first of its exits whose event h crosses zero, located to rounding.
 
-    in closed form   h(x(T), T) = 0 by the secant method, exact where it is linear in T
+    in closed form   h(x(T), T) = 0 by the secant method, exact where it is linear in T; elsewhere its first zero is
+                     looked for by intervals, as below, and polished
     by intervals     h is beyond zero at a watched time of the interval;  h(end of an interval of length theta) = 0 by
                      Newton's method on true intervals, kept in a bracket
 
@@ -16,9 +17,9 @@ import numpy as np
 
 from ..collocation.admissibility import hides
 from ..collocation.scheme import Kind, scheme
-from ..compiled import caller, kept
+from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
-from ..hybrid.system import Exit, Feature, Mode
+from ..hybrid.system import Exit, Feature, Mode, Reset
 from .march_step import Stepper
 
 Array = np.ndarray
@@ -38,6 +39,33 @@ _WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched fo
 
 class TooLong(Exception):
     """The interval is too long to tell whether an event crosses zero in it."""
+
+
+@kept(maxsize=64)
+def linear_in_time(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> bool:
+    """Whether the events of all exits of a mode in closed form are linear in the time spent in it."""
+    assert mode.flow is not None
+    x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+    end = mode.flow(x, T, p)
+    events = ca.vertcat(*[way_out.event.function(end, T, p) for way_out in exits])
+    return not any(ca.which_depends(events, T, 2, False)) if exits else True
+
+
+@kept(maxsize=64)
+def _reset_map(reset: Reset, n: int, parameters: int) -> Caller:
+    """The state behind an event, compiled."""
+    x, p = ca.SX.sym("x", n), ca.SX.sym("p", parameters)
+    return caller(ca.Function("reset", [x, p], [ca.densify(reset(x, p))]), [n, parameters], [n])
+
+
+def behind(way_out: Exit, end: Array, p: Array) -> Array | None:
+    """(n,) the state behind an exit that is reached at `end`; None where it does not jump."""
+    if way_out.reset is None:
+        return None
+    buffers = _reset_map(way_out.reset, end.size, p.size).buffers
+    buffers.inputs[0][:], buffers.inputs[1][:] = end, p
+    buffers.trigger()
+    return buffers.outputs[0].copy()
 
 
 class _FlowMap:
@@ -83,6 +111,18 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
         if rising and (best is None or best[0] > T):
             best = (T, way_out)
     return None if best is None else (*best, motion(x, best[0], p)[0].copy())
+
+
+def flow_to(
+    mode: Mode, exits: tuple[Exit, ...], way_out: Exit | None, x: Array, T: float, p: Array
+) -> tuple[float, Array]:
+    """(duration, state) at the end of a phase in closed form that takes about T, to rounding; T where it has no end."""
+    motion = _flow_map(mode, exits, x.size, p.size)
+    if way_out is not None:
+        i = exits.index(way_out)
+        near, left = secant(lambda t: float(motion(x, t, p)[1][i]), T, T * (1 - 1e-6), tolerance=EVENT_TOLERANCE)
+        T = near if abs(left) <= FLOW_LIMIT else T
+    return T, motion(x, T, p)[0].copy()
 
 
 def hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:

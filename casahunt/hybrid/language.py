@@ -1,0 +1,330 @@
+"""A hybrid system as its user writes it: named states and parameters, everything about one mode together.
+
+    Mode("slip", field=lambda x, p: {"x": x.v, "v": (force(x, p) - p.stiffness * x.x) / p.mass},
+         holds=lambda x, p: p.belt - x.v,
+         ends=(Event("catches up", lambda x, p: x.v - p.belt, +1, to="stick"),))
+
+Functions are written with arithmetic and CasADi's functions (casadi.sin and so on) of the states x.name and the
+parameters p.name.  They are called with symbols, once; whatever else they use is a constant.
+
+`System.vector_form` is the same for the engine (system.py): functions of vectors, in the order of the names.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..checks import known, number, quoted
+from ..compiled import alone, kept
+from ..errors import InputError
+from . import system as engine
+from .vector_form import TIME, Always, Condition, EventValue, Field, FieldOfFlow, Flow, Named, Names, Reset, Scalar
+from .vector_form import Successor, listed
+
+Array = np.ndarray
+Function = Callable[[Named, Named], Any]
+Values = Callable[[Named, Named], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A way out of a mode: where h(x; p) crosses zero.
+
+    Attributes
+    ----------
+    name : what the user reads, such as "catches up".
+    function : (x, p) -> h, a scalar of order one away from the event.
+    direction : +1 where h rises through zero, -1 where it falls.
+    to : name of the next mode, or a function (x, p) of numbers that returns it.
+    reset : (x, p) -> the states that jump, by name; what is not named stays.  None where nothing jumps.
+    """
+
+    name: str
+    function: Function
+    direction: int
+    to: str | Callable[[Named, Named], str]
+    reset: Values | None = None
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One smooth piece of the dynamics, by its vector field or in closed form.
+
+    Attributes
+    ----------
+    name : what the user reads, such as "slip".
+    field : (x, p) -> the derivative of every state, by name.  May be left out where there is a `flow`.
+    flow : (x, t, p) -> every state a time t later, by name: the closed form of a mode that has one.
+    holds : (x, p) -> a scalar of order one, >= 0 where the mode is a motion of the system; None for everywhere.
+    ends : the ways out.
+    slack : how far `holds` may fall below zero without that it is another motion.
+    smooth : the field has no kink along the phase.
+    stiff : the field has fast decaying directions.
+    feature : (x, p) -> a part of the field, of order one, that changes so suddenly that a mesh may step over it.
+    """
+
+    name: str
+    field: Values | None = None
+    flow: Callable[[Named, Any, Named], Mapping[str, Any]] | None = None
+    holds: Function | None = None
+    ends: tuple[Event, ...] = ()
+    slack: float = 0.0
+    smooth: bool = True
+    stiff: bool = False
+    feature: Function | None = None
+
+
+@dataclass(frozen=True)
+class System:
+    """A hybrid system with named states and parameters.
+
+    Attributes
+    ----------
+    name : what it is called, such as "block on a belt".
+    states : names of the n states.
+    parameters : name: value.
+    modes : the modes.
+    forcing_period : p -> duration of one turn of the forcing, or None for a system that time does not enter.  Where it
+        is given, x.t is the time, in fields, events and resets.
+    symmetries : (n, n) matrices S, states in the order of the names, under which the system may be the same.  x -> -x is
+        always looked at.
+    angles : names of states that are the same after a turn of 2 pi.
+
+    Raises
+    ------
+    InputError : something does not fit; the sentence names the mode, event, state or parameter.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    parameters: Mapping[str, float]
+    modes: tuple[Mode, ...]
+    forcing_period: Callable[[Named], Any] | None = None
+    symmetries: tuple[Any, ...] = ()
+    angles: tuple[str, ...] = ()
+    names: Names = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        _check_shapes(self)
+        object.__setattr__(self, "parameters", {k: number(f"parameter {k!r}", v) for k, v in self.parameters.items()})
+        object.__setattr__(self, "names", Names(self.states, tuple(self.parameters), self.forcing_period))
+        _check_functions(self)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.states, tuple(self.parameters.items()), self.modes, self.forcing_period))
+
+    @property
+    def vector_form(self) -> engine.System:
+        """The system in the terms of the engine."""
+        return _vector_form(self)
+
+    def mode(self, name: str) -> Mode:
+        """The mode of that name.  Raises InputError where there is none."""
+        known("mode", name, [mode.name for mode in self.modes])
+        return next(mode for mode in self.modes if mode.name == name)
+
+    def values(self, parameters: Mapping[str, float] | None = None) -> Array:
+        """(np,) the parameter vector, some of them changed.  Raises InputError for an unknown name or no number."""
+        changed = dict(self.parameters)
+        for name, value in (parameters or {}).items():
+            changed[known("parameter", name, self.parameters)] = number(name, value)
+        return np.array(list(changed.values()), float)
+
+    def state(self, values: Mapping[str, float]) -> Array:
+        """(n,) the state vector of the engine, all states given by name; the time in a forced system is t, default 0.
+
+        Raises
+        ------
+        InputError : a state is missing or unknown, or no finite number.
+        """
+        allowed = (*self.states, TIME) if self.forcing_period else self.states
+        for name in values:
+            known("state", name, allowed)
+        missing = [name for name in self.states if name not in values]
+        if missing:
+            raise InputError(f"{self.name}: no value is given for {listed(missing)}")
+        x = [number(name, values[name]) for name in self.states]
+        if self.forcing_period:
+            x.append(number(TIME, values.get(TIME, 0.0)) / float(self.names.turn(self.values())))
+        return np.array(x)
+
+
+@kept(maxsize=64)
+def _vector_form(system: System) -> engine.System:
+    names = system.names
+    modes, exits = {}, {}
+    for mode in system.modes:
+        flow = None if mode.flow is None else Flow(mode.flow, names)
+        if mode.field is not None:
+            vector_field: engine.Field = Field(mode.field, names)
+        else:
+            assert flow is not None
+            vector_field = FieldOfFlow(flow)
+        modes[mode.name] = engine.Mode(
+            mode.name,
+            vector_field,
+            flow=flow,
+            admissible=None if mode.holds is None else Condition(Scalar(mode.holds, names)),
+            slack=mode.slack,
+            smooth=mode.smooth,
+            stiff=mode.stiff,
+            feature=None if mode.feature is None else Scalar(mode.feature, names),
+        )
+        exits[mode.name] = tuple(
+            engine.Exit(
+                engine.Event(event.name, EventValue(Scalar(event.function, names))),
+                event.direction,
+                Always(event.to) if isinstance(event.to, str) else Successor(event.to, names),
+                mark=event.to == mode.name or event.reset is not None,
+                reset=None if event.reset is None else Reset(event.reset, names),
+            )
+            for event in mode.ends
+        )
+    return engine.System(system.name, names.entries, modes, exits)
+
+
+# What the user wrote, checked: one sentence with the mode, event, state or parameter -------------------------------
+
+
+def _check_shapes(system: System) -> None:
+    """Names, types and numbers."""
+    if not isinstance(system.name, str) or not system.name:
+        raise InputError(f"the name of a system must be a text, not {quoted(system.name)}")
+    what = f"system {system.name!r}"
+    _check_names(what, "states", system.states)
+    _check_names(what, "angles", system.angles, empty=True)
+    if not isinstance(system.parameters, Mapping):
+        raise InputError(f"{what}: parameters must be a mapping from names to numbers")
+    _check_names(what, "parameters", tuple(system.parameters), empty=True)
+    for angle in system.angles:
+        if angle not in system.states:
+            raise InputError(f"{what}: the angle {angle!r} is none of the states {listed(system.states)}")
+    if system.forcing_period is not None:
+        _check_callable(what, "forcing_period", system.forcing_period)
+        if TIME in system.states:
+            raise InputError(f"{what}: a forced system has its time as x.{TIME} already; take it from the states")
+    if not isinstance(system.modes, tuple) or not system.modes:
+        raise InputError(f"{what}: modes must be a tuple of at least one Mode")
+    for mode in system.modes:
+        if not isinstance(mode, Mode):
+            raise InputError(f"{what}: {quoted(mode)} among the modes is no Mode")
+        _check_mode(mode, [m.name for m in system.modes if isinstance(m, Mode)])
+    repeated = {m.name for m in system.modes if [n.name for n in system.modes].count(m.name) > 1}
+    if repeated:
+        raise InputError(f"{what}: more than one mode is called {listed(sorted(repeated))}")
+    n = len(system.states)
+    for S in system.symmetries:
+        if np.shape(S) != (n, n) or not np.allclose(np.asarray(S) @ np.asarray(S), np.eye(n)):
+            raise InputError(f"{what}: a symmetry must be an ({n}, {n}) matrix S with S S = 1; a jump is an event's reset")
+
+
+def _check_names(what: str, which: str, names: Any, *, empty: bool = False) -> None:
+    if isinstance(names, str) or not isinstance(names, tuple) or not (names or empty):
+        raise InputError(f"{what}: {which} must be a tuple of names, such as ('x', 'v')")
+    for name in names:
+        if not isinstance(name, str) or not name.isidentifier() or name.startswith("__"):
+            raise InputError(f"{what}: {quoted(name)} among its {which} is no name that can be written as x.name")
+    if len(set(names)) < len(names):
+        raise InputError(f"{what}: one of its {which} stands there twice: {listed(names)}")
+
+
+def _check_callable(what: str, which: str, function: Any) -> None:
+    if not callable(function):
+        raise InputError(f"{what}: {which} must be a function, not {quoted(function)}")
+
+
+def _check_mode(mode: Mode, modes: list[str]) -> None:
+    what = f"mode {mode.name!r}"
+    if mode.field is None and mode.flow is None:
+        raise InputError(f"{what}: needs a field, or a flow")
+    for which in ("field", "flow", "holds", "feature"):
+        if getattr(mode, which) is not None:
+            _check_callable(what, which, getattr(mode, which))
+    if not isinstance(mode.ends, tuple) or not all(isinstance(event, Event) for event in mode.ends):
+        raise InputError(f"{what}: ends must be a tuple of Events, such as (Event(...),)")
+    if number(f"{what}: slack", mode.slack) < 0:
+        raise InputError(f"{what}: slack = {mode.slack:g}: must not be negative")
+    seen = set()
+    for event in mode.ends:
+        where = f"event {event.name!r} of {what}"
+        if event.name in seen or not event.name:
+            raise InputError(f"{where}: the events of a mode need different names")
+        seen.add(event.name)
+        _check_callable(where, "function", event.function)
+        if isinstance(event.direction, bool) or event.direction not in (1, -1):
+            raise InputError(f"{where}: direction = {quoted(event.direction)}: must be +1 (rising) or -1 (falling)")
+        if isinstance(event.to, str) and event.to not in modes:
+            raise InputError(f"{where}: leads to {event.to!r}, which is none of the modes {listed(modes)}")
+        if not isinstance(event.to, str):
+            _check_callable(where, "to", event.to)
+        if event.reset is not None:
+            _check_callable(where, "reset", event.reset)
+
+
+def _user_functions(system: System) -> Iterator[tuple[str, Callable[[Any, Any, Any], Any], str]]:
+    """(what it is called, function of symbols (x, T, p), what it must return) of everything the user wrote."""
+    if system.forcing_period is not None:
+        turn = system.forcing_period
+        yield f"system {system.name!r}: forcing_period", lambda x, T, p: turn(p), "scalar"
+    for mode in system.modes:
+        what = f"mode {mode.name!r}"
+        for which in ("field", "holds", "feature"):
+            function = getattr(mode, which)
+            if function is not None:
+                kind = "states" if which == "field" else "scalar"
+                yield f"{what}: {which}", lambda x, T, p, f=function: f(x, p), kind
+        if mode.flow is not None:
+            yield f"{what}: flow", mode.flow, "states"
+        for event in mode.ends:
+            where = f"event {event.name!r} of {what}"
+            yield f"{where}: function", lambda x, T, p, f=event.function: f(x, p), "scalar"
+            if event.reset is not None:
+                yield f"{where}: reset", lambda x, T, p, f=event.reset: f(x, p), "some states"
+
+
+@alone
+def _check_functions(system: System) -> None:
+    """Every function is called with symbols: it must name what there is, and return what it should."""
+    names = system.names
+    x, T, p = ca.SX.sym("x", len(names.entries)), ca.SX.sym("T"), ca.SX.sym("p", len(names.parameters))
+    for what, function, kind in _user_functions(system):
+        try:
+            value = function(names.x(x, p) if "forcing_period" not in what else None, T, names.p(p))
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from None
+        except Exception as error:  # whatever a user's function raises
+            raise InputError(f"{what} cannot be evaluated with CasADi's symbols: {error}") from error
+        if kind == "scalar":
+            _check_scalar(what, value)
+        else:
+            _check_states(what, value, system.states, partly=kind == "some states")
+
+
+def _check_scalar(what: str, value: Any) -> None:
+    try:
+        shape = ca.SX(value).shape
+    except Exception:  # whatever CasADi makes of a dict, a text, None
+        raise InputError(f"{what} must return a scalar, not {quoted(value)}") from None
+    if shape != (1, 1):
+        raise InputError(f"{what} must return a scalar, not one of shape {shape}")
+    if ca.SX(value).is_constant() and not math.isfinite(float(ca.DM(ca.SX(value)))):
+        raise InputError(f"{what} is {float(ca.DM(ca.SX(value)))}, whatever the state")
+
+
+def _check_states(what: str, values: Any, states: tuple[str, ...], *, partly: bool) -> None:
+    if not isinstance(values, Mapping):
+        raise InputError(f"{what} must return states by name, such as {{{states[0]!r}: ...}}, not {quoted(values)}")
+    unknown = [str(name) for name in values if name not in states]
+    if unknown:
+        raise InputError(f"{what} speaks of {listed(unknown)}; the states are {listed(states)}")
+    missing = [name for name in states if name not in values]
+    if missing and not partly:
+        raise InputError(f"{what} says nothing of the state {listed(missing)}")
+    for name, value in values.items():
+        _check_scalar(f"{what} of the state {name!r}", value)
