@@ -196,8 +196,6 @@ MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
 SOURCES = sorted(path for folder in ("casahunt", "scripts") for path in (ROOT / folder).rglob("*.py"))
 LONG = {
     "casahunt/collocation/solve.py": "Newton and IPOPT on one system, and what both say of their roots",
-    "casahunt/collocation/transcription.py": "one layout of the unknowns: residual, Jacobian and elimination read it",
-    "casahunt/continuation/walk.py": "the curve, its predictor and the walk: to be divided into curve and walk",
     "casahunt/collocation/solve.py newton": "one loop and its line search; the rest is docstring",
     "casahunt/continuation/walk.py walk": "a docstring of forty lines; the rest is one loop",
     "casahunt/orbits/adapt.py solve_adaptively": "the loop of the module docstring: to be divided by its boxes",

@@ -27,9 +27,10 @@ from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from .curve import ends, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
 from .turning_point import turning_point
-from .walk import ends, parameter_value, secant, walk
+from .walk import walk
 
 Array = np.ndarray
 

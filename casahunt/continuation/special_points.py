@@ -31,8 +31,9 @@ from ..errors import NoOrbit
 from ..hybrid.roots import Bracket, Search, boundary
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
-from .walk import (
+from .curve import (
     Point,
+    backwards,
     bend,
     bent_through,
     curve_point,
@@ -40,8 +41,8 @@ from .walk import (
     in_units_of,
     parameter_value,
     secant,
-    step_along,
 )
+from .walk import step_along
 
 Array = np.ndarray
 
@@ -201,21 +202,15 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
         if not abs(ds) < _length_to(after, before, here, vary):
             return None
         here = replace(here, bend=cubic)
-        there = here if ds > 0 else _backwards(here)
+        there = here if ds > 0 else backwards(here)
         outcome = step_along(there, before, vary, abs(ds), 0.0, np.inf, options)
         if isinstance(outcome, str):
             return None
-        before, after, there = outcome[0], before, _backwards(there)
+        before, after, there = outcome[0], before, backwards(there)
         here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
         if abs(FOLD.value(before, here)) <= FOLD.tolerance:
             return before
     return None
-
-
-def _backwards(point: Point) -> Point:
-    """The same point of the curve, run through in the other sense."""
-    flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
-    return replace(point, row=-point.row, du=-point.du, bend=flipped)
 
 
 def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
@@ -295,16 +290,3 @@ def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: O
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
     """A monitor of the user's own: the points where `function(orbit)` changes sign."""
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")
-
-
-__all__ = [
-    "FOLD",
-    "GRAZING",
-    "STANDARD",
-    "SUPERSTABLE",
-    "SYMMETRY_BREAKING",
-    "Monitor",
-    "crossings",
-    "locate",
-    "user_monitor",
-]

@@ -209,7 +209,7 @@ def _on_mesh(
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
-    """The border row of the node system with weights (n + 2,) on (x_0, ln T_1, lambda); see continuation/walk.py."""
+    """The border row of the node system with weights (n + 2,) on (x_0, ln T_1, lambda); see continuation/curve.py."""
     nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
     nodes[0] = weights[: t.n]
     durations[0] = weights[t.n] / t.durations_of(u)[0]

@@ -20,9 +20,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..checks import known, to_error
+from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
 from ..continuation.special_points import FOLD, SpecialPoint, locate
-from ..continuation.walk import curve_point, walk
+from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
 from .cold_start import Met, check_hunts, check_problem, check_times, stable_at, stiff_at, unstable_at

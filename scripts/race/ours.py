@@ -111,9 +111,9 @@ SHARES = (
     ("collocation equations and their Jacobian (CasADi)", ("interval.py",)),
     ("stage elimination (numpy.linalg)", ("_linalg.py",)),
     ("node systems: sparse QR (CasADi)", ("node_system.py", "casadi.py", "_casadi")),
-    ("assembly and Newton steps", ("transcription.py", "solve.py")),
+    ("assembly and Newton steps", ("joints.py", "transcription.py", "newton.py", "ipopt.py", "solve.py")),
     ("error estimate and meshes", ("mesh.py", "scheme.py", "adapt.py")),
-    ("predictor, tangents, records", ("walk.py", "special_points.py", "orbit.py")),
+    ("predictor, tangents, records", ("curve.py", "walk.py", "special_points.py", "orbit.py")),
     (
         "checks that a root is a motion",
         ("admissibility.py", "hunting.py", "sequences.py", "restart.py", "march.py", "march_step.py", "march_exits.py"),
