@@ -25,6 +25,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..hybrid.system import Feature
+from .joints import flow_at, linear_in_time
 from .scheme import Kind, Scheme, scheme
 from .transcription import Setting, Transcription
 
@@ -83,8 +84,11 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             unclear[t.phase_intervals(k)] |= _not_clear(t.scheme, values, mode.slack)
             values = values @ _dense(t.degree, t.kind)[0]
         else:
-            start = t.phase_end[k] - 1
-            values = mode.admissible(nodes[start : start + 2].T, setting.p, mode.sign).reshape(1, -1)
+            start = t.phase_start[k]
+            states = nodes[start : start + 2]
+            if not linear_in_time(mode, t.n, setting.p.size):
+                states = flow_at(mode, states[0], float(durations[k]) * _BETWEEN, setting.p)
+            values = mode.admissible(states.T, setting.p, mode.sign).reshape(1, -1)
             resolution = np.zeros(1)
         lowest = values.min(axis=1) + mode.slack + NOISE * max(1.0, float(np.max(np.abs(values))))
         if np.any(lowest < -resolution):

@@ -131,7 +131,8 @@ def graphs(t: Transcription) -> Graphs:
     first += t.closed * n
     rows = first + np.arange(n)
     S = ca.DM(t.cycle.closure) * (1 / scale @ scale.T)
-    residual.add(rows, np.zeros(n, dtype=int), _at(u, t.node_index[0]) - S @ _at(u, t.node_index[-1]))
+    shift = ca.DM(t.shift) / scale
+    residual.add(rows, np.zeros(n, dtype=int), _at(u, t.node_index[0]) - S @ _at(u, t.node_index[-1]) + shift)
     jacobian.add(rows, t.node_index[0], ca.DM.ones(n))
     jacobian.add(np.tile(rows, n), np.repeat(t.node_index[-1], n), -ca.densify(S))
     first += n

@@ -1,12 +1,13 @@
 """The equations at the joints of a cycle: closed-form phases and events, compiled, with their exact Jacobians.
 
     flow      x+ - flow_k(v, T_k; p)      of every closed-form phase k, from its start node v to the next node x+
+    jump      x+ - R_k(v; p)              of every phase k at whose end the state jumps, from v in front to x+ behind
     event     h_k(x(end of k), T_k; p)    of every phase k
 
 Both as columns value, d/dx, d/dT, d/d lambda, lambda being the direction dp in parameter space; all states divided by
 the state scale.  They depend on the cycle and not on the mesh.
 
-Symbols: n states, M closed-form phases, P phases.
+Symbols: n states, M closed forms (flows and jumps, in the order of time), P phases.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..compiled import caller, kept
-from ..hybrid.system import Cycle
+from ..compiled import Caller, caller, kept
+from ..hybrid.system import Cycle, Mode
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Joints:
-    """Closed-form flows (M, n + 3, n) and events (n + 3, P); columns value, d/dx, d/dT, d/d lambda."""
+    """Flows and jumps (M, n + 3, n) and events (n + 3, P); columns value, d/dx, d/dT, d/d lambda."""
 
     flow: Array
     events: Array
@@ -32,14 +33,14 @@ class Joints:
 
 @kept(maxsize=64)
 def joint_function(cycle: Cycle) -> ca.Function:
-    """Closed-form flows and events with their derivatives, from scaled states.
+    """Flows, jumps and events with their derivatives, from scaled states.
 
-    Inputs: start nodes v (n, M) of the closed-form phases, phase-end nodes (n, P), durations T (P), p, dp,
+    Inputs: start nodes v (n, M) of the closed forms, phase-end nodes (n, P), durations T (P), p, dp,
     scale.  Outputs: flows (n, M (n + 3)) and events (P, n + 3); columns value, d/dx, d/dT, d/d lambda.
     """
     n, P = len(cycle.states), len(cycle.phases)
-    closed = [k for k, phase in enumerate(cycle.phases) if phase.mode.flow is not None]
-    v, ends = ca.SX.sym("v", n, len(closed)), ca.SX.sym("ends", n, P)
+    closed = sum((phase.mode.flow is not None) + (phase.reset is not None) for phase in cycle.phases)
+    v, ends = ca.SX.sym("v", n, closed), ca.SX.sym("ends", n, P)
     T, p = ca.SX.sym("T", P), ca.SX.sym("p", len(cycle.parameters))
     dp, scale = ca.SX.sym("dp", len(cycle.parameters)), ca.SX.sym("scale", n)
 
@@ -48,18 +49,46 @@ def joint_function(cycle: Cycle) -> ca.Function:
             value, ca.jacobian(value, x), ca.jacobian(value, duration), ca.jtimes(value, p, dp)
         )
 
-    flows, events = [], []
-    for i, k in enumerate(closed):
-        flow = cycle.phases[k].mode.flow
-        assert flow is not None
-        flows.append(with_derivatives(flow(scale * v[:, i], T[k], p) / scale, v[:, i], T[k]))
+    flows: list[ca.SX] = []
+    events = []
     for k, phase in enumerate(cycle.phases):
+        if phase.mode.flow is not None:
+            x = v[:, len(flows)]
+            flows.append(with_derivatives(phase.mode.flow(scale * x, T[k], p) / scale, x, T[k]))
+        if phase.reset is not None:
+            x = v[:, len(flows)]
+            flows.append(with_derivatives(phase.reset(scale * x, p) / scale, x, T[k]))
         events.append(with_derivatives(phase.end.function(scale * ends[:, k], T[k], p), ends[:, k], T[k]))
     return ca.Function(
         "joints",
         [v, ends, T, p, dp, scale],
         [ca.densify(ca.horzcat(*flows)) if flows else ca.SX(n, 0), ca.densify(ca.vertcat(*events))],
     )
+
+
+@kept(maxsize=64)
+def linear_in_time(mode: Mode, n: int, parameters: int) -> bool:
+    """Whether a mode in closed form moves along a straight line, its flow being linear in the time."""
+    assert mode.flow is not None
+    x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+    return not any(ca.which_depends(mode.flow(x, T, p), T, 2, False))
+
+
+@kept(maxsize=32)
+def _flow_map(mode: Mode, n: int, parameters: int, points: int) -> Caller:
+    assert mode.flow is not None
+    x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+    function = ca.Function("flow", [x, T, p], [ca.densify(mode.flow(x, T, p))])
+    return caller(function.map("flows", "serial", points, [0, 2], []), [n, points, parameters], [(points, n)])
+
+
+def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
+    """States (m, n) of a mode in closed form at the `times` (m,) after x (n,)."""
+    buffers = _flow_map(mode, x.size, p.size, times.size).buffers
+    for store, value in zip(buffers.inputs, (x, times, p), strict=True):
+        store[...] = value
+    buffers.trigger()
+    return buffers.outputs[0].copy()
 
 
 class JointMap:

@@ -49,6 +49,8 @@ SAFETY = 0.01
 """The next mesh aims at this part of the tolerance.  A fifth more intervals than at 0.1, and on walks along which
 fast slips move about on their mesh a quarter fewer changes of it: 5 to 15 % less time."""
 ROUNDING = 4 * np.finfo(float).eps
+SMALL = 0.1
+"""The error of an amplitude below this part of the largest value of its state is measured by that: it may be zero."""
 
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""
@@ -127,9 +129,8 @@ def transfer(
         j += 1
     nodes[new.interval_elements] = w[:, 0]
     # A phase starts where the one before it ended, exactly: interpolation must not move an event.
-    starts_old = np.concatenate([[0], t.phase_end])
-    starts_new = np.concatenate([[0], new.phase_end])
-    nodes[starts_new] = old_nodes[starts_old]
+    nodes[new.phase_start] = old_nodes[t.phase_start]
+    nodes[new.phase_end] = old_nodes[t.phase_end]
     u_new = new.pack(w.reshape(new.intervals, -1), nodes, t.durations_of(u))
     return new, u_new, np.concatenate([np.diff(b) for b in breaks])
 
@@ -145,6 +146,7 @@ def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transc
     nodes[fine.closed_elements] = old_nodes[t.closed_elements]
     nodes[-1] = old_nodes[-1]
     # A phase starts where the one before it ended, exactly: interpolation must not move an event.
+    nodes[fine.phase_start] = old_nodes[t.phase_start]
     nodes[fine.phase_end] = old_nodes[t.phase_end]
     return fine, fine.pack(w, nodes, t.durations_of(u)), np.repeat(fractions / 2, 2)
 
@@ -183,8 +185,7 @@ def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Ar
 
 def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
     """(largest |measured state| over the phase ends, its place among the (P + 1) phase-end nodes)."""
-    ends = np.concatenate([[0], t.phase_end])
-    values = np.abs(t.nodes_of(u)[ends, t.cycle.measured])
+    values = np.abs(t.nodes_of(u)[t.phase_ends, t.cycle.measured])
     best = int(np.argmax(values))
     return float(values[best]), best
 
@@ -216,8 +217,8 @@ def estimate(
     amplitude, place = amplitude_row(t, u)
     goals = np.zeros((2 if border is None else 3, t.system.size))
     goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(t.durations_of(u)))
-    node = np.concatenate([[0], t.phase_end])[place]
-    goals[1, node * n + t.cycle.measured] = 1 / amplitude
+    size = np.abs(t.intervals_of(u).reshape(-1, n)[:, t.cycle.measured]).max(initial=amplitude)
+    goals[1, t.phase_ends[place] * n + t.cycle.measured] = 1 / max(amplitude, SMALL * size)
     if border is not None:
         goals[2, -1] = 1.0
     psi = t.system.solve_transposed(matrix, goals)

@@ -219,7 +219,7 @@ def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Functio
 
 def _border_places(t: Transcription) -> Array:
     """Where the unknowns that a border row may weigh stand in z, in the order of `NodeSystem.border`."""
-    nodes = t.node_index[np.concatenate([[0], t.phase_end])].ravel()
+    nodes = t.node_index[t.phase_ends].ravel()
     return np.concatenate([nodes, np.arange(t.size - t.phases, t.size + 1)])
 
 

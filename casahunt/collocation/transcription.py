@@ -1,17 +1,17 @@
 """A cycle on a mesh as a square system of equations, its Jacobian, and the named layout of the unknowns.
 
 The pieces of the chain, in time order, are E elements: the N intervals of the collocated phases and the M
-closed-form phases (one element each).  Element e leads from node e to node e + 1.  Unknowns, all states
+closed forms (one element each): phases in closed form, and jumps at the end of a phase.  Element e leads from node e to node e + 1.  Unknowns, all states
 divided by the scale D:
 
     u = [ w_1 | ... | w_N | v_1 | ... | v_M | x_end | T_1 ... T_P ]
           |                 |             |       durations [s]
           |                 |             last node
-          |                 start nodes of the closed-form phases
+          |                 start nodes of the closed forms
           (x, X_1, ..., X_d): start node and stages of one interval, R = n (d + 1) numbers
 
 Equations, in this order: the R rows of each interval (interval.py), the n rows x+ - flow(v) of each
-closed-form phase (joints.py), the n rows x_0 - S x_E of the closure, the P events.
+closed form (joints.py), the n rows x_0 - S x_E + c of the closure, the P events.
 
 Eliminating the stages of an interval gives its end-to-start map, the sensitivity of the implicit
 Runge-Kutta integrator that collocation is; what is left is the node system (E = 4 drawn, phases 1 | 2):
@@ -29,7 +29,7 @@ Runge-Kutta integrator that collocation is; what is left is the node system (E =
 lambda moves p along dp.  The border row fixes lambda, or measures arclength, or anything else that is a
 linear function of the phase-end nodes, the durations and lambda.
 
-Symbols: n states, d stages, R = n (d + 1), N intervals, M closed-form phases, E = N + M elements,
+Symbols: n states, d stages, R = n (d + 1), N intervals, M closed forms, E = N + M elements,
 P phases, y = (E + 1) n + P + 1 unknowns of the node system.
 """
 
@@ -94,12 +94,15 @@ class Transcription:
         n = self.n = len(cycle.states)
         self.rows = n * (degree + 1)
         self.intervals = sum(counts)
-        self.closed = sum(count == 0 for count in counts)
+        jumps = sum(phase.reset is not None for phase in cycle.phases)
+        self.closed = sum(count == 0 for count in counts) + jumps
         self.phases = len(counts)
         self.elements = self.intervals + self.closed
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
         self._joints = joint_map(cycle)
+        self.shift = np.array(cycle.shift) if cycle.shift else np.zeros(n)
+        """(n,) the shift c of the closure."""
         self._system: NodeSystem | None = None
 
     def _key(self) -> tuple[Cycle, tuple[int, ...], int, str]:
@@ -121,10 +124,11 @@ class Transcription:
         return self._system
 
     def _index_chain(self) -> None:
-        n, start, phase_of, is_interval, phase_end, signs = self.n, [], [], [], [], []
+        n, start, phase_of, is_interval, phase_start, phase_end, signs = self.n, [], [], [], [], [], []
         w = 0
         v = self.intervals * self.rows
         for k, (phase, count) in enumerate(zip(self.cycle.phases, self.counts, strict=True)):
+            phase_start.append(len(start))
             for _ in range(max(count, 1)):
                 is_interval.append(count > 0)
                 phase_of.append(k)
@@ -136,13 +140,20 @@ class Transcription:
                     start.append(v)
                     v += n
             phase_end.append(len(start))
+            if phase.reset is not None:
+                is_interval.append(False)
+                phase_of.append(k)
+                start.append(v)
+                v += n
         start.append(v)
         self.node_index = np.array(start)[:, None] + np.arange(n)
         """(E + 1, n): where the nodes of the chain stand in u."""
         self.phase_of = np.array(phase_of)
         """(E,) phase of each element."""
-        self.phase_end = np.array(phase_end)
-        """(P,) node at the end of each phase; the phase starts at the end of the one before."""
+        self.phase_start, self.phase_end = np.array(phase_start), np.array(phase_end)
+        """(P,) node at which each phase starts, and at which it ends: where its event is."""
+        self.phase_ends = np.concatenate([[0], self.phase_end])
+        """(P + 1,) the first node and those at which the phases end."""
         self.interval_elements = np.flatnonzero(is_interval)
         self.closed_elements = np.flatnonzero(~np.array(is_interval))
         self.signs = np.array(signs)
@@ -227,7 +238,7 @@ class Transcription:
             transcription=self,
             interval_residual=block[:, 0].copy(),
             flow_residual=flow_residual,
-            closure_residual=nodes[0] - closure @ nodes[-1],
+            closure_residual=nodes[0] - closure @ nodes[-1] + self.shift / setting.scale,
             events=joints.events,
             maps=maps,
             closure=closure,

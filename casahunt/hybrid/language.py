@@ -109,15 +109,22 @@ class System:
     symmetries: tuple[Any, ...] = ()
     angles: tuple[str, ...] = ()
     names: Names = field(init=False, repr=False, compare=False)
+    _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         _check_shapes(self)
         object.__setattr__(self, "parameters", {k: number(f"parameter {k!r}", v) for k, v in self.parameters.items()})
         object.__setattr__(self, "names", Names(self.states, tuple(self.parameters), self.forcing_period))
+        key = (self.name, self.states, tuple(self.parameters.items()), self.modes, self.forcing_period)
+        object.__setattr__(self, "_hash", hash(key))
         _check_functions(self)
 
     def __hash__(self) -> int:
-        return hash((self.name, self.states, tuple(self.parameters.items()), self.modes, self.forcing_period))
+        return self._hash
+
+    def __reduce__(self) -> Any:
+        given = (self.name, self.states, dict(self.parameters), self.modes)
+        return System, (*given, self.forcing_period, self.symmetries, self.angles)
 
     @property
     def vector_form(self) -> engine.System:

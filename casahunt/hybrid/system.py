@@ -178,6 +178,11 @@ class Cycle:
     def __eq__(self, other: object) -> bool:
         return self is other or isinstance(other, Cycle) and self._key == other._key
 
+    def opened(self, x: np.ndarray) -> np.ndarray:
+        """States (..., n) one computed piece later, S^-1 (x + c): where the motion is that closes at x."""
+        shift = np.array(self.shift) if self.shift else np.zeros(len(self.states))
+        return (x + shift) @ np.linalg.inv(self.closure).T
+
     @property
     def signature(self) -> Signature:
         """((mode name, event name), ...): what tells two phase sequences of one system apart."""

@@ -31,6 +31,7 @@ SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the sta
 GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
 ACCEPTED = 4.0  # an interval's error, in units of the tolerance
 GROWTH = 2.5  # of an interval's length from one to the next
+BROKEN = 1e-6  # a condition below zero by this much does not hold
 VANISHED = "the step size vanished"
 
 
@@ -84,6 +85,7 @@ def march(
     kind: Kind = "gauss",
     max_time: float = np.inf,
     max_intervals: int = 20_000,
+    strict: bool = False,
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
@@ -101,6 +103,8 @@ def march(
         (n,) size of the states; bound on the last Legendre coefficient of each interval, relative to it.
     max_time, max_intervals
         [s], stop there; give up beyond.
+    strict
+        give up too where a mode goes on that does not hold any more.
 
     Returns
     -------
@@ -108,7 +112,7 @@ def march(
 
     Raises
     ------
-    MarchFailure : NaN, a step size that vanishes, or too many intervals.
+    MarchFailure : NaN, a step size that vanishes, too many intervals, or a mode that does not hold (`strict`).
     """
     effort.motion()
     s = scheme(degree, kind)
@@ -124,6 +128,8 @@ def march(
             segment, mode = _collocated(system, mode, x, stepper, tol, max_time - time, max_intervals - used)
             if in_closed_form:
                 segment = _polished(system, segment, p)
+        if strict:
+            _check_holds(field, segment, p, time)
         segments.append(segment)
         time += segment.duration
         used += len(segment.w)
@@ -134,6 +140,21 @@ def march(
         if time >= max_time:
             return segments
         x = segment.behind
+
+
+def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
+    """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
+    if mode.admissible is None or not np.isfinite(segment.duration):
+        return
+    nodes = np.vstack([segment.w[:, : segment.end.size], segment.end])
+    values = np.asarray(mode.admissible(nodes.T, p, mode.sign))
+    wrong = np.flatnonzero(values < -mode.slack - BROKEN)
+    if wrong.size:
+        at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]
+        raise MarchFailure(
+            f"at {at:.6g} the mode {mode.name!r} does not hold any more ({values[wrong[0]]:.3g}), and none of its exits "
+            "was met: an exit is missing, or events follow each other ever faster until they cannot be told apart"
+        )
 
 
 def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment, str]:

@@ -196,7 +196,7 @@ def remeshed(start: Start, options: Options) -> Start:
 
 def _presentable(e: Estimate, options: Options) -> bool:
     """The solution may be shown between its nodes."""
-    return float(e.shape.max()) <= ROUGH * shape_limit(options.tol)
+    return float(e.shape.max(initial=0.0)) <= ROUGH * shape_limit(options.tol)
 
 
 def _on_mesh(

@@ -2,9 +2,9 @@
 
 The end-to-start maps A_e of the intervals (collocation/transcription.py) are the exact sensitivities of the implicit
 Runge-Kutta integrator that collocation is.  Their product around the cycle, with a saltation matrix at
-every event where the field jumps,
+every event where the field or the state jumps, x+ = R(x),
 
-    I + (f+ - f-) h_x^T / (h_x . f-),
+    DR + (f+ - DR f-) h_x^T / (h_x . f-),
 
 and the closure S give the half-period map S A_E ... A_1.  The flow direction f is its eigenvector to +1,
 since x(t + T/2) = S x(t); the other eigenvalues are the half multipliers mu, and the Floquet multipliers
@@ -34,7 +34,7 @@ import casadi as ca
 import numpy as np
 
 from ..collocation.interval import point_function
-from ..collocation.transcription import Setting, Transcription
+from ..collocation.transcription import Linearisation, Setting, Transcription
 from ..compiled import alone
 from ..errors import NoOrbit, Status
 from ..hybrid.system import Mode
@@ -98,22 +98,40 @@ class MapChain:
     flows: list[Array]
 
 
-def saltation(f_before: Array, f_after: Array, h_x: Array) -> Array:
-    """Saltation matrix (n, n) of an event with gradient h_x where the field jumps from f_before to f_after."""
-    return np.eye(f_before.size) + np.outer(f_after - f_before, h_x) / float(h_x @ f_before)
+def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = None) -> Array:
+    """Saltation matrix (n, n) of an event: DR + (f+ - DR f-) h_x' / (h_x f-).
+
+    Parameters
+    ----------
+    f_before, f_after
+        (n,) the field in front of the event and behind it.
+    h_x
+        (n,) gradient of the event.
+    jump
+        (n, n) derivative DR of the state behind by the state in front; None where the state does not jump.
+    """
+    through = np.eye(f_before.size) if jump is None else jump
+    return through + np.outer(f_after - through @ f_before, h_x) / float(h_x @ f_before)
 
 
 def collocation_chain(t: Transcription, u: Array, setting: Setting) -> MapChain:
     """The period map from the condensed collocation blocks, states scaled."""
     lin = t.linearise(u, setting)
     nodes = t.nodes_of(u)
-    starts = np.concatenate([[0], t.phase_end[:-1]])
     pieces = []
     for k in range(t.phases):
-        inside = range(starts[k], t.phase_end[k])
-        flows = _field(t, k, nodes[starts[k] : t.phase_end[k] + 1], setting)
+        inside = range(t.phase_start[k], t.phase_end[k])
+        flows = _field(t, k, nodes[t.phase_start[k] : t.phase_end[k] + 1], setting)
         pieces.append(([lin.maps[e, :, 1 : t.n + 1] for e in inside], flows))
-    return _closed(pieces, lin.events[1 : t.n + 1], lin.closure)
+    return _closed(pieces, _jumps(t, lin), lin.events[1 : t.n + 1], lin.closure)
+
+
+def _jumps(t: Transcription, lin: Linearisation) -> list[Array | None]:
+    """DR (n, n) of the jump at the end of every phase, None where the state does not jump."""
+    return [
+        None if phase.reset is None else lin.maps[end, :, 1 : t.n + 1]
+        for phase, end in zip(t.cycle.phases, t.phase_end, strict=True)
+    ]
 
 
 def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float = 1e-12) -> MapChain:
@@ -129,7 +147,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
     """
     lin = t.linearise(u, setting)
     nodes, durations = t.nodes_of(u), t.durations_of(u)
-    starts = np.concatenate([[0], t.phase_end[:-1]])
+    starts = t.phase_start
     pieces = []
     for k, phase in enumerate(t.cycle.phases):
         inside = slice(starts[k], t.phase_end[k])
@@ -150,7 +168,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
                 Status.NOT_CONVERGED,
             ) from error
         pieces.append((factors, flows))
-    return _closed(pieces, lin.events[1 : t.n + 1], lin.closure)
+    return _closed(pieces, _jumps(t, lin), lin.events[1 : t.n + 1], lin.closure)
 
 
 def _cuts(maps: Array) -> Array:
@@ -203,7 +221,9 @@ def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, dura
     return found
 
 
-def _closed(pieces: list[tuple[list[Array], Array]], h_x: Array, closure: Array) -> MapChain:
+def _closed(
+    pieces: list[tuple[list[Array], Array]], jumps: list[Array | None], h_x: Array, closure: Array
+) -> MapChain:
     """Join the factors of the phases with saltation matrices and the closure."""
     factors: list[Array] = []
     flows: list[Array] = [pieces[0][1][0]]
@@ -214,8 +234,9 @@ def _closed(pieces: list[tuple[list[Array], Array]], h_x: Array, closure: Array)
         flows += list(along[1:])
         before = along[-1]
         after = pieces[k + 1][1][0] if k + 1 < len(pieces) else inverse @ start_flow
-        if float(np.max(np.abs(after - before))) > 1e-9 * float(np.max(np.abs(before))):
-            factors.append(saltation(before, after, h_x[:, k]))
+        kinked = float(np.max(np.abs(after - before))) > 1e-9 * float(np.max(np.abs(before)))
+        if kinked or jumps[k] is not None:
+            factors.append(saltation(before, after, h_x[:, k], jumps[k]))
             flows.append(after)
     factors.append(closure)
     flows.append(closure @ flows[-1])

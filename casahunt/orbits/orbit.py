@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..collocation.joints import flow_at
 from ..collocation.mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
 from ..collocation.scheme import Kind, scheme
 from ..collocation.solve import Solution, Solver, solve
@@ -135,7 +136,7 @@ class Orbit:
 
         Returns
         -------
-        times : (m,) [s] from the start of the first phase, increasing.
+        times : (m,) [s] from the start of the first phase, increasing; twice the same where the state jumps.
         states : (n, m).
         """
         s = scheme(self.degree, self.kind)
@@ -150,19 +151,19 @@ class Orbit:
                 states.append(np.einsum("kj,ijn->ikn", matrix, arc.states).reshape(-1, arc.end.size))
             else:
                 times.append(start + arc.duration * tau)
-                p = self.problem.vector()
-                flow = phase.mode.flow
-                states.append(
-                    np.array([np.array(flow(arc.states[0, 0], arc.duration * x, p)).ravel() for x in tau])
-                )
+                states.append(flow_at(phase.mode, arc.states[0, 0], arc.duration * tau, self.problem.vector()))
             start += arc.duration
-        times.append(np.array([start]))
-        states.append(self.arcs[-1].end[None])
-        t_half, x_half = np.concatenate(times), np.concatenate(states)
-        if cycle.repeats == 2:  # x(t + T/2) = S^-1 x(t), an involution
-            t_half = np.concatenate([t_half, t_half[1:] + start])
-            x_half = np.concatenate([x_half, x_half[1:] @ np.linalg.inv(cycle.closure).T])
-        return t_half, x_half.T
+            if phase.reset is not None or arc is self.arcs[-1]:
+                times.append(np.array([start]))
+                states.append(arc.end[None])
+        part_times, part = np.concatenate(times), np.concatenate(states)
+        behind = 0 if cycle.phases[-1].reset is not None else 1
+        t_all, x_all, piece = [part_times], [part], part
+        for k in range(1, cycle.repeats):
+            piece = cycle.opened(piece)
+            t_all.append(part_times[behind:] + k * start)
+            x_all.append(piece[behind:])
+        return np.concatenate(t_all), np.concatenate(x_all).T
 
 
 AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)
@@ -239,12 +240,15 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
         for arc, phase in zip(orbit.arcs, cycle.phases, strict=True)
     )
     t = transcribe(cycle, counts, orbit.degree, orbit.kind)
-    nodes = np.vstack([*(arc.states[:, 0] for arc in orbit.arcs), orbit.arcs[-1].end])
+    nodes = []
+    for arc, phase in zip(orbit.arcs, cycle.phases, strict=True):
+        nodes += [arc.states[:, 0], *([] if phase.reset is None else [arc.end])]
+    last = orbit.arcs[-1].end if phase.reset is None else cycle.opened(orbit.arcs[0].states[0, 0])
     collocated = [arc for arc, count in zip(orbit.arcs, counts, strict=True) if count]
-    w = np.concatenate([arc.states for arc in collocated])
+    w = np.concatenate([np.zeros((0, t.degree + 1, t.n)), *(arc.states for arc in collocated)])
     durations = np.array([arc.duration for arc in orbit.arcs])
-    u = t.pack((w / orbit.scale).reshape(t.intervals, -1), nodes / orbit.scale, durations)
-    fractions = np.concatenate([np.diff(arc.breaks) for arc in collocated])
+    u = t.pack((w / orbit.scale).reshape(t.intervals, -1), np.vstack([*nodes, last]) / orbit.scale, durations)
+    fractions = np.concatenate([np.zeros(0), *(np.diff(arc.breaks) for arc in collocated)])
     problem = orbit.problem
     return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
 
@@ -286,9 +290,9 @@ def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
     durations = t.durations_of(u)
     breaks = iter(phase_breaks(t, setting.fractions))
-    arcs, start = [], 0
+    arcs = []
     for k, phase in enumerate(t.cycle.phases):
-        end = t.phase_end[k]
+        start, end = t.phase_start[k], t.phase_end[k]
         collocated = t.counts[k] > 0
         arcs.append(
             Arc(
@@ -300,7 +304,6 @@ def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
                 nodes[end].copy(),
             )
         )
-        start = end
     return (problem.orbit_type or Orbit)(
         problem=problem,
         repeats=t.cycle.repeats,

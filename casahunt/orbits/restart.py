@@ -56,16 +56,19 @@ def from_segments(
         counts.append(len(segment.w) if collocated else 0)
         durations.append(segment.duration)
         nodes.append(factor * segment.w[:, :n])
+        if phase.reset is not None:
+            nodes.append(factor * segment.end[None])
         if collocated:
             w.append(factor * segment.w)
             fractions.append(np.diff(segment.breaks))
     last, segment = passes[-1]
-    nodes.append(last * segment.end[None])
+    nodes.append(last * segment.behind[None])
     t = transcribe(cycle, tuple(counts), degree, kind)
-    all_w, all_nodes = np.vstack(w), np.vstack(nodes)
+    all_w, all_nodes = np.vstack([np.zeros((0, t.rows)), *w]), np.vstack(nodes)
     scale = np.max(np.abs(np.vstack([all_nodes, all_w.reshape(-1, n)])), axis=0)
+    scale[scale == 0] = 1.0
     u = t.pack(all_w / np.tile(scale, degree + 1), all_nodes / scale, np.array(durations))
-    return t, u, Setting(np.concatenate(fractions), p, scale, dp)
+    return t, u, Setting(np.concatenate([np.zeros(0), *fractions]), p, scale, dp)
 
 
 def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:

@@ -1,0 +1,211 @@
+"""The cycles of a user's system (language.py) at one parameter vector: its side of the contract (problem.py).
+
+A cycle is given by its phases, in the words of the system, and by how it closes,
+
+    x(start) = S x(end) - c,    S^repeats = 1,
+
+S the identity or a symmetry, c the turns that angles and the time have made.  A cycle that meets no event of the
+system is anchored by a plane x_i = level that it crosses (`Section`), or by the end of a turn of the forcing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ..checks import known, number
+from . import system as engine
+from .language import System
+from .problem import Kind, Problem
+from .system import Cycle, Phase, Signature
+from .vector_form import TURNS, Always
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Plane:
+    """(x, T, p) -> (x_i - level) / size."""
+
+    i: int
+    level: float
+    size: float = 1.0
+
+    def __call__(self, x: Any, T: Any, p: Any) -> Any:
+        return (x[self.i] - self.level) / self.size
+
+
+@dataclass(frozen=True)
+class Section:
+    """A plane that the motion crosses in `mode`, both ways: the ends of phases where the system has none.
+
+    Attributes
+    ----------
+    mode : the mode.
+    state : name of the state that is constant on it.
+    level : its value there.
+    size : of the state, for the plane as an event of order one.
+    """
+
+    mode: str
+    state: str
+    level: float
+    size: float
+
+    def exits(self, states: tuple[str, ...]) -> tuple[engine.Exit, ...]:
+        """The ways through it, marks at which the mode goes on."""
+        plane = Plane(states.index(self.state), self.level, self.size)
+        return tuple(
+            engine.Exit(engine.Event(f"{self.state} {word} {self.level:.6g}", plane), way, Always(self.mode), mark=True)
+            for way, word in ((1, "rises through"), (-1, "falls through"))
+        )
+
+
+@dataclass(frozen=True)
+class Closure:
+    """x(start) = S x(end) - c.
+
+    Attributes
+    ----------
+    matrix : the rows of S.
+    shift : c.
+    repeats : how often the phases make up the period.
+    """
+
+    matrix: tuple[tuple[float, ...], ...]
+    shift: tuple[float, ...]
+    repeats: int
+
+    @classmethod
+    def of(cls, matrix: Array, shift: Array, repeats: int) -> Closure:
+        """From arrays (n, n) and (n,)."""
+        return cls(tuple(tuple(map(float, row)) for row in matrix), tuple(map(float, shift)), repeats)
+
+
+@dataclass(frozen=True)
+class Family(Problem):
+    """The cycles of a system that close in one way, at one p.
+
+    Attributes
+    ----------
+    system : the system.
+    values : its parameters, in the order of their names.
+    closure : how they close.
+    followed : the principal parameter.
+    measured : the state whose largest magnitude at the ends of phases is the amplitude.
+    sections : planes at which phases may end besides the events of the system.
+    """
+
+    system: System
+    values: tuple[float, ...]
+    closure: Closure
+    followed: str
+    measured: str
+    sections: tuple[Section, ...] = ()
+
+    @property
+    def scheme(self) -> tuple[int, Kind]:
+        """Gauss, and Radau IIA where a mode is stiff."""
+        return (7, "radau") if any(mode.stiff for mode in self.system.modes) else (7, "gauss")
+
+    @property
+    def title(self) -> str:
+        """The name of the system."""
+        return self.system.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the system."""
+        return self.system.names.parameters
+
+    @property
+    def principal(self) -> str:
+        """As given."""
+        return self.followed
+
+    def vector(self) -> Array:
+        """(np,) the values."""
+        return np.array(self.values, float)
+
+    def with_value(self, name: str, value: float) -> Family:
+        """The same at another p.  Raises InputError for an unknown name or no number."""
+        at = self.names.index(known("parameter", name, self.names))
+        return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
+
+    def cycle(self, signature: Signature, repeats: int) -> Cycle:
+        """The cycle with these phases.  Raises ValueError where the system has no such phase, or it closes otherwise."""
+        if repeats != self.closure.repeats:
+            raise ValueError(f"a cycle of {self.title} closes {self.closure.repeats} times, not {repeats}")
+        return _cycle(self.system, self.sections, self.closure, self.measured, signature)
+
+    def record(self) -> dict[str, Any]:
+        """The problem as JSON can say it; `posed` reads it."""
+        return {
+            "problem": self.title,
+            "parameters": dict(zip(self.names, self.values, strict=True)),
+            "followed": self.followed,
+            "measured": self.measured,
+            "closure": {"matrix": self.closure.matrix, "shift": self.closure.shift, "repeats": self.closure.repeats},
+            "sections": [[s.mode, s.state, s.level, s.size] for s in self.sections],
+        }
+
+
+def posed(system: System, record: Mapping[str, Any]) -> Family:
+    """The family of a system that a `Family.record` describes.
+
+    Raises
+    ------
+    KeyError, ValueError : it is of another system.
+    """
+    if record["problem"] != system.name or list(record["parameters"]) != list(system.parameters):
+        raise ValueError(f"it is an orbit of {record['problem']!r}, not of {system.name!r}")
+    c = record["closure"]
+    closure = Closure.of(np.array(c["matrix"], float), np.array(c["shift"], float), int(c["repeats"]))
+    sections = tuple(Section(mode, state, float(level), float(size)) for mode, state, level, size in record["sections"])
+    values = tuple(float(v) for v in record["parameters"].values())
+    return Family(system, values, closure, record["followed"], record["measured"], sections)
+
+
+def with_sections(system: System, sections: tuple[Section, ...]) -> engine.System:
+    """The system for a march that stops at the sections too."""
+    form = system.vector_form
+    exits = dict(form.exits)
+    for section in sections:
+        exits[section.mode] = (*exits[section.mode], *section.exits(form.states))
+    return engine.System(form.name, form.states, form.modes, exits)
+
+
+@lru_cache(maxsize=256)
+def _cycle(
+    system: System, sections: tuple[Section, ...], closure: Closure, measured: str, signature: Signature
+) -> Cycle:
+    form = with_sections(system, sections)
+    phases = []
+    for mode, event in signature:
+        way_out = next((e for e in form.exits.get(mode, ()) if e.event.name == event), None)
+        if way_out is None:
+            raise ValueError(f"{system.name} has no mode {mode!r} that ends with {event!r}")
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset))
+    shift = closure.shift if any(closure.shift) else ()
+    return Cycle(
+        system.name, form.states, system.names.parameters, tuple(phases),
+        np.array(closure.matrix), closure.repeats, form.states.index(measured), shift,
+    )  # fmt: skip
+
+
+def turns(system: System) -> Array:
+    """(n,) what an entry of the state gains in a turn: 2 pi for an angle, 1 for the time; 0 for the others."""
+    return np.array(
+        [2 * np.pi if name in system.angles else 1.0 if name == TURNS else 0.0 for name in system.names.entries]
+    )
+
+
+def gained(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
+    """(n,) what angles and the time have gained on the way from x to `later`: whole turns, of the time also parts."""
+    turn = turns(system)
+    unit = np.array([1.0 / parts if name == TURNS else t for name, t in zip(system.names.entries, turn, strict=True)])
+    return np.where(turn > 0, unit * np.round((later - x) / np.where(turn > 0, unit, 1.0)), 0.0)

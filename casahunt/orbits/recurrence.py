@@ -1,0 +1,150 @@
+"""When a motion repeats: its last m phases are those before them, as they are or mirrored by a symmetry S.
+
+    x(t) = S x(t + T_m) - c      T_m the time of the last m phases, c whole turns of angles and of the time
+
+A symmetry is believed where it maps the one half of the motion to the other in every respect: fields, events and jumps,
+at the states of the motion and at others near them.  Without that a mirrored closure would be another problem, with
+solutions that are no motions at all.
+
+Symbols: n states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..collocation.interval import field_at
+from ..hybrid import system as engine
+from ..hybrid.family import Closure, gained, turns
+from ..hybrid.language import System
+from ..motion.march import Segment
+from ..motion.march_exits import behind
+
+Array = np.ndarray
+
+EQUAL = 1e-9
+"""Fields and events that agree to this, relative to their sizes, are the same."""
+TRIED = 16
+"""Intervals of a phase at which a symmetry is tried."""
+AROUND = 0.1
+"""How far from the motion a symmetry is tried, in units of the state scale."""
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """The last `phases` phases of a motion close, all but for `distance` in units of the state scale."""
+
+    phases: int
+    closure: Closure
+    distance: float
+
+
+def recurrences(
+    system: System, form: engine.System, segments: Sequence[Segment], p: Array, scale: Array, near: float
+) -> list[Recurrence]:
+    """The ways in which the end of a motion is `near` an earlier state of it, the one with fewest phases first.
+
+    `segments` start at events, but for the first one.
+    """
+    found = []
+    n = scale.size
+    states = [segment.behind for segment in segments]
+    labels = [(segment.mode, segment.event) for segment in segments]
+    for m in range(1, len(segments) // 2 + 1):
+        here, there = states[-1], states[-1 - m]
+        if labels[-m:] == labels[-2 * m : -m]:
+            shift = gained(system, there, here)
+            distance = float(np.max(np.abs(here - shift - there) / scale))
+            if distance < near:
+                found.append(Recurrence(m, Closure.of(np.eye(n), shift, 1), distance))
+                break
+        for S in symmetries(system):
+            image = S @ here
+            shift = gained(system, there, image, parts=2)
+            distance = float(np.max(np.abs(image - shift - there) / scale))
+            if distance < near and is_symmetry(form, segments[-2 * m :], S, shift, p, scale):
+                found.append(Recurrence(m, Closure.of(S, shift, 2), distance))
+                break
+    return found
+
+
+def symmetries(system: System) -> list[Array]:
+    """(n, n) candidates S, those of the user and x -> -x; the time goes on."""
+    n, whole = len(system.states), len(system.names.entries)
+    out = []
+    for S in (*system.symmetries, -np.eye(n)):
+        extended = np.eye(whole)
+        extended[:n, :n] = S
+        out.append(extended)
+    return out
+
+
+def is_symmetry(
+    form: engine.System, segments: Sequence[Segment], S: Array, shift: Array, p: Array, scale: Array
+) -> bool:
+    """Whether x -> S^-1 (x + shift) maps the first half of `segments`, with all that belongs to it, to the second.
+
+    Fields, conditions, events and jumps are compared at states of the motion and at others around them.
+    """
+    m = len(segments) // 2
+    inverse = np.linalg.inv(S)
+    rng = np.random.default_rng(0)
+
+    def image(x: Array) -> Array:
+        return inverse @ (x + shift)
+
+    for a, b in zip(segments[:m], segments[m:], strict=True):
+        on = a.w[:: max(1, len(a.w) // TRIED), : scale.size]
+        points = np.vstack([on, on + AROUND * scale * rng.standard_normal(on.shape)])
+        first, second = form.modes[a.mode], form.modes[b.mode]
+        for x in points:
+            f = inverse @ (scale * field_at(first.field, x / scale, first.sign, p, scale)) / scale
+            g = field_at(second.field, image(x) / scale, second.sign, p, scale)
+            if not np.max(np.abs(f - g)) <= EQUAL * max(1.0, float(np.max(np.abs(f)))):
+                return False
+            if not _same_events(form, a, b, x, image(x), p):
+                return False
+        if (a.jumped is None) != (b.jumped is None):
+            return False
+        if a.jumped is not None:
+            off = image(a.jumped) - _jumped(form, b, image(a.end), p)
+            if np.max(np.abs(off) / scale) > EQUAL:
+                return False
+    return True
+
+
+def _exit(form: engine.System, segment: Segment) -> engine.Exit:
+    return next(e for e in form.exits[segment.mode] if e.event.name == segment.event)
+
+
+def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
+    """The events that end a and b are one at x and at its image y, up to the sign and its direction."""
+    one, other = _exit(form, a), _exit(form, b)
+    h = one.direction * float(np.asarray(one.event.function(x, 0.0, p)))
+    k = other.direction * float(np.asarray(other.event.function(y, 0.0, p)))
+    return abs(h - k) <= EQUAL * max(1.0, abs(h))
+
+
+def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:
+    found = behind(_exit(form, segment), x, p)
+    assert found is not None
+    return found
+
+
+def rebased(system: System, segments: Sequence[Segment]) -> list[Segment]:
+    """Segments with the whole turns taken off that angles and the time have at the start."""
+    turn = turns(system)
+    start = segments[0].start
+    off = np.where(turn > 0, turn * np.floor(start / np.where(turn > 0, turn, 1.0)), 0.0)
+    if not off.any():
+        return list(segments)
+    return [
+        Segment(
+            s.mode, s.event, s.duration, s.breaks, s.w - np.tile(off, s.w.shape[1] // off.size), s.end - off,
+            None if s.jumped is None else s.jumped - off,
+        )
+        for s in segments
+    ]  # fmt: skip
