@@ -21,8 +21,9 @@ from typing import Any, Generic
 import numpy as np
 
 from ..collocation.admissibility import judge
+from ..collocation.ipopt import Maximum, maximise_parameter
 from ..collocation.mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
-from ..collocation.solve import Maximum, Solution, Solver, maximise_parameter
+from ..collocation.newton import Solution, Solver
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border

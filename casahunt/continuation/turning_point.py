@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 
 from ..collocation.graphs import graphs
-from ..collocation.solve import Maximum, Solution, newton
+from ..collocation.ipopt import Maximum
+from ..collocation.newton import Solution, newton
 from ..collocation.transcription import Linearisation, Setting, Transcription
 from ..compiled import alone
 from ..errors import Status

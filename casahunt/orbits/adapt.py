@@ -30,8 +30,9 @@ from ..collocation.mesh import (
     shape_limit,
     transfer,
 )
+from ..collocation.newton import Solution, Solver, newton
 from ..collocation.scheme import Kind
-from ..collocation.solve import Solution, Solver, ipopt_then_newton, newton, solve
+from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem

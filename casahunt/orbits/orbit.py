@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..collocation.mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
+from ..collocation.newton import Solution, Solver
 from ..collocation.scheme import Kind, scheme
-from ..collocation.solve import Solution, Solver, solve
+from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import Status
 from ..hybrid.problem import Problem

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
-from casahunt.collocation.solve import newton
+from casahunt.collocation.newton import newton
 from casahunt.continuation.fold import confirmed
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
@@ -171,7 +171,7 @@ def test_a_point_off_the_fold_is_refused(orbit):
 def test_folds_do_not_depend_on_what_was_computed_before(orbit):
     """Many structures in between push graphs out of the caches; the Hessian must not outlive its symbols."""
     from casahunt.collocation.graphs import graphs
-    from casahunt.collocation.solve import _ipopt_solver
+    from casahunt.collocation.ipopt import _ipopt_solver
 
     first = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
     graphs.cache_clear()
