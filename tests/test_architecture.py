@@ -196,7 +196,6 @@ MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
 SOURCES = sorted(path for folder in ("casahunt", "scripts") for path in (ROOT / folder).rglob("*.py"))
 LONG = {
     "casahunt/continuation/walk.py walk": "a docstring of forty lines; the rest is one loop",
-    "casahunt/orbits/adapt.py solve_adaptively": "the loop of the module docstring: to be divided by its boxes",
     "casahunt/servo/simulation/simulate.py simulate": "a docstring of forty lines; the rest is checks and one call",
 }
 """Files, and functions (behind the file), that may be longer, and why."""
