@@ -190,7 +190,7 @@ def test_sharp_fold_of_stronger_friction():
 @pytest.mark.slow
 def test_a_servo_whose_cycles_exist_in_a_narrow_range_of_gains():
     """The loop is unstable without dry friction up to gain 7.8; cycles exist from about 3.9 to the fold, less than a
-    factor of two.  The fold by the event map of scripts/tuning.py: the peak of P(a)/a, bisected in the gain."""
+    factor of two.  The fold by scripts/peers/stick_map.py: the peak of P(a)/a, bisected in the gain."""
     servo = Servo().replace(**{
         "servo.inertia": 0.19764950539205736, "servo.motor_gain": 1.9805829914128932,
         "controller.lead_time": 0.049815533087248086, "controller.integral_time": 0.12751686526427994,
