@@ -8,7 +8,9 @@ joints.py         closed-form phases and events, compiled, with their exact Jaco
 node_system.py    the linear system left when the stages are eliminated
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
 graphs.py         the same equations as graphs for IPOPT, with Jacobian and Hessian
-solve.py          the only place that runs a solver: Newton and IPOPT
+newton.py         Newton's method, and when a solution is one
+ipopt.py          IPOPT: a root, the largest parameter, a small cost
+solve.py          which of the two solves, alone or one after the other
 mesh.py           error estimate and mesh adaptation
 admissibility.py  is a root of the equations a motion?
 """

@@ -131,7 +131,7 @@ def transfer(
     # A phase starts where the one before it ended, exactly: interpolation must not move an event.
     nodes[new.phase_start] = old_nodes[t.phase_start]
     nodes[new.phase_end] = old_nodes[t.phase_end]
-    u_new = new.pack(w.reshape(new.intervals, -1), nodes, t.durations_of(u))
+    u_new = new.pack(w.reshape(new.intervals, new.rows), nodes, t.durations_of(u))
     return new, u_new, np.concatenate([np.diff(b) for b in breaks])
 
 
@@ -140,7 +140,7 @@ def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transc
     fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
     old_nodes = t.nodes_of(u)
     w = np.einsum("hkj,ijn->ihkn", t.scheme.halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
-    w = w.reshape(fine.intervals, -1)
+    w = w.reshape(fine.intervals, fine.rows)
     nodes = np.empty((fine.elements + 1, t.n))
     nodes[fine.interval_elements] = w[:, : t.n]
     nodes[fine.closed_elements] = old_nodes[t.closed_elements]
@@ -226,7 +226,7 @@ def estimate(
     weights = psi[:, : E * n].reshape(-1, E, n)
     per_element = np.abs((weights * maps[:, :, 0]).sum(axis=2))
     errors = np.abs(total)
-    if errors.max() <= believed:
+    if t.intervals and errors.max() <= believed:
         left = _left_by_a_step(fine, u_fine, lin, halves).reshape(-1, 4, n)
         terms = np.abs(left @ weights[:, t.interval_elements].transpose(1, 2, 0))
         overlooked = (np.maximum(terms[:, 0], terms[:, 1]) + np.maximum(terms[:, 2], terms[:, 3])).T
@@ -323,7 +323,7 @@ def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, c
     """
     smooth = np.array([t.cycle.phases[k].mode.smooth for k in t.phase_of[t.interval_elements]])
     power = np.where(smooth, 1.0 / (t.scheme.order + 1), KINK_POWER)
-    share = SAFETY * tol / t.intervals
+    share = SAFETY * tol / max(t.intervals, 1)
     wanted = np.maximum(
         (e.indicators / share) ** power,
         (e.shape / shape_limit(tol)) ** (1.0 / t.degree),

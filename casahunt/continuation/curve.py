@@ -148,7 +148,7 @@ def backwards(point: Point) -> Point:
 
 def _size_of_states(t: Transcription, u: Array) -> Array:
     """(n,) largest |state|, in the units of u."""
-    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0)
+    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0, initial=0.0)
     return np.maximum(np.maximum(w, np.abs(t.nodes_of(u)).max(axis=0)), 1e-12)
 
 

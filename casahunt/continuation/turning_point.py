@@ -9,7 +9,7 @@ The root of d lambda/d a is found by secants.  At it the equations have the adjo
     G_u^T nu = 0,   nu . G_lambda = 1:      [ G_u  G_lambda ]^T [ nu ]   [ 0 ]
                                             [  w      0     ]   [ s  ] = [ 1 ],   s = 0,
 
-as the multipliers of the optimisation problem that IPOPT solves for the same fold (solve.maximise_parameter).
+as the multipliers of the optimisation problem that IPOPT solves for the same fold (ipopt.maximise_parameter).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 
 from ..collocation.graphs import graphs
-from ..collocation.solve import Maximum, Solution, newton
+from ..collocation.ipopt import Maximum
+from ..collocation.newton import Solution, newton
 from ..collocation.transcription import Linearisation, Setting, Transcription
 from ..compiled import alone
 from ..errors import Status
@@ -36,7 +37,7 @@ lambda does not change any more and the slope is nothing but rounding."""
 
 
 def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
-    """The largest lambda next to u by Newton's method, as `solve.maximise_parameter` by IPOPT."""
+    """The largest lambda next to u by Newton's method, as `ipopt.maximise_parameter` by IPOPT."""
     row = _along(t, u, setting)
     iterations = 0
     for first in FIRST_STEPS:

@@ -16,8 +16,9 @@ import numpy as np
 
 from ..collocation.joints import flow_at
 from ..collocation.mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
+from ..collocation.newton import Solution, Solver
 from ..collocation.scheme import Kind, scheme
-from ..collocation.solve import Solution, Solver, solve
+from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import Status
 from ..hybrid.problem import Problem
@@ -247,7 +248,7 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     collocated = [arc for arc, count in zip(orbit.arcs, counts, strict=True) if count]
     w = np.concatenate([np.zeros((0, t.degree + 1, t.n)), *(arc.states for arc in collocated)])
     durations = np.array([arc.duration for arc in orbit.arcs])
-    u = t.pack((w / orbit.scale).reshape(t.intervals, -1), np.vstack([*nodes, last]) / orbit.scale, durations)
+    u = t.pack((w / orbit.scale).reshape(t.intervals, t.rows), np.vstack([*nodes, last]) / orbit.scale, durations)
     fractions = np.concatenate([np.zeros(0), *(np.diff(arc.breaks) for arc in collocated)])
     problem = orbit.problem
     return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from casahunt import NoOrbit, Options, find_fold, find_orbit
-from casahunt.collocation.solve import newton
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation.special_points import FOLD, crossings
 from casahunt.continuation.walk import run as run_walk

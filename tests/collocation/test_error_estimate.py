@@ -15,7 +15,7 @@ import pytest
 from casahunt import Options, Servo, find_orbit
 from casahunt.collocation import mesh
 from casahunt.collocation.admissibility import judge
-from casahunt.collocation.solve import newton
+from casahunt.collocation.newton import newton
 from casahunt.orbits.orbit import unknowns_of
 from scripts.peers.switch_digits import SwitchMap
 

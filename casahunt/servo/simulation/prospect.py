@@ -263,6 +263,22 @@ def _cycle(servo: Servo, gain: float, a: float, error: float, swings: int) -> Cy
                 return math.nan, math.nan
         return b, slope
 
+    fixed = _fixed_point(image, a)
+    if fixed is None:
+        return None
+    centre, slope = fixed
+    radius = max(FAR * (abs(a - centre) + error), RESOLVED * centre)
+    if abs(slope) < 1 and radius < centre and _draws(image, centre, radius):
+        return Cycle(centre, slope, swings, radius)
+    return None
+
+
+Image = Callable[[float], tuple[float, float]]
+"""b -> (the stick position after some swings, its derivative with respect to b); nan where there is none."""
+
+
+def _fixed_point(image: Image, a: float) -> tuple[float, float] | None:
+    """(P(a*) = a*, P'(a*)) by Newton's method from a."""
     centre = a
     for _ in range(NEWTON_STEPS):
         P, slope = image(centre)
@@ -273,18 +289,16 @@ def _cycle(servo: Servo, gain: float, a: float, error: float, swings: int) -> Cy
             return None
         centre += step
         if abs(step) <= CLOSE * centre:
-            break
-    else:
-        return None
-    if not abs(slope) < 1:
-        return None
-    radius = max(FAR * (abs(a - centre) + error), RESOLVED * centre)
-    if not radius < centre:
-        return None
+            return centre, slope
+    return None
+
+
+def _draws(image: Image, centre: float, radius: float) -> bool:
+    """Whether stick positions up to `radius` from the fixed point are followed by closer ones."""
     for part in PARTS:
         for b in (centre - part * radius, centre + part * radius):
             P, local = image(b)
             # At both ends of every step a smaller distance, and no steeper than one: nor is it between them.
             if not (abs(P - centre) < part * radius and (abs(local) < 1 or part == 1)):
-                return None
-    return Cycle(centre, slope, swings, radius)
+                return False
+    return True
