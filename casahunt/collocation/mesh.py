@@ -132,7 +132,7 @@ def transfer(
     nodes[new.phase_start] = old_nodes[t.phase_start]
     nodes[new.phase_end] = old_nodes[t.phase_end]
     u_new = new.pack(w.reshape(new.intervals, new.rows), nodes, t.durations_of(u))
-    return new, u_new, np.concatenate([np.diff(b) for b in breaks])
+    return new, u_new, np.concatenate([np.zeros(0), *(np.diff(b) for b in breaks)])
 
 
 def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transcription, Array, Array]:
