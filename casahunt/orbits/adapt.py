@@ -20,18 +20,10 @@ import numpy as np
 
 from ..checks import known, require, shown
 from ..collocation.admissibility import Verdict, judge
-from ..collocation.mesh import (
-    COARSENING,
-    Estimate,
-    better_breaks,
-    estimate,
-    halved,
-    phase_breaks,
-    quartered_where,
-    shape_limit,
-    transfer,
-)
+from ..collocation.error_estimate import Estimate, estimate
+from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
 from ..collocation.newton import Solution, Solver, newton
+from ..collocation.remesh import COARSENING, better_breaks, shape_limit
 from ..collocation.scheme import Kind
 from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription

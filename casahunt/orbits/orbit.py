@@ -14,8 +14,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..collocation.mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
+from ..collocation.error_estimate import Estimate, amplitude_row, estimate
+from ..collocation.mesh import halved, phase_breaks, transfer
 from ..collocation.newton import Solution, Solver
+from ..collocation.remesh import better_breaks
 from ..collocation.scheme import Kind, scheme
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription, transcribe
