@@ -39,7 +39,7 @@ TOLERANCE_RANGE = (1e-12, 1e-2)
 MAX_INTERVALS = 3000
 MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
-ROUGH = 3.0
+ROUGH_SHAPE = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 MOTION = 0.1
 """The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
@@ -250,7 +250,7 @@ def remeshed(start: Start, options: Options) -> Start:
 
 def _presentable(e: Estimate, options: Options) -> bool:
     """The solution may be shown between its nodes."""
-    return float(e.shape.max()) <= ROUGH * shape_limit(options.tol)
+    return float(e.shape.max()) <= ROUGH_SHAPE * shape_limit(options.tol)
 
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
