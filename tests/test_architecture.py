@@ -216,6 +216,39 @@ def test_files_and_functions_are_one_thing():
     assert not set(LONG) - found, "no exceptions any more: take them out"
 
 
+def constants(module: str) -> dict[str, ast.expr]:
+    """Upper-case names that a module gives a value at its top level."""
+    found: dict[str, ast.expr] = {}
+    for node in tree(module).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+            several = isinstance(target, ast.Tuple)
+            values = node.value.elts if several and isinstance(node.value, ast.Tuple) else None
+            for i, name in enumerate(target.elts if several else [target]):
+                if isinstance(name, ast.Name) and name.id.isupper():
+                    found[name.id] = values[i] if values else node.value
+    return found
+
+
+def is_numeric(value: ast.expr) -> bool:
+    """A number, several, or a table of them, whatever its keys."""
+    keys = {id(key) for node in ast.walk(value) if isinstance(node, ast.Dict) for key in node.keys}
+    leaves = [n.value for n in ast.walk(value) if isinstance(n, ast.Constant) and id(n) not in keys]
+    return bool(leaves) and all(isinstance(leaf, int | float) for leaf in leaves)
+
+
+def test_a_numeric_constant_has_one_meaning():
+    """No name of a number is given in two modules: the same limit has one home, another one another name."""
+    homes: dict[str, list[str]] = {}
+    for module in MODULES:
+        for name in constants(module):
+            homes.setdefault(name, []).append(module)
+    numeric = {name for module in MODULES for name, value in constants(module).items() if is_numeric(value)}
+    assert len(numeric) > 100  # they are found
+    assert not {name: homes[name] for name in numeric if len(homes[name]) > 1}
+
+
 def test_scripts_take_nothing_from_tests():
     """A script that imports from the tests is a sign of a missing room."""
     for path in (p for p in SOURCES if "scripts" in p.relative_to(ROOT).parts):

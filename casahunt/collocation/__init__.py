@@ -11,6 +11,8 @@ graphs.py         the same equations as graphs for IPOPT, with Jacobian and Hess
 newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
 solve.py          which of the two solves, alone or one after the other
-mesh.py           error estimate and mesh adaptation
+mesh.py           the same solution on another mesh
+error_estimate.py the error of what is read from a solution, by an adjoint
+remesh.py         the mesh that makes it as small as asked for
 admissibility.py  is a root of the equations a motion?
 """

@@ -38,7 +38,7 @@ AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its larg
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
 NOTHING_LEFT = 0.9
-"""The same for a solution: the error estimate looks between the points (mesh.py), but must have something to see."""
+"""The same for a solution: the error estimate looks between the points, but must have something to see."""
 _BETWEEN = np.linspace(0, 1, 33)
 
 

@@ -40,7 +40,7 @@ IPOPT_OPTIONS = {
     "print_time": False,
 }
 
-ROOT = {
+ROOT_OPTIONS = {
     # One step more after the equations hold to `tol`: where it is enough, they hold to rounding, and so does the root.
     "ipopt.tol": 1e-15,
     "ipopt.constr_viol_tol": 1e-15,
@@ -50,7 +50,7 @@ ROOT = {
 }
 """Options of a root."""
 
-MINIMISE = {
+MINIMUM_OPTIONS = {
     "ipopt.max_iter": 100,
     "ipopt.mu_init": 1e-3,
     "ipopt.bound_push": 1e-8,
@@ -75,7 +75,7 @@ def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Functio
         border = ca.Sparsity.triplet(1, t.size + 1, [0] * places.size, places[order].tolist())
         jacobian = ca.vertcat(g.jacobian, ca.MX(border, weights[order.tolist()]))
         hessian, objective = ca.MX(t.size + 1, t.size + 1), ca.MX(0)
-        nu, options = ca.MX.sym("nu", t.size + 1), IPOPT_OPTIONS | ROOT
+        nu, options = ca.MX.sym("nu", t.size + 1), IPOPT_OPTIONS | ROOT_OPTIONS
     else:
         data, rows, jacobian, nu = g.data, g.residual, g.jacobian, g.nu
         hessian, objective, options = lagrangian_hessian(t, g), -g.z[t.size], IPOPT_OPTIONS
@@ -231,9 +231,8 @@ def minimise(
         (x, 2) and (rows, 2): smallest and largest values.
     """
     jac_g = ca.Function("jac_g", [x, (none := ca.MX.sym("none", 0))], [rows, jacobian], ["x", "p"], ["g", "jac"])
-    solver = ca.nlpsol(
-        "minimum", "ipopt", {"x": x, "p": none, "f": objective, "g": rows}, IPOPT_OPTIONS | MINIMISE | {"jac_g": jac_g}
-    )
+    problem = {"x": x, "p": none, "f": objective, "g": rows}
+    solver = ca.nlpsol("minimum", "ipopt", problem, IPOPT_OPTIONS | MINIMUM_OPTIONS | {"jac_g": jac_g})
     found, stats = _call(
         solver, x0=start, lbx=bounds[:, 0], ubx=bounds[:, 1], lbg=row_bounds[:, 0], ubg=row_bounds[:, 1]
     )

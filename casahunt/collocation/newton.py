@@ -38,7 +38,7 @@ RESIDUAL_LIMIT = 1e-8
 hours multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
-HOPELESS = 1e3
+DIVERGED = 1e3
 """A Newton step larger than this leads nowhere."""
 
 
@@ -108,7 +108,7 @@ def newton(
         lam += step.dlam
         if _is_the_last(step.size, last):
             return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
-        if step.size > HOPELESS or (iteration > 3 and step.size > 2 * last):
+        if step.size > DIVERGED or (iteration > 3 and step.size > 2 * last):
             break
         if np.any(t.durations_of(u) <= 0):
             return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)

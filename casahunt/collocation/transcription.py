@@ -1,8 +1,8 @@
 """A cycle on a mesh as a square system of equations, its Jacobian, and the named layout of the unknowns.
 
-The pieces of the chain, in time order, are E elements: the N intervals of the collocated phases and the M
-closed forms (one element each): phases in closed form, and jumps at the end of a phase.  Element e leads from node e to node e + 1.  Unknowns, all states
-divided by the scale D:
+The pieces of the chain, in time order, are E elements: the N intervals of the collocated phases and the M closed forms
+(one element each), which are phases in closed form and jumps at the ends of phases.  Element e leads from node e to
+node e + 1.  Unknowns, all states divided by the scale D:
 
     u = [ w_1 | ... | w_N | v_1 | ... | v_M | x_end | T_1 ... T_P ]
           |                 |             |       durations [s]
@@ -124,7 +124,8 @@ class Transcription:
         return self._system
 
     def _index_chain(self) -> None:
-        n, start, phase_of, is_interval, phase_start, phase_end, signs = self.n, [], [], [], [], [], []
+        n, phase_of, is_interval, phase_start, phase_end, signs = self.n, [], [], [], [], []
+        start: list[int] = []
         w = 0
         v = self.intervals * self.rows
         for k, (phase, count) in enumerate(zip(self.cycle.phases, self.counts, strict=True)):

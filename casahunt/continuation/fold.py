@@ -21,9 +21,11 @@ from typing import Any, Generic
 import numpy as np
 
 from ..collocation.admissibility import judge
+from ..collocation.error_estimate import amplitude_row, estimate
 from ..collocation.ipopt import Maximum, maximise_parameter
-from ..collocation.mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
+from ..collocation.mesh import on_halved_mesh, transfer
 from ..collocation.newton import Solution, Solver
+from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border

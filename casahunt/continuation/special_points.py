@@ -28,7 +28,7 @@ import numpy as np
 
 from ..checks import to_error
 from ..errors import NoOrbit
-from ..hybrid.roots import Bracket, Search, boundary
+from ..hybrid.roots import CLOSED, Bracket, Search, boundary
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
 from .curve import (
@@ -47,12 +47,10 @@ from .walk import step_along
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
-CLOSED = 1e-13
-"""Width of a bracket, relative to the length of the step to its end, below which it is down to rounding."""
 CUBIC_ROUNDS = 6
 """Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
-ACCEPTED = 1e3
+ACCEPTED_TOLERANCES = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
 order in that, within 1e-12."""
 
@@ -253,7 +251,7 @@ def _located_from(
         if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
             break
         search = search.told(ds, f)
-    return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
+    return best[1] if best and abs(best[0]) <= ACCEPTED_TOLERANCES * monitor.tolerance else None
 
 
 def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:

@@ -31,7 +31,7 @@ Array = np.ndarray
 FIRST_STEPS = (1e-4, 1e-6, 1e-8)
 """First steps along the curve, in turn: a sharp fold is narrower than the first of them."""
 MOST_SECANTS = 12
-ARRIVED, ROUNDED = 1e-10, 1e-14
+LAST_STEP, LAST_CHANGE = 1e-10, 1e-14
 """No further step is made where the last one, and the change of lambda that it brought, are below these; nor where
 lambda does not change any more and the slope is nothing but rounding."""
 
@@ -80,8 +80,8 @@ def _secants(t: Transcription, u: Array, setting: Setting, row: Array, first: fl
             return None
         du, fresh = _tangent(t, following.u, following.linearisation, row)
         bend = (fresh - slope) / ds
-        still = abs(fresh * ds) <= ROUNDED
-        if still and (abs(ds) <= ARRIVED or abs(fresh) > 0.1 * abs(slope)):
+        still = abs(fresh * ds) <= LAST_CHANGE
+        if still and (abs(ds) <= LAST_STEP or abs(fresh) > 0.1 * abs(slope)):
             return following, iterations
         if not bend < 0:
             return None

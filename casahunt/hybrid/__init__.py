@@ -4,5 +4,8 @@
 
 system.py    modes, exits and phases; a cycle x(start) = S x(end) as phases in order
 problem.py   the contract: what the engine must know of whoever poses a problem
+vector_form.py  functions of named states and parameters as functions of vectors
+language.py  what a user writes: Event, Mode, System with names
+family.py    the cycles of a user's system at one p
 roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """

@@ -137,7 +137,12 @@ class Family(Problem):
         return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """The cycle with these phases.  Raises ValueError where the system has no such phase, or it closes otherwise."""
+        """The cycle with these phases.
+
+        Raises
+        ------
+        ValueError : the system has no such phase, or its cycles close otherwise.
+        """
         if repeats != self.closure.repeats:
             raise ValueError(f"a cycle of {self.title} closes {self.closure.repeats} times, not {repeats}")
         return _cycle(self.system, self.sections, self.closure, self.measured, signature)
@@ -198,14 +203,14 @@ def _cycle(
 
 
 def turns(system: System) -> Array:
-    """(n,) what an entry of the state gains in a turn: 2 pi for an angle, 1 for the time; 0 for the others."""
+    """(n,) by how much an entry of the state grows in a turn: 2 pi for an angle, 1 for the time; 0 for the others."""
     return np.array(
         [2 * np.pi if name in system.angles else 1.0 if name == TURNS else 0.0 for name in system.names.entries]
     )
 
 
-def gained(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
-    """(n,) what angles and the time have gained on the way from x to `later`: whole turns, of the time also parts."""
+def turned(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
+    """(n,) what angles and the time have grown on the way from x to `later`: whole turns, of the time also parts."""
     turn = turns(system)
     unit = np.array([1.0 / parts if name == TURNS else t for name, t in zip(system.names.entries, turn, strict=True)])
     return np.where(turn > 0, unit * np.round((later - x) / np.where(turn > 0, unit, 1.0)), 0.0)

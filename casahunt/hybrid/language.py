@@ -24,8 +24,21 @@ from ..checks import known, number, quoted
 from ..compiled import alone, kept
 from ..errors import InputError
 from . import system as engine
-from .vector_form import TIME, Always, Condition, EventValue, Field, FieldOfFlow, Flow, Named, Names, Reset, Scalar
-from .vector_form import Successor, listed
+from .vector_form import (
+    TIME,
+    Always,
+    Condition,
+    EventValue,
+    Field,
+    FieldOfFlow,
+    Flow,
+    Named,
+    Names,
+    Reset,
+    Scalar,
+    Successor,
+    listed,
+)
 
 Array = np.ndarray
 Function = Callable[[Named, Named], Any]
@@ -92,8 +105,8 @@ class System:
     modes : the modes.
     forcing_period : p -> duration of one turn of the forcing, or None for a system that time does not enter.  Where it
         is given, x.t is the time, in fields, events and resets.
-    symmetries : (n, n) matrices S, states in the order of the names, under which the system may be the same.  x -> -x is
-        always looked at.
+    symmetries : (n, n) matrices S, states in the order of the names, under which the system may be the same; x -> -x
+        is always looked at.
     angles : names of states that are the same after a turn of 2 pi.
 
     Raises
@@ -209,9 +222,7 @@ def _check_shapes(system: System) -> None:
     if not isinstance(system.parameters, Mapping):
         raise InputError(f"{what}: parameters must be a mapping from names to numbers")
     _check_names(what, "parameters", tuple(system.parameters), empty=True)
-    for angle in system.angles:
-        if angle not in system.states:
-            raise InputError(f"{what}: the angle {angle!r} is none of the states {listed(system.states)}")
+    _check_structure(what, system)
     if system.forcing_period is not None:
         _check_callable(what, "forcing_period", system.forcing_period)
         if TIME in system.states:
@@ -225,10 +236,19 @@ def _check_shapes(system: System) -> None:
     repeated = {m.name for m in system.modes if [n.name for n in system.modes].count(m.name) > 1}
     if repeated:
         raise InputError(f"{what}: more than one mode is called {listed(sorted(repeated))}")
+
+
+def _check_structure(what: str, system: System) -> None:
+    """Angles and symmetries."""
+    for angle in system.angles:
+        if angle not in system.states:
+            raise InputError(f"{what}: the angle {angle!r} is none of the states {listed(system.states)}")
     n = len(system.states)
     for S in system.symmetries:
         if np.shape(S) != (n, n) or not np.allclose(np.asarray(S) @ np.asarray(S), np.eye(n)):
-            raise InputError(f"{what}: a symmetry must be an ({n}, {n}) matrix S with S S = 1; a jump is an event's reset")
+            raise InputError(
+                f"{what}: a symmetry must be an ({n}, {n}) matrix S with S S = 1; a jump is the reset of an event"
+            )
 
 
 def _check_names(what: str, which: str, names: Any, *, empty: bool = False) -> None:
@@ -285,14 +305,18 @@ def _user_functions(system: System) -> Iterator[tuple[str, Callable[[Any, Any, A
             function = getattr(mode, which)
             if function is not None:
                 kind = "states" if which == "field" else "scalar"
-                yield f"{what}: {which}", lambda x, T, p, f=function: f(x, p), kind
+                yield f"{what}: {which}", _of_three(function), kind
         if mode.flow is not None:
             yield f"{what}: flow", mode.flow, "states"
         for event in mode.ends:
             where = f"event {event.name!r} of {what}"
-            yield f"{where}: function", lambda x, T, p, f=event.function: f(x, p), "scalar"
+            yield f"{where}: function", _of_three(event.function), "scalar"
             if event.reset is not None:
-                yield f"{where}: reset", lambda x, T, p, f=event.reset: f(x, p), "some states"
+                yield f"{where}: reset", _of_three(event.reset), "some states"
+
+
+def _of_three(function: Function) -> Callable[[Any, Any, Any], Any]:
+    return lambda x, T, p: function(x, p)
 
 
 @alone

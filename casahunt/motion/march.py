@@ -20,17 +20,17 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import effort
-from ..collocation.scheme import Kind, scheme
+from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
-from .march_exits import TooLong, behind, end_of_flow, first_crossing, flow_to, hidden, linear_in_time, locate
+from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossing, flow_to, hidden, locate
 from .march_step import Stepper, last_mode, predict, reaches
 
 Array = np.ndarray
 
-SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the start
+VANISHING_STEP = 1e-14  # of the time reached so far, or of one second at the start
 GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
-ACCEPTED = 4.0  # an interval's error, in units of the tolerance
-GROWTH = 2.5  # of an interval's length from one to the next
+ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
+LENGTHENING = 2.5  # of an interval's length from one to the next
 BROKEN = 1e-6  # a condition below zero by this much does not hold
 VANISHED = "the step size vanished"
 
@@ -119,17 +119,10 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        field = system.modes[mode]
-        in_closed_form = field.flow is not None
-        if in_closed_form and linear_in_time(field, system.exits[mode], x.size, p.size):
-            segment, mode = _closed_form(system, mode, x, p)
-        else:
-            stepper = Stepper(field.field, s, p, scale, field.sign)
-            segment, mode = _collocated(system, mode, x, stepper, tol, max_time - time, max_intervals - used)
-            if in_closed_form:
-                segment = _polished(system, segment, p)
+        here = mode
+        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used)
         if strict:
-            _check_holds(field, segment, p, time)
+            _check_holds(system.modes[here], segment, p, time)
         segments.append(segment)
         time += segment.duration
         used += len(segment.w)
@@ -142,6 +135,18 @@ def march(
         x = segment.behind
 
 
+def _phase(
+    system: System, name: str, x: Array, p: Array, s: Scheme, scale: Array, tol: float, max_time: float, intervals: int
+) -> tuple[Segment, str]:
+    """(segment, next mode) of one phase, in closed form where there is one."""
+    mode = system.modes[name]
+    if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
+        return _closed_form(system, name, x, p)
+    stepper = Stepper(mode.field, s, p, scale, mode.sign)
+    segment, successor = _collocated(system, name, x, stepper, tol, max_time, intervals)
+    return segment if mode.flow is None else _polished(system, segment, p), successor
+
+
 def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
     if mode.admissible is None or not np.isfinite(segment.duration):
@@ -152,8 +157,8 @@ def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
     if wrong.size:
         at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]
         raise MarchFailure(
-            f"at {at:.6g} the mode {mode.name!r} does not hold any more ({values[wrong[0]]:.3g}), and none of its exits "
-            "was met: an exit is missing, or events follow each other ever faster until they cannot be told apart"
+            f"at {at:.6g} the mode {mode.name!r} does not hold any more ({values[wrong[0]]:.3g}), and none of its "
+            "exits was met: an exit is missing, or events follow each other ever faster until they cannot be told apart"
         )
 
 
@@ -223,7 +228,7 @@ def _collocated(
         found = _attempt(mode, exits, stepper, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):
             h *= found.factor
-            if h < SMALLEST_STEP * max(t, 1.0):
+            if h < VANISHING_STEP * max(t, 1.0):
                 raise MarchFailure(f"mode {name!r}: {found.why} at {t:.6g} s")
             continue
         h, stages, end, error, way_out = found
@@ -238,7 +243,7 @@ def _collocated(
                 return segment(way_out.event.name, end, jumped), successor
         previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
-        h = min(h * min(GROWTH, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
+        h = min(h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
 
 
 def _attempt(
@@ -258,7 +263,7 @@ def _attempt(
     if solved is None and reaches(previous, h):
         solved = stepper(start, np.tile(start, d), h, GOAL * tol)
     error = np.inf if solved is None else last_mode(s, start, solved[0])
-    if solved is None or error > ACCEPTED * tol:
+    if solved is None or error > ACCEPTED_ERROR * tol:
         return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
     stages, end = solved
     ahead = None if slope is None else start + 1e-6 * h * slope

@@ -2,7 +2,7 @@
 
     x' = f_k(x; p) in mode k, to the first of its exits, x+ = R(x; p) there, the next mode, ...
 
-The motion is marched twice (march.py), the second time to `FINER` of the tolerance; what the two differ by, in the
+The motion is marched twice (march.py), the second time to `SECOND_RUN` of the tolerance; what the two differ by, in the
 states and in the times of the events, is the error estimate of the first, and a bound in practice of the second, which
 is returned.
 States are measured in units of their size in the motion itself, which a first look finds: a bristle of 1e-5 rad counts
@@ -30,8 +30,8 @@ from .march import MarchFailure, Segment, march
 
 Array = np.ndarray
 
-DEGREE = 7
-FINER = 1e-2
+MARCH_DEGREE = 7
+SECOND_RUN = 1e-2
 UNLIKE = 10.0
 """A size of a state is right within this factor."""
 
@@ -167,10 +167,10 @@ def simulate(
     form = system.vector_form
     try:
         scale = sizes(form, name, x, p, duration, kind)
-        runs = [follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, FINER * tol)]
+        coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))
     except MarchFailure as failure:
         raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None
-    return Motion(system, p, tuple(runs[1]), _difference(*runs, scale), scale, kind)
+    return Motion(system, p, tuple(fine), _difference(coarse, fine, scale), scale, kind)
 
 
 def follow_for(
@@ -178,8 +178,8 @@ def follow_for(
 ) -> list[Segment]:
     """The phases of a motion for exactly this time.  Raises MarchFailure."""
     phases = march(
-        form, mode, x, p, scale=scale, until=lambda segment: False, tol=tol, degree=DEGREE, kind=kind, max_time=duration,
-        strict=True,
+        form, mode, x, p, scale=scale, until=lambda segment: False, tol=tol, degree=MARCH_DEGREE, kind=kind,
+        max_time=duration, strict=True,
     )  # fmt: skip
     left = duration - sum(phase.duration for phase in phases[:-1])
     last = phases[-1]

@@ -7,4 +7,6 @@ orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 archive.py   orbits in files
+recurrence.py  when a motion repeats, as it is or mirrored
+find_cycle.py  the cycle that a motion of a user's system settles on
 """

@@ -20,18 +20,10 @@ import numpy as np
 
 from ..checks import known, require, shown
 from ..collocation.admissibility import Verdict, judge
-from ..collocation.mesh import (
-    COARSENING,
-    Estimate,
-    better_breaks,
-    estimate,
-    halved,
-    phase_breaks,
-    quartered_where,
-    shape_limit,
-    transfer,
-)
+from ..collocation.error_estimate import Estimate, estimate
+from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
 from ..collocation.newton import Solution, Solver, newton
+from ..collocation.remesh import COARSENING, better_breaks, shape_limit
 from ..collocation.scheme import Kind
 from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
@@ -47,7 +39,7 @@ TOLERANCE_RANGE = (1e-12, 1e-2)
 MAX_INTERVALS = 3000
 MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
-ROUGH = 3.0
+ROUGH_SHAPE = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 MOTION = 0.1
 """The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
@@ -258,7 +250,7 @@ def remeshed(start: Start, options: Options) -> Start:
 
 def _presentable(e: Estimate, options: Options) -> bool:
     """The solution may be shown between its nodes."""
-    return float(e.shape.max(initial=0.0)) <= ROUGH * shape_limit(options.tol)
+    return float(e.shape.max(initial=0.0)) <= ROUGH_SHAPE * shape_limit(options.tol)
 
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
-from ..motion.simulate import follow_for, sampled, sizes
+from ..motion.simulate import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
 from .orbit import Orbit
 from .recurrence import Recurrence, rebased, recurrences
@@ -36,19 +35,18 @@ from .restart import from_segments
 
 Array = np.ndarray
 
-MARCH_TOLERANCE = 1e-6
-DEGREE = 7
+SEARCH_TOLERANCE = 1e-6
 FIRST_LOOK = 20.0
 """Times in which the field moves a state by its size, that a motion is watched at first."""
-LOOKS, LONGER = 12, 4.0
+MOST_LOOKS, LOOK_LONGER = 12, 4.0
 """Looks, each this much longer than the one before, until there is something to see."""
 ENOUGH_EVENTS, ENOUGH_INTERVALS = 12, 300
-NEAR = 1e-2
+RETURNED = 1e-2
 """A motion repeats when it comes back this near, in units of the state scale; each failure asks for a tenth of it."""
 WITHIN = 0.2
 """A cycle farther from the motion than this, in units of the state scale, is another one."""
 FIRST_PHASES, MOST_PHASES = 24, 3000
-REST = 1e-8
+STANDSTILL = 1e-8
 """Ranges of all states below this part of their sizes are rest."""
 
 
@@ -97,24 +95,19 @@ def find_cycle(
     NoOrbit : no cycle was met, or it was not computed; says how far the motion was followed.
     """
     began = time.perf_counter()
-    given = system.state({**(start or {}), **states})
     names = system.names.parameters
     search = _Search(
         system=system,
         p=system.values(parameters),
         mode=system.mode(mode).name if mode is not None else system.modes[0].name,
-        x=given,
+        x=system.state({**(start or {}), **states}),
         followed=known("parameter", follow, names) if follow else (names[0] if names else ""),
         measured=known("state", measure, system.states) if measure else system.states[0],
         options=options or Options(tol=tol),
         settled=settled,
         kind="radau" if any(m.stiff for m in system.modes) else "gauss",
     )
-    try:
-        solved = search.run()
-    except MarchFailure as failure:
-        raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None
-    return replace(solved, wall_s=time.perf_counter() - began)
+    return replace(search.run(), wall_s=time.perf_counter() - began)
 
 
 @dataclass
@@ -137,9 +130,17 @@ class _Search:
     refusals: list[str] = field(default_factory=list)
 
     def run(self) -> Orbit:
+        """The cycle.  Raises NoOrbit."""
+        try:
+            return self.looked_for()
+        except MarchFailure as failure:
+            sentence = f"the motion of {self.system.name} cannot be followed: {failure}"
+            raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
+
+    def looked_for(self) -> Orbit:
         """Watch, march, solve, believe."""
         self.watch()
-        near, phases = NEAR, FIRST_PHASES
+        near, phases = RETURNED, FIRST_PHASES
         while True:
             self.march_on(phases)
             assert self.form is not None
@@ -164,9 +165,9 @@ class _Search:
         """Look at the motion for longer and longer, until there are events or intervals enough; cut it if need be."""
         form = self.system.vector_form
         span = self.first_span()
-        for _ in range(LOOKS):
+        for _ in range(MOST_LOOKS):
             self.scale = sizes(form, self.mode, self.x, self.p, span, self.kind)
-            seen = follow_for(form, self.mode, self.x, self.p, self.scale, self.kind, span, MARCH_TOLERANCE)
+            seen = follow_for(form, self.mode, self.x, self.p, self.scale, self.kind, span, SEARCH_TOLERANCE)
             half = sum(s.duration for s in seen) / 2
             ends = np.cumsum([s.duration for s in seen])
             events = sum(bool(s.event) for s, end in zip(seen, ends, strict=True) if end > half)
@@ -174,7 +175,7 @@ class _Search:
                 break
             if events == 0 and sum(len(s.w) for s in seen) >= ENOUGH_INTERVALS:
                 break
-            span *= LONGER
+            span *= LOOK_LONGER
         times, states = sampled(form, seen, self.p, self.kind, 8)
         late = states[:, times > half]
         if events == 0:
@@ -194,7 +195,7 @@ class _Search:
         form = self.system.vector_form
         scale = np.where(self.x != 0, np.abs(self.x), 1.0)
         probe = march(
-            form, self.mode, self.x, self.p, scale=scale, until=lambda s: True, tol=1e-3, degree=DEGREE,
+            form, self.mode, self.x, self.p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
             kind=self.kind, max_intervals=10**6, max_time=1e-3,
         )  # fmt: skip
         moved = np.max(np.abs(probe[-1].end - self.x) / scale) / max(min(probe[-1].duration, 1e-3), 1e-300)
@@ -203,7 +204,7 @@ class _Search:
     def at_rest(self, late: Array) -> bool:
         """Nothing moves but the time."""
         ranges = np.ptp(late, axis=1)[: len(self.system.states)]
-        return bool(np.all(ranges <= REST * self.scale[: ranges.size]))
+        return bool(np.all(ranges <= STANDSTILL * self.scale[: ranges.size]))
 
     def cut(self, mode: str, late: Array) -> None:
         """A section for a motion that meets no event."""
@@ -236,8 +237,8 @@ class _Search:
                 return len(found) >= count
 
             new = march(
-                self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=MARCH_TOLERANCE,
-                degree=DEGREE, kind=self.kind, strict=True,
+                self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
+                degree=MARCH_DEGREE, kind=self.kind, strict=True,
             )  # fmt: skip
             if new[-1].event == "":
                 raise self.not_found("the motion comes to rest")
@@ -258,7 +259,7 @@ class _Search:
         cycle = problem.cycle(signature, closure.repeats)
         direction = problem.direction(self.followed) if self.followed else np.zeros(0)
         begin = from_segments(
-            cycle, [(1.0, s) for s in passes], self.p, direction, degree=DEGREE, kind=self.kind
+            cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
         )
         outcome = solve_adaptively(problem, begin, self.options, solver="newton")
         try:

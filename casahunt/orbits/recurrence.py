@@ -18,7 +18,7 @@ import numpy as np
 
 from ..collocation.interval import field_at
 from ..hybrid import system as engine
-from ..hybrid.family import Closure, gained, turns
+from ..hybrid.family import Closure, turned, turns
 from ..hybrid.language import System
 from ..motion.march import Segment
 from ..motion.march_exits import behind
@@ -29,7 +29,7 @@ EQUAL = 1e-9
 """Fields and events that agree to this, relative to their sizes, are the same."""
 TRIED = 16
 """Intervals of a phase at which a symmetry is tried."""
-AROUND = 0.1
+BESIDE_MOTION = 0.1
 """How far from the motion a symmetry is tried, in units of the state scale."""
 
 
@@ -56,14 +56,14 @@ def recurrences(
     for m in range(1, len(segments) // 2 + 1):
         here, there = states[-1], states[-1 - m]
         if labels[-m:] == labels[-2 * m : -m]:
-            shift = gained(system, there, here)
+            shift = turned(system, there, here)
             distance = float(np.max(np.abs(here - shift - there) / scale))
             if distance < near:
                 found.append(Recurrence(m, Closure.of(np.eye(n), shift, 1), distance))
                 break
         for S in symmetries(system):
             image = S @ here
-            shift = gained(system, there, image, parts=2)
+            shift = turned(system, there, image, parts=2)
             distance = float(np.max(np.abs(image - shift - there) / scale))
             if distance < near and is_symmetry(form, segments[-2 * m :], S, shift, p, scale):
                 found.append(Recurrence(m, Closure.of(S, shift, 2), distance))
@@ -98,7 +98,7 @@ def is_symmetry(
 
     for a, b in zip(segments[:m], segments[m:], strict=True):
         on = a.w[:: max(1, len(a.w) // TRIED), : scale.size]
-        points = np.vstack([on, on + AROUND * scale * rng.standard_normal(on.shape)])
+        points = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
         first, second = form.modes[a.mode], form.modes[b.mode]
         for x in points:
             f = inverse @ (scale * field_at(first.field, x / scale, first.sign, p, scale)) / scale

@@ -112,7 +112,7 @@ SHARES = (
     ("stage elimination (numpy.linalg)", ("_linalg.py",)),
     ("node systems: sparse QR (CasADi)", ("node_system.py", "casadi.py", "_casadi")),
     ("assembly and Newton steps", ("joints.py", "transcription.py", "newton.py", "ipopt.py", "solve.py")),
-    ("error estimate and meshes", ("mesh.py", "scheme.py", "adapt.py")),
+    ("error estimate and meshes", ("mesh.py", "error_estimate.py", "remesh.py", "scheme.py", "adapt.py")),
     ("predictor, tangents, records", ("curve.py", "walk.py", "special_points.py", "orbit.py")),
     (
         "checks that a root is a motion",

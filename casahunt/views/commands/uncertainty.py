@@ -26,7 +26,7 @@ from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from .console import add_common, finite, given, picture_of, progress, progress_line, say, servo_of, teller
 
-SAMPLES = 200
+DEFAULT_SAMPLES = 200
 
 
 def add(commands: Any) -> None:
@@ -37,7 +37,8 @@ def add(commands: Any) -> None:
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
     command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, required")
-    command.add_argument("--samples", default=SAMPLES, metavar="N", help=f"servos to solve (default {SAMPLES})")
+    samples = f"servos to solve (default {DEFAULT_SAMPLES})"
+    command.add_argument("--samples", default=DEFAULT_SAMPLES, metavar="N", help=samples)
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
     command.add_argument("--plot", metavar="F.png", help="write a histogram of the fold gains")
