@@ -101,10 +101,8 @@ def march(
         (n,) initial state; parameter vector.
     scale, tol
         (n,) size of the states; bound on the last Legendre coefficient of each interval, relative to it.
-    max_time, max_intervals
-        [s], stop there; give up beyond.
-    strict
-        give up too where a mode goes on that does not hold any more.
+    max_time, max_intervals, strict
+        [s], stop there; give up beyond; give up where a mode goes on that does not hold any more.
 
     Returns
     -------
@@ -119,10 +117,9 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        here = mode
         segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used)
         if strict:
-            _check_holds(system.modes[here], segment, p, time)
+            _check_holds(system.modes[segment.mode], segment, p, time)
         segments.append(segment)
         time += segment.duration
         used += len(segment.w)
@@ -177,7 +174,8 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
 def _polished(system: System, segment: Segment, p: Array) -> Segment:
     """A phase in closed form whose end was found by intervals: its duration to rounding."""
     mode, exits = system.modes[segment.mode], system.exits[segment.mode]
-    way_out = next((e for e in exits if e.event.name == segment.event), None)
+    named = [e for e in exits if e.event.name == segment.event]
+    way_out = min(named, key=lambda e: abs(float(e.event.function(segment.end, 0.0, p))), default=None)
     duration, end = flow_to(mode, exits, way_out, segment.start, segment.duration, p)
     jumped = None if way_out is None else behind(way_out, end, p)
     return Segment(segment.mode, segment.event, duration, np.array([0.0, 1.0]), segment.start[None], end, jumped)
@@ -239,7 +237,7 @@ def _collocated(
             jumped = behind(way_out, end * scale, p)
             successor = way_out.successor(end * scale if jumped is None else jumped, p)
             # An event that leads back into its own mode was touched, not crossed: the motion goes on.
-            if successor != name or way_out.mark:
+            if successor != name or way_out.mark or mode.flow is not None:
                 return segment(way_out.event.name, end, jumped), successor
         previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
