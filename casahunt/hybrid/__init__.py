@@ -9,3 +9,13 @@ language.py  what a user writes: Event, Mode, System with names
 family.py    the cycles of a user's system at one p
 roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """
+
+from typing import TYPE_CHECKING
+
+from ..lazy import lazily
+
+if TYPE_CHECKING:
+    from .language import Event, Mode, System
+
+__all__ = ["Event", "Mode", "System"]
+__getattr__ = lazily(__name__, {"language": ("Event", "Mode", "System")})

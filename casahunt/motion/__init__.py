@@ -5,5 +5,15 @@
 march_step.py    one interval: Newton on its stages
 march_exits.py   where a mode ends: its exits watched, and located to rounding
 march.py         interval by interval, with the equations of collocation; what comes out is a mesh with stages
-simulate.py      the motion of a user's system, with its events and its error
+simulation.py      the motion of a user's system, with its events and its error
 """
+
+from typing import TYPE_CHECKING
+
+from ..lazy import lazily
+
+if TYPE_CHECKING:
+    from .simulation import Motion, simulate
+
+__all__ = ["Motion", "simulate"]
+__getattr__ = lazily(__name__, {"simulation": ("Motion", "simulate")})

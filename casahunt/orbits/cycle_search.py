@@ -27,7 +27,7 @@ from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
-from ..motion.simulate import MARCH_DEGREE, follow_for, sampled, sizes
+from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
 from .orbit import Orbit
 from .recurrence import Recurrence, rebased, recurrences

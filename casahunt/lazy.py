@@ -1,0 +1,37 @@
+"""Public names of a room that are looked up when they are first read: who uses a room loads no more of it than that.
+
+    __getattr__ = lazily(__name__, {"language": ("Event", "Mode", "System")})
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
+    """The `__getattr__` of a package whose public names are those of some of its modules.
+
+    Parameters
+    ----------
+    package
+        its `__name__`.
+    homes
+        module of the package: names.
+
+    Returns
+    -------
+    Function from a name to its value, which is then kept in the package.  It raises AttributeError for other names.
+    """
+    home_of = {name: home for home, names in homes.items() for name in names}
+
+    def __getattr__(name: str) -> Any:
+        if name not in home_of:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(import_module(f".{home_of[name]}", package), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return __getattr__
