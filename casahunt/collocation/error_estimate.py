@@ -94,13 +94,6 @@ def estimate(
 
     Period and amplitude are those of the full cycle; relative errors do not care.
     """
-    fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
-    halves = replace(setting, fractions=fractions)
-    lin = fine.linearise(u_fine, halves)
-    maps = _joined(t, fine, lin.maps)
-    row = t.system.border(parameter=1.0) if border is None else border
-    matrix = t.system.nonzeros(maps, lin.closure, lin.events, row)
-    rhs = np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
     E, n, P = t.elements, t.n, t.phases
     amplitude, place = amplitude_row(t, u)
     goals = np.zeros((2 if border is None else 3, t.system.size))
@@ -109,6 +102,41 @@ def estimate(
     goals[1, t.phase_ends[place] * n + t.cycle.measured] = 1 / max(amplitude, SMALL_AMPLITUDE * size)
     if border is not None:
         goals[2, -1] = 1.0
+    errors, per_element = functional_errors(t, u, setting, goals, border=border, believed=believed)
+    period, amplitude, parameter = (*map(float, errors), 0.0)[:3]
+    return Estimate(period, amplitude, parameter, per_element.max(axis=0)[t.interval_elements], shape(t, u))
+
+
+def functional_errors(
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    goals: Array,
+    *,
+    border: Array | None = None,
+    believed: float = np.inf,
+) -> tuple[Array, Array]:
+    """Errors of linear functionals of the node system at a converged solution u.
+
+    Parameters
+    ----------
+    t, u, setting, border, believed
+        as in `estimate`.
+    goals
+        (k, y) the functionals, k <= node_system.ADJOINTS.
+
+    Returns
+    -------
+    (errors (k,), share of each element in them (k, E)), absolute.
+    """
+    fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
+    halves = replace(setting, fractions=fractions)
+    lin = fine.linearise(u_fine, halves)
+    maps = _joined(t, fine, lin.maps)
+    row = t.system.border(parameter=1.0) if border is None else border
+    matrix = t.system.nonzeros(maps, lin.closure, lin.events, row)
+    rhs = np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
+    E, n = t.elements, t.n
     psi = t.system.solve_transposed(matrix, goals)
     total = psi @ rhs
     weights = psi[:, : E * n].reshape(-1, E, n)
@@ -121,9 +149,7 @@ def estimate(
         per_element[:, t.interval_elements] += overlooked
         errors += overlooked.sum(axis=1)
     errors += ROUNDING * np.linalg.norm(psi[:, : E * n], axis=1)
-    period, amplitude, parameter = (*map(float, errors), 0.0)[:3]
-    blame = per_element.max(axis=0)[t.interval_elements]
-    return Estimate(period, amplitude, parameter, blame, shape(t, u))
+    return errors, per_element
 
 
 @lru_cache(maxsize=32)

@@ -22,7 +22,7 @@ from . import system as engine
 from .language import System
 from .problem import Kind, Problem
 from .system import Cycle, Phase, Signature
-from .vector_form import TURNS, Always
+from .vector_form import TURNS, Always, Names
 
 Array = np.ndarray
 
@@ -135,6 +135,10 @@ class Family(Problem):
         """The same at another p.  Raises InputError for an unknown name or no number."""
         at = self.names.index(known("parameter", name, self.names))
         return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
+
+    def vocabulary(self, states: tuple[str, ...]) -> Names:
+        """Those of the system: in a forced one the time is x.t."""
+        return self.system.names
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.

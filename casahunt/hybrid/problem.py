@@ -26,6 +26,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from .system import Cycle, Signature
+from .vector_form import Names
 
 Array = np.ndarray
 
@@ -88,6 +89,10 @@ class Problem(ABC):
     def record(self) -> dict[str, Any]:
         """The problem as JSON can say it, from which whoever knows it can pose it again."""
         return {"problem": self.title, "parameters": dict(zip(self.names, self.vector().tolist(), strict=True))}
+
+    def vocabulary(self, states: tuple[str, ...]) -> Names:
+        """What the entries of x and p are called, where the cycle calls its states so."""
+        return Names(states, self.names)
 
     def value(self, name: str) -> float:
         """One parameter."""

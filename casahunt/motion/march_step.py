@@ -41,6 +41,14 @@ class Stepper:
         rows = x.size * (self.scheme.degree + 1)
         return -self._call(np.tile(x, self.scheme.degree + 1), 0.0)[rows + 1, rows - x.size :]
 
+    def through(self, x: Array, stages: Array, h: float) -> Array:
+        """(n, n) derivative of the end by the start of an interval whose stages are these, all scaled."""
+        n, rows = x.size, x.size + stages.size
+        columns = self._call(np.concatenate([x, stages]), h).T
+        by_stages = columns[:, n + 1 : rows + 1]
+        eliminated = np.linalg.solve(by_stages[: rows - n], columns[: rows - n, 1 : n + 1])
+        return by_stages[rows - n :] @ eliminated - columns[rows - n :, 1 : n + 1]
+
     def _call(self, w: Array, h: float) -> Array:
         return self.function(w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale)[0]
 

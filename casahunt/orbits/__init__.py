@@ -3,6 +3,7 @@
     G(u) = 0,    |error of period and amplitude| <= tol,    multipliers: eigenvalues of S dx(T)/dx(0)
 
 floquet.py   Floquet multipliers
+extrema.py   the largest and smallest value of a state or an expression
 orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds

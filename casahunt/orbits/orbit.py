@@ -26,6 +26,7 @@ from ..errors import Status
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle, Signature
 from . import floquet
+from .extrema import Extrema, extrema, scalar_of
 
 Array = np.ndarray
 
@@ -133,6 +134,30 @@ class Orbit:
     def stable(self) -> bool:
         """All nontrivial Floquet multipliers inside the unit circle."""
         return self.multipliers.stable
+
+    def extrema(self, what: Any) -> Extrema:
+        """Smallest and largest value of a state, or of an expression, over the cycle, with their errors.
+
+        Parameters
+        ----------
+        what
+            name of a state, or a function (x, p) of named states and parameters.
+
+        Returns
+        -------
+        Extrema: low and high, each (value, time, error).
+
+        Raises
+        ------
+        InputError : there is no such state, or the function returns no scalar.
+        """
+        cycle = self.cycle
+        return extrema(*unknowns_of(self), scalar_of(what, self.problem.vocabulary(cycle.states)))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The parameters, by name."""
+        return dict(zip(self.problem.names, map(float, self.problem.vector()), strict=True))
 
     def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
         """The full period, dense where the motion is fast.
