@@ -42,12 +42,12 @@ LOOKED_AT = 17
 """Points of an interval, both ends among them, between which the rate of g may change its sign."""
 CLOSED_FORM_LOOKS = 129
 """The same for a phase in closed form."""
-WORTH = 0.05
+WORTH_POLISHING = 0.05
 """Places at which g is this part of its range short of the best are polished too."""
 PLACED = 1e-13
 """A place is known to this part of its interval: g is flat there."""
 SOLVED_TO = 1e-22
-MOST_STEPS = 60
+MOST_POLISHING = 60
 
 
 class Extremum(NamedTuple):
@@ -167,15 +167,15 @@ class _Look:
                 candidates.append((at, *self.looked_at(k, element, began)))
         low = min(float(at(points, self.setting.p)[0].min()) for at, points, *_ in candidates)
         high = max(float(at(points, self.setting.p)[0].max()) for at, points, *_ in candidates)
-        margin = WORTH * (high - low)
+        margin = WORTH_POLISHING * (high - low)
         for at, points, times, element, state_at in candidates:
             g, rate, g_x = at(points, self.setting.p)
             for i in (0, -1):
                 weight = self.through(element, float(times[i] - times[0])) if i else np.eye(self.t.n)
                 yield _Place(element, float(times[i]), float(g[i]), (g_x[i] * self.setting.scale) @ weight)
             extreme = (np.maximum(g[:-1], g[1:]) > high - margin) | (np.minimum(g[:-1], g[1:]) < low + margin)
-            for i in np.flatnonzero(((rate[:-1] > 0) != (rate[1:] > 0)) & extreme):
-                yield self.polished(at, state_at, element, times, rate, int(i))
+            for j in np.flatnonzero(((rate[:-1] > 0) != (rate[1:] > 0)) & extreme):
+                yield self.polished(at, state_at, element, times, rate, int(j))
 
     def looked_at(self, k: int, element: int, began: float) -> tuple[Array, Array, int, Callable[[float], Array]]:
         """(states (m, n), times (m,), element, the state at a time after the first of them) of one element."""
@@ -221,7 +221,7 @@ class _Look:
         if time is None:
             bracket = Bracket(*ends[0], *ends[1])
             time = bracket.illinois
-            for _ in range(MOST_STEPS):
+            for _ in range(MOST_POLISHING):
                 f = slope(time)
                 if f == 0 or not np.isfinite(f) or bracket.width <= limit:
                     break
