@@ -1,7 +1,7 @@
 """The curve of a branch: its points, its tangent and the predictor.
 
 The curve is {y} = {(x_0, ln T_1, lambda)}: first node, duration of the first phase, and the parameter
-p = p_here (1 + lambda), moved relative to where it stands.  At arclength s:
+p = p_here + lambda dp, moved in units of its value (Problem.unit).  At arclength s:
 
     tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
     predictor   the cubic through the last two points and their tangents; logarithms of the durations
@@ -20,6 +20,7 @@ import numpy as np
 
 from ..collocation.mesh import phase_breaks, transfer
 from ..collocation.transcription import Linearisation, Setting, Transcription
+from ..hybrid.problem import Problem
 from ..orbits.adapt import curve_border
 from ..orbits.orbit import Orbit, Solved, unknowns_of
 
@@ -58,10 +59,10 @@ def parameter_value(orbit: Orbit, vary: str) -> float:
 def secant(before: Orbit, after: Orbit, vary: str) -> Array:
     """(n + 2,) way from one orbit to the next in (x_0, ln T_1, lambda), in the scale of the first."""
     x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
-    here, there = parameter_value(before, vary), parameter_value(after, vary)
+    lam = before.problem.distance(vary, parameter_value(after, vary))
     # Where the phases are not the same, T_1 may be another thing.
     longer = np.log(after.arcs[0].duration / before.arcs[0].duration) if before.signature == after.signature else 0.0
-    return np.concatenate([x, [longer, there / here - 1]])
+    return np.concatenate([x, [longer, lam]])
 
 
 def in_units_of(row: Array, scale: Array, other: Array) -> Array:
@@ -89,7 +90,12 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
         where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
     """
     t, u, setting = unknowns_of(orbit)
-    return point_at(t, u, setting, orbit.problem.direction(vary), like=like, sense=sense)
+    return point_at(t, u, setting, along(orbit.problem, vary), like=like, sense=sense)
+
+
+def along(problem: Problem, vary: str) -> Array:
+    """(np,) the way dp that p goes for lambda = 1."""
+    return problem.direction(vary) * problem.unit(vary)
 
 
 def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
@@ -103,20 +109,19 @@ def point_at(
     t: Transcription,
     u: Array,
     setting: Setting,
-    direction: Array,
+    dp: Array,
     *,
     like: Array | None,
     sense: float = 1.0,
     lin: Linearisation | None = None,
 ) -> Point:
-    """The curve at u, in the parameter of the unit vector `direction` (np,).
+    """The curve at u, along `dp` (np,).
 
     `lin` is the linearisation there where the corrector has left one, along setting.dp.
     """
-    index = int(np.argmax(direction))
-    here = setting.p[index]
+    index = int(np.argmax(np.abs(dp)))
     if lin is None:
-        setting = replace(setting, dp=direction * here)
+        setting = replace(setting, dp=dp)
         lin = t.linearise(u, setting)
     # Exactly at a fold the trial row lambda = 1 is singular; at a sharp one the first node moves as little.
     for trial in (
@@ -127,16 +132,16 @@ def point_at(
         du, y = lin.tangent(curve_border(t, u, trial))
         if np.isfinite(y).all():
             break
-    # From the units of the corrector to those of the point: states by their size, lambda relative to the parameter.
+    # From the units of the corrector to those of the point: states by their size, lambda to its unit here.
     factor = _size_of_states(t, u)
     row = np.concatenate(
-        [y[: t.n] / factor, [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1] * setting.dp[index] / here]]
+        [y[: t.n] / factor, [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1] * setting.dp[index] / dp[index]]]
     )
     length = float(np.linalg.norm(row))
     turn = float(row @ like) if like is not None else row[-1] * sense
     length = length if turn >= 0 else -length
     u, du = _divided(t, u, factor), _divided(t, du, factor)
-    setting = replace(setting, scale=setting.scale * factor, dp=direction * here)
+    setting = replace(setting, scale=setting.scale * factor, dp=dp)
     return Point(t, u, setting, row / length, du / length)
 
 
@@ -196,12 +201,12 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
     return replace(point, bend=np.array([point.bend[0], point.bend[1] + defect / ds**3]))
 
 
-def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Array | None:
+def bend(before: Point, after: Point, lam: float, *, side: float = -1.0) -> Array | None:
     """(2, size + 1) coefficients c of u + s u' + s^2 c_0 + s^3 c_1, the cubic through `before` and `after`.
 
     s is measured along the tangent of `after`, as the corrector measures it: `before` lies at
-    s = tangent . (y_before - y_after), which must have the sign `side`.  `value` is the parameter at `before`.  None
-    where the phases are not the same, or the curve turns too much.
+    s = tangent . (y_before - y_after), which must have the sign `side`.  `lam` is that of `before` seen from `after`.
+    None where the phases are not the same, or the curve turns too much.
     """
     t = after.t
     if before.t.cycle != t.cycle:
@@ -213,20 +218,20 @@ def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Ar
         _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=t)
     factor = after.setting.scale / before.setting.scale
     index = int(np.argmax(np.abs(after.setting.dp)))
-    ratio = value / after.setting.p[index]
+    unit = after.setting.dp[index]
     u, du = _divided(t, u, factor), _divided(t, du, factor)
-    rate = np.append(du, before.row[-1] * ratio)
+    rate = np.append(du, before.row[-1] * (before.setting.dp[index] / unit))
     rate[-1 - t.phases : -1] /= t.durations_of(u)
-    change = np.append(u - after.u, ratio - 1)
+    change = np.append(u - after.u, lam)
     change[-1 - t.phases : -1] = np.log(t.durations_of(u) / t.durations_of(after.u))
     here = np.append(after.du, after.row[-1])
     here[-1 - t.phases : -1] /= t.durations_of(after.u)
 
-    def along(vector: Array) -> float:
+    def way(vector: Array) -> float:
         y = np.concatenate([vector[t.node_index[0]], [vector[-1 - t.phases], vector[-1]]])
         return float(after.row @ y)
 
-    s, slope = along(change), along(rate)
+    s, slope = way(change), way(rate)
     if not s * side > 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):
         return None
     first = (change - s * here) / s**2

@@ -30,7 +30,7 @@ from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
-from .curve import ends, parameter_value, secant
+from .curve import along, ends, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
 from .turning_point import turning_point
 from .walk import walk
@@ -95,11 +95,11 @@ def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
 
 
 def _in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    here = parameter_value(before, vary)
+    here, unit = parameter_value(before, vary), abs(before.problem.unit(vary))
     step = float(np.linalg.norm(secant(before, after, vary))) / SMALL_STEPS
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     steps = walk(
-        before, vary=vary, low=0.5 * here, high=2 * here, options=rough, first_step=step, largest_step=step,
+        before, vary=vary, low=here - 0.5 * unit, high=here + unit, options=rough, first_step=step, largest_step=step,
         max_points=4 * SMALL_STEPS,
     )  # fmt: skip
     last = before
@@ -138,7 +138,7 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
             by = _maximiser(options)
             solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin, by)
             solved = Solved(t, solution, moved, error, best.status, best.iterations)
-            problem = orbit.problem.with_value(vary, here * (1 + best.parameter))
+            problem = orbit.problem.with_value(vary, orbit.problem.moved(vary, best.parameter))
             return orbit_of(solved, problem, wall_s=orbit.wall_s)
         breaks = better_breaks(t, setting.fractions, error, options.tol, k)
         t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
@@ -153,7 +153,7 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
 def _along(orbit: Orbit, vary: str, sense: float = 1.0) -> tuple[Transcription, Array, Setting]:
     """The unknowns of an orbit, lambda the relative change of the parameter, times `sense`."""
     t, u, setting = unknowns_of(orbit)
-    return t, u, replace(setting, dp=sense * orbit.problem.direction(vary) * parameter_value(orbit, vary))
+    return t, u, replace(setting, dp=sense * along(orbit.problem, vary))
 
 
 def next_fold(orbit: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
@@ -198,7 +198,7 @@ def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, bega
     here = parameter_value(orbit, vary)
     where = f"the fold of {orbit.problem.title} at {vary} {here:.10g}"
     best = _largest(t, u, setting, options)
-    value = here * (1 + best.parameter)
+    value = orbit.problem.moved(vary, best.parameter)
     if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         status = Status.TOLERANCE_NOT_REACHED if best.status.ok else best.status
@@ -245,5 +245,5 @@ def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Opti
     error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
     if not least.status.ok or error > options.tol:
         raise NoOrbit(f"the fold at {vary} {here:.10g} is not confirmed as the smallest {vary}", least.status)
-    value, kind = here * (1 - least.parameter), orbit.problem.fold_type or Fold
+    value, kind = orbit.problem.moved(vary, -least.parameter), orbit.problem.fold_type or Fold
     return kind(orbit, vary, here, error, value, -least.multipliers, orbit.status, orbit.wall_s)

@@ -156,7 +156,7 @@ def crossings(
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
             continue
         orbit = locate(before, after, monitor, vary=vary, options=options)
-        width = abs(parameter_value(after, vary) / parameter_value(before, vary) - 1)
+        width = abs(before.problem.distance(vary, parameter_value(after, vary)))
         if orbit is None and monitor.kind == "fold" and width <= options.tol:
             # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
             orbit = max(before, after, key=lambda o: parameter_value(o, vary))
@@ -193,7 +193,7 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
     before = _accurate(before, options)
     here, there = ends(before, after, vary)
     for _ in range(CUBIC_ROUNDS):
-        cubic = bend(there, here, parameter_value(after, vary), side=1.0)
+        cubic = bend(there, here, before.problem.distance(vary, parameter_value(after, vary)), side=1.0)
         if cubic is None:
             return None
         ds = _turning_point(here.row[-1], cubic[:, -1])
@@ -201,7 +201,7 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
             return None
         here = replace(here, bend=cubic)
         there = here if ds > 0 else backwards(here)
-        outcome = step_along(there, before, vary, abs(ds), 0.0, np.inf, options)
+        outcome = step_along(there, before, vary, abs(ds), *before.problem.range_of(vary), options)
         if isinstance(outcome, str):
             return None
         before, after, there = outcome[0], before, backwards(there)
@@ -233,18 +233,18 @@ def _located_from(
     if not f_near * f_far < 0:  # refined, `before` has the sign of the other side: the point is next to it
         f_near = -np.copysign(np.inf, f_far)
     search = Search.within(Bracket(0.0, f_near, length, f_far))
-    start = replace(start, bend=bend(end, start, parameter_value(after, vary), side=1.0))
+    start = replace(start, bend=bend(end, start, before.problem.distance(vary, parameter_value(after, vary)), side=1.0))
     best: tuple[float, AnyOrbit] | None = None
     for _ in range(LOCATE_ROUNDS):
         if search.failures > MAX_FAILURES:
             break
         ds = search.ask()
-        outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
+        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
         if isinstance(outcome, str):
             search = search.failed()
             continue
         orbit = outcome[0]
-        start = bent_through(start, ds, outcome[1], parameter_value(orbit, vary) / parameter_value(before, vary) - 1)
+        start = bent_through(start, ds, outcome[1], before.problem.distance(vary, parameter_value(orbit, vary)))
         f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
         if np.isfinite(f) and (best is None or abs(f) < abs(best[0])):
             best = (f, orbit)
@@ -275,7 +275,7 @@ def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: O
 
     def beyond(ds: float) -> bool:
         nonlocal found
-        outcome = step_along(start, before, vary, ds, 0.0, np.inf, options)
+        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
         if isinstance(outcome, str) or outcome[0].signature != before.signature:
             return True
         found = outcome[0]

@@ -26,7 +26,7 @@ from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of
-from .curve import Point, bend, cosine, curve_point, in_units_of, parameter_value, point_at, predict, secant
+from .curve import Point, along, bend, cosine, curve_point, in_units_of, parameter_value, point_at, predict, secant
 
 Array = np.ndarray
 
@@ -105,7 +105,8 @@ def walk(
         yield orbit
         if following is None:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        following = replace(following, bend=bend(point, following, parameter_value(last, vary)))
+        back = orbit.problem.distance(vary, parameter_value(last, vary))
+        following = replace(following, bend=bend(point, following, back))
         angle = float(np.arccos(np.clip(cosine(point, following), -1, 1)))
         effort = EASY_ITERATIONS / max(iterations, 1)
         ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
@@ -137,7 +138,7 @@ def _step_and_tangent(
     like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
     lin = solved.solution.linearisation
     following = point_at(
-        solved.t, solved.solution.u, _setting_at(solved), orbit.problem.direction(vary), like=like, lin=lin
+        solved.t, solved.solution.u, _setting_at(solved), along(orbit.problem, vary), like=like, lin=lin
     )
     if ds > SHARP_STEP and cosine(point, following) < LEAST_COSINE:
         return "the branch turns by too much in one step"
@@ -158,25 +159,26 @@ def step_along(
     (orbit, solved, whether a bound of [low, high] is reached), or a sentence about what went wrong.
     """
     began = time.perf_counter()
-    here = parameter_value(last, vary)
+    moved = last.problem.moved
     u, lam = predict(point, ds)
-    reached = not low <= here * (1 + lam) <= high
-    bound = high if here * (1 + lam) > high else low
+    reached = not low <= moved(vary, lam) <= high
+    bound = high if moved(vary, lam) > high else low
     if reached:  # land on the bound: shorten the step and hold the parameter there
-        ds *= (bound / here - 1) / lam
+        ds *= last.problem.distance(vary, bound) / lam
         u, lam = predict(point, ds)
-        lam = bound / here - 1
+        lam = last.problem.distance(vary, bound)
     # Where Newton does not land on the bound, a shorter step costs a tenth of what IPOPT would.
     how = replace(options, solver="newton") if reached and options.solver == "auto" else options
     solved = corrected(point, u, lam, last.problem, how, ds=ds, border=None if reached else point.row)
-    value = bound if reached else here * (1 + lam + solved.solution.parameter)
+    value = bound if reached else moved(vary, lam + solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
-    if not low * (1 - 1e-12) <= value <= high * (1 + 1e-12):
+    slack = 1e-12 * abs(last.problem.unit(vary))
+    if not low - slack <= value <= high + slack:
         return "the corrector left the range"
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
-    moved = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
-    if not 0.3 * ds < float(moved @ point.row) or np.linalg.norm(moved) > 3 * ds:
+    way = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
+    if not 0.3 * ds < float(way @ point.row) or np.linalg.norm(way) > 3 * ds:
         return "the corrector went to another part of the curve"
     return orbit, solved, reached
 
@@ -213,7 +215,7 @@ def walk_naturally(
             return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
         steepness = float(point.row[-1]) ** 2
         if before is not None and steepness < before[1]:
-            ahead = steepness * abs(here - before[0]) / (before[1] - steepness) / here
+            ahead = steepness * abs(here - before[0]) / (before[1] - steepness) / abs(last.problem.unit(vary))
             if ahead < NATURAL_SMALLEST_STEP:
                 return (
                     f"the branch ends at {vary} = {here:.8g}: its tangent shows a fold within a relative step of "
@@ -222,7 +224,7 @@ def walk_naturally(
             step = min(step, MOST_OF_THE_WAY * ahead)
         before = here, steepness
         while True:
-            value = min(max(here * (1 + sense * step), low), high)
+            value = min(max(last.problem.moved(vary, sense * step), low), high)
             orbit = _natural_step(point, last, vary, value, options)
             if not isinstance(orbit, str):
                 break
@@ -243,7 +245,7 @@ def walk_naturally(
 def _natural_step(point: Point, last: AnyOrbit, vary: str, value: float, options: Options) -> AnyOrbit | str:
     began = time.perf_counter()
     here = parameter_value(last, vary)
-    target = value / here - 1
+    target = last.problem.distance(vary, value)
     ds = target / point.row[-1]
     u, _ = predict(point, ds)
     solved = corrected(point, u, target, last.problem, options, ds=ds, border=None)

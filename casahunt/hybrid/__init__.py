@@ -6,7 +6,6 @@ system.py    modes, exits and phases; a cycle x(start) = S x(end) as phases in o
 vector_form.py  functions of named states and parameters as functions of vectors
 problem.py   the contract: what the engine must know of whoever poses a problem
 language.py  what a user writes: Event, Mode, System with names
-family.py    the cycles of a user's system at one p
 roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """
 

@@ -19,6 +19,7 @@ whose phases are always in the same order.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
@@ -97,6 +98,22 @@ class Problem(ABC):
     def value(self, name: str) -> float:
         """One parameter."""
         return float(self.vector()[self.names.index(name)])
+
+    def unit(self, name: str) -> float:
+        """How far lambda = 1 moves a parameter along a branch: by its value."""
+        return self.value(name)
+
+    def moved(self, name: str, lam: float) -> float:
+        """Value of a parameter at `lam`."""
+        return self.value(name) * (1 + lam)
+
+    def distance(self, name: str, value: float) -> float:
+        """The lambda that leads from here to a value of a parameter."""
+        return value / self.value(name) - 1
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """(lowest, highest) value that a parameter may have: above zero, for what is moved relative to its value."""
+        return 0.0, math.inf
 
     def direction(self, name: str) -> Array:
         """(np,) direction dp in parameter space that moves one parameter."""

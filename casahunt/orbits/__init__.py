@@ -8,6 +8,7 @@ orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 archive.py   orbits in files
+family.py    the cycles of a user's system at one p
 recurrence.py  when a motion repeats, as it is or mirrored
 cycle_search.py the cycle that a motion of a user's system settles on
 """

@@ -22,13 +22,13 @@ import numpy as np
 from ..checks import known
 from ..errors import NoOrbit, Status
 from ..hybrid import system as engine
-from ..hybrid.family import Closure, Family, Section, with_sections
 from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
+from .family import Closure, Family, Section, with_sections
 from .orbit import Orbit
 from .recurrence import Recurrence, rebased, recurrences
 from .restart import from_segments

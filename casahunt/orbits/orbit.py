@@ -249,7 +249,7 @@ def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
     There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
     error of the coarser one.
     """
-    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p)))
+    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
     _, y = lin.tangent(t.system.border(parameter=1.0))
     length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
     if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:

@@ -18,10 +18,10 @@ import numpy as np
 
 from ..collocation.interval import field_at
 from ..hybrid import system as engine
-from ..hybrid.family import Closure, turned, turns
 from ..hybrid.language import System
 from ..motion.march import Segment
 from ..motion.march_exits import behind
+from .family import Closure, turned, turns
 
 Array = np.ndarray
 

@@ -1,4 +1,4 @@
-"""The cycles of a user's system (language.py) at one parameter vector: its side of the contract (problem.py).
+"""The cycles of a user's system (hybrid/language.py) at one parameter vector: its side of hybrid/problem.py.
 
 A cycle is given by its phases, in the words of the system, and by how it closes,
 
@@ -10,6 +10,7 @@ system is anchored by a plane x_i = level that it crosses (`Section`), or by the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from ..checks import known, number
-from . import system as engine
-from .language import System
-from .problem import Kind, Problem
-from .system import Cycle, Phase, Signature
-from .vector_form import TURNS, Always, Names
+from ..hybrid import system as engine
+from ..hybrid.language import System
+from ..hybrid.problem import Kind, Problem
+from ..hybrid.system import Cycle, Phase, Signature
+from ..hybrid.vector_form import TURNS, Always, Names
 
 Array = np.ndarray
 
@@ -139,6 +140,22 @@ class Family(Problem):
     def vocabulary(self, states: tuple[str, ...]) -> Names:
         """Those of the system: in a forced one the time is x.t."""
         return self.system.names
+
+    def unit(self, name: str) -> float:
+        """The size of the value, or of the system's own one where that is larger; 1 where both are zero."""
+        return max(abs(self.value(name)), abs(self.system.parameters[name])) or 1.0
+
+    def moved(self, name: str, lam: float) -> float:
+        """The value at lambda: it may pass through zero."""
+        return self.value(name) + lam * self.unit(name)
+
+    def distance(self, name: str, value: float) -> float:
+        """The lambda that leads to a value."""
+        return (value - self.value(name)) / self.unit(name)
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """Any number."""
+        return -math.inf, math.inf
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
