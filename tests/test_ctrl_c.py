@@ -109,6 +109,17 @@ def test_an_interrupt_that_casadi_swallows_arrives(ctrl_c, orbit):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_a_handler_left_behind_goes_with_the_next_block(ctrl_c):
+    """An interrupt on the way out of a block may leave its handler; the next block clears up."""
+    left = compiled.Heard()
+    left.__enter__()
+    del left
+    assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    with compiled.Heard():
+        pass
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def _failed(work: Callable[[], object]) -> None:
     try:
         work()
