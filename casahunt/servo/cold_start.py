@@ -224,18 +224,26 @@ def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
 def check_problem(servo: Servo, model: Model, gain: float) -> None:
     """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction.
 
-    Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.
+    Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.  Of a bristle
+    the proof for rigid friction proves nothing either: where a scan shows no cycle of it, none was found.
     """
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     if servo.friction.static > servo.friction.coulomb:
         return
-    at_any = no_cycle(servo, model)
-    why = at_any or no_cycle(servo, model, gain)
-    if why:
-        where = "any gain" if at_any else f"gain {gain:g} or above"
+    if why := no_cycle(servo, model, gain):
+        where = "any gain" if no_cycle(servo, model) else f"gain {gain:g} or above"
         seen = scan(model, servo, gain).sentence()
         raise NoOrbit(f"no hunting limit cycle of the {model} servo at {where}: {why}; at gain {gain:g}, {seen}")
+    if why := no_cycle(servo, "switch", gain):
+        bristles = scan(model, servo, gain)
+        if bristles.upper is None:
+            raise NoOrbit(
+                f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
+                f"there is none: in the limit of stiff bristles there is none, because {why}, and with these bristles, "
+                f"{bristles.sentence()}",
+                Status.NOT_FOUND,
+            )
 
 
 def check_hunts(servo: Servo, model: Model) -> None:
