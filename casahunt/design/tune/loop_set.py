@@ -315,10 +315,8 @@ def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: 
 
     Parameters
     ----------
-    boxes
-        the loops.
-    demands, table, name
-        the margins asked for, by how much they are missed, and which of `DEMANDS`.
+    boxes, demands, table, name
+        the loops, the margins asked for, by how much they are missed, and which of `DEMANDS`.
 
     Returns
     -------
