@@ -200,7 +200,7 @@ def test_who_uses_the_package_can_interrupt_ipopt():
     code = """
         import signal, sys
         from casahunt import Options, Servo, find_orbit
-        from casahunt.collocation import solve
+        from casahunt.collocation import ipopt
 
         def late(number, frame):
             # Within the solver's C++, which asks for signals: `call` is the last frame of Python before it.
@@ -211,7 +211,7 @@ def test_who_uses_the_package_can_interrupt_ipopt():
         signal.signal(signal.SIGALRM, late)
         print("ready")
         for _ in range(3):
-            solve._ipopt_solver.cache_clear()
+            ipopt._ipopt_solver.cache_clear()
             signal.setitimer(signal.ITIMER_REAL, 0.003, 0.003)
             try:
                 find_orbit(Servo(), "switch", 0.1, options=Options(solver="ipopt"))

@@ -4,10 +4,15 @@
 
 scheme.py         nodes, weights, interpolation: pure numpy
 interval.py       one collocation interval, compiled, with its exact Jacobian
+joints.py         closed-form phases and events, compiled, with their exact Jacobians
 node_system.py    the linear system left when the stages are eliminated
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
 graphs.py         the same equations as graphs for IPOPT, with Jacobian and Hessian
-solve.py          the only place that runs a solver: Newton and IPOPT
-mesh.py           error estimate and mesh adaptation
+newton.py         Newton's method, and when a solution is one
+ipopt.py          IPOPT: a root, the largest parameter, a small cost
+solve.py          which of the two solves, alone or one after the other
+mesh.py           the same solution on another mesh
+error_estimate.py the error of what is read from a solution, by an adjoint
+remesh.py         the mesh that makes it as small as asked for
 admissibility.py  is a root of the equations a motion?
 """

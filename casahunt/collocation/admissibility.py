@@ -9,7 +9,7 @@ a violation beyond that is a wrong root; a value that is not clear of zero by as
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.
 
 The same goes for an interval between whose points a feature of the field can hide, such as a sudden drop
-at its very end: neither the equations nor the error estimate would ever see it (cycle.Mode).  The march
+at its very end: neither the equations nor the error estimate would ever see it (hybrid.system.Mode).  The march
 uses the same look, more strictly.
 
 A phase begins and ends where its condition vanishes by definition.  There the condition is divided by the
@@ -37,7 +37,7 @@ AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its larg
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
 NOTHING_LEFT = 0.9
-"""The same for a solution: the error estimate looks between the points (mesh.py), but must have something to see."""
+"""The same for a solution: the error estimate looks between the points, but must have something to see."""
 _BETWEEN = np.linspace(0, 1, 33)
 
 

@@ -21,8 +21,9 @@ import numpy as np
 from ..compiled import alone, kept
 from ..hybrid.system import Field
 from .interval import interval_function
+from .joints import joint_function
 from .scheme import Kind
-from .transcription import Transcription, joint_function
+from .transcription import Transcription
 
 Array = np.ndarray
 

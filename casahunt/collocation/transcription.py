@@ -11,7 +11,7 @@ divided by the scale D:
           (x, X_1, ..., X_d): start node and stages of one interval, R = n (d + 1) numbers
 
 Equations, in this order: the R rows of each interval (interval.py), the n rows x+ - flow(v) of each
-closed-form phase, the n rows x_0 - S x_E of the closure, the P events.
+closed-form phase (joints.py), the n rows x_0 - S x_E of the closure, the P events.
 
 Eliminating the stages of an interval gives its end-to-start map, the sensitivity of the implicit
 Runge-Kutta integrator that collocation is; what is left is the node system (E = 4 drawn, phases 1 | 2):
@@ -37,13 +37,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from .. import effort
-from ..compiled import caller, kept
+from ..compiled import kept
 from ..hybrid.system import Cycle, Field
 from .interval import IntervalMap, interval_map
+from .joints import joint_map
 from .node_system import ADJOINTS, NodeSystem, node_system
 from .scheme import Kind, scheme
 
@@ -99,7 +99,7 @@ class Transcription:
         self.elements = self.intervals + self.closed
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
-        self._joints = _joint_map(cycle)
+        self._joints = joint_map(cycle)
         self._system: NodeSystem | None = None
 
     def _key(self) -> tuple[Cycle, tuple[int, ...], int, str]:
@@ -242,75 +242,6 @@ class Transcription:
 def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
     """The transcription of a cycle for these numbers of intervals: built once, kept for reuse."""
     return Transcription(cycle, counts, degree, kind)
-
-
-# Phase ends: closed-form flows and events ---------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Joints:
-    """Closed-form flows (M, n + 3, n) and events (n + 3, P); columns value, d/dx, d/dT, d/d lambda."""
-
-    flow: Array
-    events: Array
-
-
-@kept(maxsize=64)
-def joint_function(cycle: Cycle) -> ca.Function:
-    """Closed-form flows and events with their derivatives, from scaled states.
-
-    Inputs: start nodes v (n, M) of the closed-form phases, phase-end nodes (n, P), durations T (P), p, dp,
-    scale.  Outputs: flows (n, M (n + 3)) and events (P, n + 3); columns value, d/dx, d/dT, d/d lambda.
-    """
-    n, P = len(cycle.states), len(cycle.phases)
-    closed = [k for k, phase in enumerate(cycle.phases) if phase.mode.flow is not None]
-    v, ends = ca.SX.sym("v", n, len(closed)), ca.SX.sym("ends", n, P)
-    T, p = ca.SX.sym("T", P), ca.SX.sym("p", len(cycle.parameters))
-    dp, scale = ca.SX.sym("dp", len(cycle.parameters)), ca.SX.sym("scale", n)
-
-    def with_derivatives(value: ca.SX, x: ca.SX, duration: ca.SX) -> ca.SX:
-        return ca.horzcat(
-            value, ca.jacobian(value, x), ca.jacobian(value, duration), ca.jtimes(value, p, dp)
-        )
-
-    flows, events = [], []
-    for i, k in enumerate(closed):
-        flow = cycle.phases[k].mode.flow
-        assert flow is not None
-        flows.append(with_derivatives(flow(scale * v[:, i], T[k], p) / scale, v[:, i], T[k]))
-    for k, phase in enumerate(cycle.phases):
-        events.append(with_derivatives(phase.end.function(scale * ends[:, k], T[k], p), ends[:, k], T[k]))
-    return ca.Function(
-        "joints",
-        [v, ends, T, p, dp, scale],
-        [ca.densify(ca.horzcat(*flows)) if flows else ca.SX(n, 0), ca.densify(ca.vertcat(*events))],
-    )
-
-
-class _JointMap:
-    """`joint_function` through fixed buffers; results are copies."""
-
-    def __init__(self, cycle: Cycle) -> None:
-        n, P = len(cycle.states), len(cycle.phases)
-        function = joint_function(cycle)
-        closed = function.size2_in(0)
-        np_ = len(cycle.parameters)
-        inputs = [(closed, n), (P, n), P, np_, np_, n]
-        self._caller = caller(function, inputs, [(closed, n + 3, n), (n + 3, P)])
-
-    def __call__(self, v: Array, ends: Array, T: Array, p: Array, dp: Array, scale: Array) -> Joints:
-        buffers = self._caller.buffers
-        for store, value in zip(buffers.inputs, (v, ends, T, p, dp, scale), strict=True):
-            store[...] = value
-        buffers.trigger()
-        flow, events = buffers.outputs
-        return Joints(flow.copy(), events.copy())
-
-
-@kept(maxsize=64)
-def _joint_map(cycle: Cycle) -> _JointMap:
-    """The compiled map, kept for reuse: it does not depend on the mesh."""
-    return _JointMap(cycle)
 
 
 # The linearised equations -----------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
     G(u, lambda) = 0 along s:    G_u u' + G_lambda lambda' = 0,    |(x_0, ln T_1, lambda)'| = 1;   fold: lambda' = 0
 
+curve.py            the curve of a branch: its points, tangent and predictor
 walk.py             by pseudo-arclength or by natural continuation
 special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
 fold_conditions.py  the conditions of a fold as constraints of a larger problem

@@ -23,15 +23,19 @@ from typing import Any, Generic
 import numpy as np
 
 from ..collocation.admissibility import judge
-from ..collocation.mesh import amplitude_row, better_breaks, estimate, on_halved_mesh, transfer
-from ..collocation.solve import Maximum, Solution, Solver, maximise_parameter
+from ..collocation.error_estimate import amplitude_row, estimate
+from ..collocation.ipopt import Maximum, maximise_parameter
+from ..collocation.mesh import on_halved_mesh, transfer
+from ..collocation.newton import Solution, Solver
+from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from .curve import ends, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
 from .turning_point import turning_point
-from .walk import ends, parameter_value, secant, walk
+from .walk import walk
 
 Array = np.ndarray
 
@@ -90,7 +94,7 @@ def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
 
 
 def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
-    """The fold between two orbits: as a point of the branch, or where that is too sharp as the optimum next to them.
+    """The fold between two orbits, by the first of `WAYS` that leads there.
 
     Parameters
     ----------
@@ -107,17 +111,17 @@ def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> S
 
     Raises
     ------
-    NoOrbit : neither way leads to it.
+    NoOrbit : none of them does.
     """
-    orbit = locate(before, after, FOLD, vary=vary, options=options)
-    if orbit is None:  # the way between the two bends too much for one tangent to measure it
-        orbit = _located_in_small_steps(before, after, vary, options)
-    if orbit is None:
-        orbit = _optimal(max(before, after, key=lambda o: parameter_value(o, vary)), vary, options)
-    return special_point(FOLD, orbit, vary)
+    tried = (way(before, after, vary, options) for way in WAYS)
+    return special_point(FOLD, next(orbit for orbit in tried if orbit is not None), vary)
 
 
-def _located_in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    return locate(before, after, FOLD, vary=vary, options=options)
+
+
+def _in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     here = parameter_value(before, vary)
     step = float(np.linalg.norm(secant(before, after, vary))) / SMALL_STEPS
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
@@ -131,6 +135,18 @@ def _located_in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, option
             return locate(last, following, FOLD, vary=vary, options=options)
         last = following
     return None
+
+
+def _as_the_optimum(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    return _optimal(max(before, after, key=lambda o: parameter_value(o, vary)), vary, options)
+
+
+WAYS = (
+    _on_the_branch,
+    _in_small_steps,  # the way between the two orbits bends too much for one tangent to measure it
+    _as_the_optimum,  # too sharp for any step along the branch; the last one, it refuses where it fails
+)
+"""Ways to a fold between two orbits, tried in turn: the orbit there, or None."""
 
 
 def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:

@@ -19,7 +19,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..hybrid.roots import Bracket
+from ..hybrid.roots import CLOSED, Bracket
+from .walk import CAUTION, RECOVERY
 
 Array = np.ndarray
 
@@ -27,16 +28,12 @@ LOCATED = 1e-9
 """|phi| at which a point lies on the curve."""
 ACCEPTED = 1e-5
 """|phi| with which a point is accepted where rounding or a change of mesh allows no less."""
-CLOSED = 1e-13
-"""Width of a bracket, in units of that of the search, that is down to rounding."""
-ROUNDS = 40
+LINE_ROUNDS = 40
 SHORTEST = 1e-4
 """Part of the largest step below which the curve is given up."""
 TURNED, UPRIGHT = 1e-6, 1e-3
 """|t_c| at which a turn is located, and with which it is accepted."""
-CAUTION, RECOVERY = 0.7, 1.25
-"""After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
-LARGEST_ANGLE = 0.35
+EASY_ANGLE = 0.35
 """Angle between successive tangents [rad] at which the step is left as it is."""
 NEARLY = 1.3
 """A step that leads to within this part of itself of a bound is made to end there."""
@@ -186,7 +183,7 @@ def follow(
         if reached:
             return ""
         angle = _angle(place.tangent, last.tangent, last.chart.reach)
-        share = min(ceiling, share * float(np.clip(LARGEST_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
+        share = min(ceiling, share * float(np.clip(EASY_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
         ceiling = min(RECOVERY * ceiling, 1.0)
         last = place
     return f"stopped after {most} places"
@@ -270,7 +267,7 @@ def _root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[
     """((s, m), reading) of the root of phi on the line at + n across, |n| <= width."""
     line = _Line(float(np.dot(chart.gradient, across)), width)
     best: tuple[float, Array, Reading] | None = None
-    for _ in range(ROUNDS):
+    for _ in range(LINE_ROUNDS):
         n = line.ask()
         if isinstance(n, str):
             return n
@@ -295,7 +292,7 @@ def _located_turn(before: Place, step: float, after: Place, low: float, high: fl
     """The place between two at which t_c vanishes, by Illinois in the length of the step from the first."""
     bracket = Bracket(0.0, float(before.tangent[1]), step, float(after.tangent[1]))
     best: Place | None = None
-    for _ in range(ROUNDS // 2):
+    for _ in range(LINE_ROUNDS // 2):
         h = bracket.illinois
         found = _stepped(before, h, low, high)
         if isinstance(found, str):

@@ -28,11 +28,12 @@ import numpy as np
 
 from ..checks import to_error
 from ..errors import NoOrbit
-from ..hybrid.roots import Bracket, Search, boundary
+from ..hybrid.roots import CLOSED, Bracket, Search, boundary
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
-from .walk import (
+from .curve import (
     Point,
+    backwards,
     bend,
     bent_through,
     curve_point,
@@ -40,18 +41,16 @@ from .walk import (
     in_units_of,
     parameter_value,
     secant,
-    step_along,
 )
+from .walk import step_along
 
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
-CLOSED = 1e-13
-"""Width of a bracket, relative to the length of the step to its end, below which it is down to rounding."""
 CUBIC_ROUNDS = 6
 """Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
-ACCEPTED = 1e3
+ACCEPTED_TOLERANCES = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
 order in that, within 1e-12."""
 
@@ -245,21 +244,15 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
         if not abs(ds) < _length_to(after, before, here, vary):
             return None
         here = replace(here, bend=cubic)
-        there = here if ds > 0 else _backwards(here)
+        there = here if ds > 0 else backwards(here)
         outcome = step_along(there, before, vary, abs(ds), 0.0, np.inf, options)
         if isinstance(outcome, str):
             return None
-        before, after, there = outcome[0], before, _backwards(there)
+        before, after, there = outcome[0], before, backwards(there)
         here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
         if abs(FOLD.value(before, here)) <= FOLD.tolerance:
             return before
     return None
-
-
-def _backwards(point: Point) -> Point:
-    """The same point of the curve, run through in the other sense."""
-    flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
-    return replace(point, row=-point.row, du=-point.du, bend=flipped)
 
 
 def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
@@ -302,7 +295,7 @@ def _located_from(
         if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
             break
         search = search.told(ds, f)
-    return best[1] if best and abs(best[0]) <= ACCEPTED * monitor.tolerance else None
+    return best[1] if best and abs(best[0]) <= ACCEPTED_TOLERANCES * monitor.tolerance else None
 
 
 def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
@@ -351,16 +344,3 @@ def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
     Monitor.
     """
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")
-
-
-__all__ = [
-    "FOLD",
-    "GRAZING",
-    "STANDARD",
-    "SUPERSTABLE",
-    "SYMMETRY_BREAKING",
-    "Monitor",
-    "crossings",
-    "locate",
-    "user_monitor",
-]

@@ -9,7 +9,7 @@ The root of d lambda/d a is found by secants.  At it the equations have the adjo
     G_u^T nu = 0,   nu . G_lambda = 1:      [ G_u  G_lambda ]^T [ nu ]   [ 0 ]
                                             [  w      0     ]   [ s  ] = [ 1 ],   s = 0,
 
-as the multipliers of the optimisation problem that IPOPT solves for the same fold (solve.maximise_parameter).
+as the multipliers of the optimisation problem that IPOPT solves for the same fold (ipopt.maximise_parameter).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 
 from ..collocation.graphs import graphs
-from ..collocation.solve import Maximum, Solution, newton
+from ..collocation.ipopt import Maximum
+from ..collocation.newton import Solution, newton
 from ..collocation.transcription import Linearisation, Setting, Transcription
 from ..compiled import alone
 from ..errors import Status
@@ -30,13 +31,13 @@ Array = np.ndarray
 FIRST_STEPS = (1e-4, 1e-6, 1e-8)
 """First steps along the curve, in turn: a sharp fold is narrower than the first of them."""
 MOST_SECANTS = 12
-ARRIVED, ROUNDED = 1e-10, 1e-14
+LAST_STEP, LAST_CHANGE = 1e-10, 1e-14
 """No further step is made where the last one, and the change of lambda that it brought, are below these; nor where
 lambda does not change any more and the slope is nothing but rounding."""
 
 
 def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
-    """The largest lambda next to an orbit by Newton's method, as `solve.maximise_parameter` by IPOPT.
+    """The largest lambda next to an orbit by Newton's method, as `ipopt.maximise_parameter` by IPOPT.
 
     Parameters
     ----------
@@ -91,8 +92,8 @@ def _secants(t: Transcription, u: Array, setting: Setting, row: Array, first: fl
             return None
         du, fresh = _tangent(t, following.u, following.linearisation, row)
         bend = (fresh - slope) / ds
-        still = abs(fresh * ds) <= ROUNDED
-        if still and (abs(ds) <= ARRIVED or abs(fresh) > 0.1 * abs(slope)):
+        still = abs(fresh * ds) <= LAST_CHANGE
+        if still and (abs(ds) <= LAST_STEP or abs(fresh) > 0.1 * abs(slope)):
             return following, iterations
         if not bend < 0:
             return None

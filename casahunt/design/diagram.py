@@ -17,6 +17,7 @@ from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..servo.branch import Branch
+from ..servo.find_fold import HIGHEST
 from ..servo.find_orbit import find_orbit
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
@@ -26,7 +27,6 @@ DEFAULT_START = 0.0321
 """Gain at which the diagrams of the report start (its Routh-Hurwitz gain without friction)."""
 DRAWING_STEP = 0.15
 """Largest arclength between points: the solver could take three times as much, the eye could not."""
-HIGHEST = 1e9
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,8 @@ import numpy as np
 
 INVERSE_ROUNDS = 8
 """Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
+CLOSED = 1e-13
+"""Width of a bracket, in units of that of the search, that is down to rounding."""
 BESIDE = 0.02
 """Where f cannot be computed, the next place is this part of the bracket further on, then further back, and so on."""
 

@@ -27,10 +27,10 @@ from .march_step import Stepper, last_mode, predict, reaches
 
 Array = np.ndarray
 
-SMALLEST_STEP = 1e-14  # of the time reached so far, or of one second at the start
+VANISHING_STEP = 1e-14  # of the time reached so far, or of one second at the start
 GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
-ACCEPTED = 4.0  # an interval's error, in units of the tolerance
-GROWTH = 2.5  # of an interval's length from one to the next
+ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
+LENGTHENING = 2.5  # of an interval's length from one to the next
 VANISHED = "the step size vanished"
 
 
@@ -180,7 +180,7 @@ def _collocated(
         found = _attempt(mode, exits, stepper, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):
             h *= found.factor
-            if h < SMALLEST_STEP * max(t, 1.0):
+            if h < VANISHING_STEP * max(t, 1.0):
                 raise MarchFailure(f"mode {name!r}: {found.why} at {t:.6g} s")
             continue
         h, stages, end, error, way_out = found
@@ -194,7 +194,7 @@ def _collocated(
                 return segment(way_out.event.name, end), successor
         previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
-        h = min(h * min(GROWTH, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
+        h = min(h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
 
 
 def _attempt(
@@ -214,7 +214,7 @@ def _attempt(
     if solved is None and reaches(previous, h):
         solved = stepper(start, np.tile(start, d), h, GOAL * tol)
     error = np.inf if solved is None else last_mode(s, start, solved[0])
-    if solved is None or error > ACCEPTED * tol:
+    if solved is None or error > ACCEPTED_ERROR * tol:
         return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
     stages, end = solved
     ahead = None if slope is None else start + 1e-6 * h * slope

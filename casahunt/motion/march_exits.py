@@ -14,7 +14,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..collocation.admissibility import hides
+from ..collocation.admissibility import RESOLUTION, hides
 from ..collocation.scheme import Kind, scheme
 from ..compiled import caller, kept
 from ..hybrid.roots import Bracket, secant
@@ -24,13 +24,12 @@ from .march_step import Stepper
 Array = np.ndarray
 
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
-ROUNDING = 1e-14
+EXIT_ROUNDING = 1e-14
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
 EVENT_LIMIT = 1e-10  # an event counts as located
 FLOW_LIMIT = 1e-9  # the same at the end of a closed form
-LOCATE_ROUNDS = 60
+EXIT_ROUNDS = 60
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
-RESOLUTION = 3.0  # a polynomial is known to this many times its last Legendre coefficient
 SHORT = 1e-4  # part of an interval over which the rate of an event is measured
 ON_EVENT = 1e-12  # a state is on an event, not beside it
 _WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
@@ -209,14 +208,14 @@ def locate(
     f_low, f_high = value(ends[0]), value(ends[1])
     # Rounding in the states keeps the event from vanishing better than this.
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
-    tolerance = max(EVENT_TOLERANCE, ROUNDING * size)
+    tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
     # The polynomial at hand knows the signs at the ends better than the values.
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf)
     theta = bracket.illinois
     solved: tuple[Array, Array] | None = None
     f = last = np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
-    for _ in range(LOCATE_ROUNDS):
+    for _ in range(EXIT_ROUNDS):
         guess = (s.interpolation(s.stages * (theta / reach)) @ w).ravel()
         solved = stepper(start, guess, theta * h, EXACT)
         if solved is None:

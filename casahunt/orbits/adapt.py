@@ -6,7 +6,8 @@
       +-- next phase sequence   better mesh --> Newton --+
       +--------------------------------------------------+
 
-The loop works at a fixed parameter, or with the parameter free under a border row (continuation).
+`solve_adaptively` is the loop, the functions after it are its boxes.  It works at a fixed parameter, or with the
+parameter free under a border row (continuation).
 """
 
 from __future__ import annotations
@@ -18,20 +19,13 @@ from typing import Any, Literal
 import numpy as np
 
 from ..checks import known, require, shown
-from ..collocation.admissibility import judge
-from ..collocation.mesh import (
-    COARSENING,
-    Estimate,
-    better_breaks,
-    estimate,
-    halved,
-    phase_breaks,
-    quartered_where,
-    shape_limit,
-    transfer,
-)
+from ..collocation.admissibility import Verdict, judge
+from ..collocation.error_estimate import Estimate, estimate
+from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
+from ..collocation.newton import Solution, Solver, newton
+from ..collocation.remesh import COARSENING, better_breaks, shape_limit
 from ..collocation.scheme import Kind
-from ..collocation.solve import Solution, Solver, ipopt_then_newton, newton, solve
+from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
@@ -45,7 +39,7 @@ TOLERANCE_RANGE = (1e-12, 1e-2)
 MAX_INTERVALS = 3000
 MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
-ROUGH = 3.0
+ROUGH_SHAPE = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 MOTION = 0.1
 """The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
@@ -120,64 +114,124 @@ def solve_adaptively(
     ------
     ValueError : the cycle of `start` is none of the problem's.
     """
-    t, u, setting = start
+    t = start[0]
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
         raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
-    iterations, sequences, changes = 0, 0, 0
+    task, spent = _Task(problem, options, border, soft), _Spent()
     accepted: Solved | None = None
-    marched = False
-    solution = _correct(t, u, setting, border, solver, 0.0, options)
+    root = _corrected(task, start, solver, 0.0)
     for _ in range(MAX_ROUNDS):
-        iterations += solution.iterations
-        if not solution.status.ok:
-            return accepted or Solved(t, solution, setting, None, solution.status, iterations)
-        verdict = judge(t, solution.u, setting.moved(solution.parameter))
+        spent.iterations += root.solution.iterations
+        if not root.solution.status.ok:
+            return accepted or root.ended(root.solution.status, spent)
+        verdict = judge(root.t, root.solution.u, root.moved)
         if verdict.violated:
-            sequences += 1
-            found = None
-            if sequences <= MAX_SEQUENCES:
-                moved = setting.moved(solution.parameter)
-                starts = problem.next_sequence(t, solution.u, moved, verdict.phase, soft=soft)
-                found = _first_converging(starts, setting, border, solution.parameter, options)
-            if found is None:
-                return Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations, verdict.violated)
-            t, setting, solution = found
-            accepted, changes = None, 0
+            following = _next_sequence(task, root, verdict, spent)
+            if following is None:
+                return root.ended(Status.INADMISSIBLE, spent, verdict.violated)
+            root, accepted = following, None
             continue
-        row = None if border is None else curve_border(t, solution.u, border)
-        e = estimate(t, solution.u, setting.moved(solution.parameter), border=row, believed=options.tol)
-        if not np.isfinite(e.error):
-            return Solved(t, solution, setting, None, Status.NOT_FINITE, iterations)
-        presentable = _presentable(e, options)
-        if e.error <= options.tol and verdict.admissible and presentable:
-            return Solved(t, solution, setting, e, Status.CONVERGED, iterations)
-        note = f"error estimate {e.error:.2g}"
-        if verdict.unclear.any():
-            note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
-        accepted = Solved(t, solution, setting, e, Status.TOLERANCE_NOT_REACHED, iterations, note)
-        if e.error <= options.tol and presentable:
-            breaks = quartered_where(t, setting.fractions, verdict.unclear)
-        else:
-            breaks = better_breaks(t, setting.fractions, e, options.tol, changes)
-            changes += 1
+        accepted = _estimated(task, root, verdict, spent)
+        if accepted.status is not Status.TOLERANCE_NOT_REACHED:
+            return accepted
+        breaks = _better_mesh(task, accepted, verdict, spent)
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
             return accepted
-        t, setting, solution = _on_mesh(accepted, breaks, border, options)
-        if not solution.status.ok:
-            # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
-            changes = len(COARSENING)
-            breaks = halved(phase_breaks(accepted.t, accepted.setting.fractions))
-            t, setting, solution = _on_mesh(accepted, breaks, border, options)
-        if not solution.status.ok and not marched:
-            # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
-            marched = True
-            moved = accepted.setting.moved(accepted.solution.parameter)
-            again = problem.remarch(accepted.t, accepted.solution.u, moved)
-            if again is not None:
-                t, u, fresh = again
-                setting = replace(fresh, p=accepted.setting.p)
-                solution = _correct(t, u, setting, border, "newton", accepted.solution.parameter, options)
-    return accepted or Solved(t, solution, setting, None, Status.INADMISSIBLE, iterations)
+        root = _on_better_mesh(task, accepted, breaks, spent)
+    return accepted or root.ended(Status.INADMISSIBLE, spent)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What stays the same in the loop: the arguments of `solve_adaptively`."""
+
+    problem: Problem
+    options: Options
+    border: Array | None
+    soft: bool
+
+
+@dataclass
+class _Spent:
+    """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march."""
+
+    iterations: int = 0
+    sequences: int = 0
+    changes: int = 0
+    marched: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Root:
+    """Where a solve has ended."""
+
+    t: Transcription
+    setting: Setting
+    solution: Solution
+
+    @property
+    def moved(self) -> Setting:
+        """The setting at the parameter that was found."""
+        return self.setting.moved(self.solution.parameter)
+
+    def ended(self, status: Status, spent: _Spent, note: str = "") -> Solved:
+        """The end of the loop, without an error estimate."""
+        return Solved(self.t, self.solution, self.setting, None, status, spent.iterations, note)
+
+
+def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> _Root | None:
+    """A root with other phases, where one of these has stopped being a motion."""
+    spent.sequences += 1
+    if spent.sequences > MAX_SEQUENCES:
+        return None
+    spent.changes = 0
+    starts = task.problem.next_sequence(root.t, root.solution.u, root.moved, verdict.phase, soft=task.soft)
+    return _first_converging(task, starts, root)
+
+
+def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Solved:
+    """A root with its error: within the tolerance and clear, or what is missing."""
+    t, u, tol = root.t, root.solution.u, task.options.tol
+    row = None if task.border is None else curve_border(t, u, task.border)
+    e = estimate(t, u, root.moved, border=row, believed=tol)
+    if not np.isfinite(e.error):
+        return root.ended(Status.NOT_FINITE, spent)
+    if e.error <= tol and verdict.admissible and _presentable(e, task.options):
+        return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
+    note = f"error estimate {e.error:.2g}"
+    if verdict.unclear.any():
+        note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
+    return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note)
+
+
+def _better_mesh(task: _Task, known: Solved, verdict: Verdict, spent: _Spent) -> list[Array]:
+    """Breaks for the tolerance; where it holds already, shorter intervals where it is not clear what a phase is."""
+    e, tol = known.estimate, task.options.tol
+    assert e is not None
+    if e.error <= tol and _presentable(e, task.options):
+        return quartered_where(known.t, known.setting.fractions, verdict.unclear)
+    breaks = better_breaks(known.t, known.setting.fractions, e, tol, spent.changes)
+    spent.changes += 1
+    return breaks
+
+
+def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spent) -> _Root:
+    """The solution corrected on another mesh, by way of the halved one or of a march where it is lost there."""
+    root = _on_mesh(task, known, breaks)
+    if not root.solution.status.ok:
+        # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
+        spent.changes = len(COARSENING)
+        root = _on_mesh(task, known, halved(phase_breaks(known.t, known.setting.fractions)))
+    if not root.solution.status.ok and not spent.marched:
+        # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
+        spent.marched = True
+        moved = known.setting.moved(known.solution.parameter)
+        again = task.problem.remarch(known.t, known.solution.u, moved)
+        if again is not None:
+            t, u, fresh = again
+            start = t, u, replace(fresh, p=known.setting.p)
+            root = _corrected(task, start, "newton", known.solution.parameter)
+    return root
 
 
 def remeshed(start: Start, options: Options) -> Start:
@@ -196,62 +250,53 @@ def remeshed(start: Start, options: Options) -> Start:
 
 def _presentable(e: Estimate, options: Options) -> bool:
     """The solution may be shown between its nodes."""
-    return float(e.shape.max()) <= ROUGH * shape_limit(options.tol)
+    return float(e.shape.max()) <= ROUGH_SHAPE * shape_limit(options.tol)
 
 
-def _on_mesh(
-    known: Solved, breaks: list[Array], border: Array | None, options: Options
-) -> tuple[Transcription, Setting, Solution]:
+def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
     t, u, fractions = transfer(known.t, known.solution.u, known.setting.fractions, breaks)
-    setting = replace(known.setting, fractions=fractions)
-    return t, setting, _correct(t, u, setting, border, "newton", known.solution.parameter, options)
+    start = t, u, replace(known.setting, fractions=fractions)
+    return _corrected(task, start, "newton", known.solution.parameter)
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
-    """The border row of the node system with weights (n + 2,) on (x_0, ln T_1, lambda); see continuation/walk.py."""
+    """The border row of the node system with weights (n + 2,) on (x_0, ln T_1, lambda); see continuation/curve.py."""
     nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
     nodes[0] = weights[: t.n]
     durations[0] = weights[t.n] / t.durations_of(u)[0]
     return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
 
 
-def _correct(
-    t: Transcription,
-    u: Array,
-    setting: Setting,
-    border: Array | None,
-    solver: Solver,
-    parameter: float,
-    options: Options,
-) -> Solution:
+def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _Root:
     """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
-    row = None if border is None else curve_border(t, u, border)
-    accuracy = LEFT_OUT * options.tol
-    if options.solver != "auto" or row is not None:
-        alone: Solver = "newton" if options.solver == "auto" else options.solver
-        return solve(t, u, setting, solver=alone, border=row, parameter=parameter, accuracy=accuracy)
+    t, u, setting = start
+    accuracy = LEFT_OUT * task.options.tol
+    if task.options.solver != "auto" or task.border is not None:
+        return _solved_alone(task, start, parameter)
     first = ipopt_then_newton(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
     if not first.status.ok:
         again = ipopt_then_newton(t, u, setting) if solver == "newton" else newton(t, u, setting, accuracy=accuracy)
         if again.status.ok:
-            return again
-    return first
+            return _Root(t, setting, again)
+    return _Root(t, setting, first)
 
 
-def _first_converging(
-    starts: list[Start], setting: Setting, border: Array | None, parameter: float, options: Options
-) -> tuple[Transcription, Setting, Solution] | None:
-    """The first of several starting points from which the solver converges, by `auto` Newton's method."""
-    solver: Solver = "newton" if options.solver == "auto" else options.solver
+def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
+    """One solve by one solver, under the border row: the one that the user named, by `auto` Newton's method."""
+    t, u, setting = start
+    row = None if task.border is None else curve_border(t, u, task.border)
+    solver: Solver = "newton" if task.options.solver == "auto" else task.options.solver
+    accuracy = LEFT_OUT * task.options.tol
+    return _Root(t, setting, solve(t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=accuracy))
+
+
+def _first_converging(task: _Task, starts: list[Start], known: _Root) -> _Root | None:
+    """The first of several starting points from which the solver converges."""
     for t, u, moved in starts:
-        fresh = replace(moved, p=setting.p)
-        row = None if border is None else curve_border(t, u, border)
-        solution = solve(
-            t, u, fresh, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * options.tol
-        )
-        if solution.status.ok:
-            return t, fresh, solution
+        root = _solved_alone(task, (t, u, replace(moved, p=known.setting.p)), known.solution.parameter)
+        if root.solution.status.ok:
+            return root
     return None
 
 

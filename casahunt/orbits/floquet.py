@@ -41,11 +41,11 @@ from ..hybrid.system import Mode
 
 Array = np.ndarray
 
-MAX_ROUNDS = 12
+MULTIPLIER_ROUNDS = 12
 ROUND_TOLERANCE = 1e-13
-SMALLEST = 1e-12
+SMALLEST_MULTIPLIER = 1e-12
 """Half multipliers below this are zero for every purpose and do not delay the iteration."""
-LARGEST = 1e150
+LARGEST_MULTIPLIER = 1e150
 """Half multipliers beyond this are cut to it, and the set is not trusted: their squares would overflow."""
 GROWTH = 100.0
 """An integrator starts anew from the orbit where disturbances have grown by this factor."""
@@ -64,7 +64,7 @@ class Multipliers:
     full : (n,) complex multipliers of the full period, in the same order.
     leading : the nontrivial entry of `half` of largest modulus.
     log10_leading : log10 |leading|.
-    trivial_error : |trivial multiplier - 1|, the health figure; inf where a multiplier was cut to `LARGEST`.
+    trivial_error : |trivial multiplier - 1|, the health figure; inf where a multiplier was cut to `LARGEST_MULTIPLIER`.
     """
 
     half: Array
@@ -266,7 +266,7 @@ def _field(t: Transcription, k: int, x: Array, setting: Setting) -> Array:
 def product_eigenvalues(factors: list[Array]) -> Array:
     """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
 
-    Orthogonal iteration around the cycle; see the module docstring.  Moduli beyond `LARGEST` are cut to it.
+    Orthogonal iteration around the cycle; see the module docstring.  Moduli beyond `LARGEST_MULTIPLIER` are cut to it.
     """
     n = factors[0].shape[1]
     if n == 0:
@@ -274,18 +274,18 @@ def product_eigenvalues(factors: list[Array]) -> Array:
     q = np.linalg.qr(np.random.default_rng(1).standard_normal((n, n)))[0]
     previous = np.full(n, np.inf, dtype=complex)
     values = previous
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MULTIPLIER_ROUNDS):
         start, triangular, exponent = q, np.eye(n), 0
         for factor in factors:
             q, r = np.linalg.qr(factor @ q)
             triangular = r @ triangular
             size = float(np.max(np.abs(triangular)))
-            if size > LARGEST:  # by a power of two: no digit changes
+            if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
                 power = math.frexp(size)[1]
                 triangular, exponent = np.ldexp(triangular, -power), exponent + power
         values = _cut(np.linalg.eigvals((start.T @ q) @ triangular), exponent)
         values = values[np.argsort(-np.abs(values), kind="stable")]
-        alive = np.abs(values) > SMALLEST
+        alive = np.abs(values) > SMALLEST_MULTIPLIER
         change = np.abs(np.abs(values) - np.abs(previous))[alive] / np.abs(values[alive])
         if not alive.any() or float(np.max(change)) < ROUND_TOLERANCE:
             break
@@ -294,14 +294,14 @@ def product_eigenvalues(factors: list[Array]) -> Array:
 
 
 def _cut(values: Array, exponent: int) -> Array:
-    """values 2^exponent, with moduli of at most `LARGEST`."""
+    """values 2^exponent, with moduli of at most `LARGEST_MULTIPLIER`."""
     with np.errstate(divide="ignore"):
         logs = np.log(np.abs(values)) + exponent * math.log(2)
-    large = logs > math.log(LARGEST)
+    large = logs > math.log(LARGEST_MULTIPLIER)
     if not large.any():
         return values if exponent == 0 else np.ldexp(values.real, exponent) + 1j * np.ldexp(values.imag, exponent)
     size = np.where(values == 0, 1.0, np.abs(values))
-    return values / size * np.where(large, LARGEST, np.exp(np.minimum(logs, math.log(LARGEST))))
+    return values / size * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
 
 
 def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
@@ -333,7 +333,7 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
         full=half**repeats,
         leading=leading,
         log10_leading=float(np.log10(max(abs(leading), 1e-300))),
-        trivial_error=float(abs(trivial - 1)) if np.max(np.abs(half)) < 0.99 * LARGEST else math.inf,
+        trivial_error=float(abs(trivial - 1)) if np.max(np.abs(half)) < 0.99 * LARGEST_MULTIPLIER else math.inf,
     )
 
 

@@ -14,9 +14,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..collocation.mesh import Estimate, amplitude_row, better_breaks, estimate, halved, phase_breaks, transfer
+from ..collocation.error_estimate import Estimate, amplitude_row, estimate
+from ..collocation.mesh import halved, phase_breaks, transfer
+from ..collocation.newton import Solution, Solver
+from ..collocation.remesh import better_breaks
 from ..collocation.scheme import Kind, scheme
-from ..collocation.solve import Solution, Solver, solve
+from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import Status
 from ..hybrid.problem import Problem
@@ -173,8 +176,8 @@ MULTIPLIER_TOLERANCE = 1e-9
 HEALTHY = 4e-9
 """Trivial multipliers nearer to 1 than this need no finer mesh: that of the full period, its square, is within 1e-8."""
 MORE_HALVINGS = 3
-LARGE, SETTLED = 10.0, 1e-7
-"""Half multipliers beyond LARGE are computed on two meshes at least, until they agree to SETTLED."""
+LARGE_MULTIPLIER, AGREED = 10.0, 1e-7
+"""Half multipliers beyond LARGE_MULTIPLIER are computed on two meshes at least, until they agree to AGREED."""
 NEXT_TO_FOLD = 0.02
 """Share of the parameter in the unit tangent below which a point counts as next to a fold."""
 
@@ -213,10 +216,10 @@ def refined_multipliers(
         found = floquet.multipliers(t, u, setting)
         # Where the flow expands a lot, the trivial multiplier says nothing about the leading one: it must
         # come out the same on two meshes.
-        settled = abs(found.leading) < LARGE or (
-            best is not None and abs(found.leading - best.leading) < SETTLED * abs(found.leading)
+        settled = abs(found.leading) < LARGE_MULTIPLIER or (
+            best is not None and abs(found.leading - best.leading) < AGREED * abs(found.leading)
         )
-        if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE:
+        if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE_MULTIPLIER:
             best, place = found, (t, u, setting)
         if best.trivial_error < HEALTHY and settled:
             break

@@ -38,24 +38,24 @@ Array = np.ndarray
 
 TOLERANCE = 1e-9
 """Error of one step in units of the swing's size."""
-FIRST = 1e-3
+INITIAL_STEP = 1e-3
 """First step in units of the loop's time sqrt(J/kp)."""
 LEAP = 0.5
 """No step changes the velocity by more than this part of max(|x2|, vs): the Stribeck peak, 2 vs wide, is not missed."""
 CREPT = 1e-7
 """A slip that has come this near to x1 = 0, x2 = 0, m = s Fs, in units of its size, ends there: it creeps on, without a
 stop, or to one that is as near."""
-MOST_STEPS = 20_000
-MOST_SLIPS = 60
-MOST_SWINGS = 200
+MOST_STEPS_OF_A_SLIP = 20_000
+MOST_SLIPS_TO_STICK = 60
+MOST_ITERATES = 200
 WITNESSES = 400
 """Motions that show that P maps a set into itself."""
-INNERMOST, BESIDE = 1e-4, 1e-6
-"""The witnesses of rest start between INNERMOST and 1 - BESIDE of the unstable cycle's amplitude; further in, the
+INNERMOST, BELOW_BORDER = 1e-4, 1e-6
+"""The witnesses of rest start between INNERMOST and 1 - BELOW_BORDER of the unstable cycle's amplitude; further in, the
 motion is that of the linear loop (g is flat at v = 0), P(a)/a constant."""
-ROOT_ROUNDS, ROOT = 60, 1e-13
+ROOT_ROUNDS, ROOT_TOLERANCE = 60, 1e-13
 """Steps of the root finder inside a step, and the part of the step, or of what is to vanish, that is left then."""
-STUCK = 1 + 4 * np.finfo(float).eps
+STUCK_TORQUE = 1 + 4 * np.finfo(float).eps
 """|m| up to this many Fs is stick: m = Fs but for rounding at the ends of the set of fixed points."""
 
 # Dormand and Prince (1980): nodes are not needed, the field does not depend on time.
@@ -77,7 +77,7 @@ class FirstStick:
     Attributes
     ----------
     position : (m,) x1 [rad] at the stick; 0 where the servo creeps to the set point without a stop (damped loops do);
-        nan where it had not stuck after `MOST_SLIPS` slips.
+        nan where it had not stuck after `MOST_SLIPS_TO_STICK` slips.
     integral : (m,) x3 [rad s] when it begins.
     time : (m,) [s] until then; inf for creeping.
     reversals : (m,) stops without stick on the way.
@@ -98,7 +98,7 @@ class Attraction:
     Attributes
     ----------
     first : the first stick of each.
-    rests, hunts : (m,) bool; neither where it was not decided after `MOST_SWINGS` swings.
+    rests, hunts : (m,) bool; neither where it was not decided after `MOST_ITERATES` swings.
     swings : (m,) swings after the first stick until that was decided.
     resting : stuck at |x1| below this [rad], the servo comes to rest.
     hunting : (low, high): stuck between these |x1| [rad], it ends in the stable cycle.
@@ -192,7 +192,7 @@ def attraction(unstable: HuntingOrbit, stable: HuntingOrbit, states: Array) -> A
     inner, outer = _resting(unstable), _hunting(unstable, stable)
     a = np.abs(first.position)
     swings = np.zeros(a.size, int)
-    for _ in range(MOST_SWINGS):
+    for _ in range(MOST_ITERATES):
         rests, hunts = a <= inner, (a > outer[0]) & (a < outer[1])
         open_ = np.flatnonzero(~(rests | hunts | np.isnan(a)))
         if open_.size == 0:
@@ -204,7 +204,7 @@ def attraction(unstable: HuntingOrbit, stable: HuntingOrbit, states: Array) -> A
 
 def _resting(unstable: HuntingOrbit) -> float:
     """The largest a below which all witnesses have |P(a)| < a, at most the amplitude of the unstable cycle."""
-    a = unstable.amplitude * (1 - np.geomspace(BESIDE, 1 - INNERMOST, WITNESSES))[::-1]
+    a = unstable.amplitude * (1 - np.geomspace(BELOW_BORDER, 1 - INNERMOST, WITNESSES))[::-1]
     smaller = np.abs(swing(unstable.servo, unstable.gain, a)) < a
     # Above the last witness the map is steep and crosses P = a only at the cycle itself.
     if smaller.all():
@@ -215,7 +215,7 @@ def _resting(unstable: HuntingOrbit) -> float:
 def _hunting(unstable: HuntingOrbit, stable: HuntingOrbit) -> tuple[float, float]:
     """The widest interval around the amplitude of the stable cycle that all its witnesses approach it from."""
     middle, reach = stable.amplitude, abs(stable.amplitude - unstable.amplitude)
-    away = np.geomspace(1e-3, 1 - BESIDE, WITNESSES // 2) * min(reach, 0.999 * middle)
+    away = np.geomspace(1e-3, 1 - BELOW_BORDER, WITNESSES // 2) * min(reach, 0.999 * middle)
     nearer = np.ones(away.size, bool)
     for side in (-1, 1):
         P = swing(stable.servo, stable.gain, middle + side * away)
@@ -269,10 +269,10 @@ def _first_stick(slip: _Slip, x: Array, s: Array) -> FirstStick:
     falling, lost = np.ones(m, bool), np.zeros(m, bool)
     x, s = x.copy(), s.copy()
     moving = np.arange(m)
-    for _ in range(MOST_SLIPS + 1):
+    for _ in range(MOST_SLIPS_TO_STICK + 1):
         resting = moving[s[moving] == 0]
         torque = slip.torque(x[:, resting])
-        s[resting] = np.where(np.abs(torque) > STUCK * slip.Fs, np.sign(torque), 0.0)
+        s[resting] = np.where(np.abs(torque) > STUCK_TORQUE * slip.Fs, np.sign(torque), 0.0)
         moving = moving[s[moving] != 0]
         if moving.size == 0:
             break
@@ -282,7 +282,7 @@ def _first_stick(slip: _Slip, x: Array, s: Array) -> FirstStick:
         time[moving] += took
         lost[moving[~stopped]] = True
         moving = moving[stopped]
-        reversals[moving] += np.abs(slip.torque(x[:, moving])) > STUCK * slip.Fs
+        reversals[moving] += np.abs(slip.torque(x[:, moving])) > STUCK_TORQUE * slip.Fs
         s[moving] = 0.0
     lost[moving] = True
     nan = np.where(lost, np.nan, 0.0)
@@ -295,9 +295,9 @@ def _to_the_stop(slip: _Slip, x: Array, s: Array, fresh: Array) -> tuple[Array, 
     end, took, fell, stopped = x.copy(), np.zeros(m), np.ones(m, bool), np.zeros(m, bool)
     here, x, fresh = np.arange(m), x.copy(), fresh.copy()
     size, slope = slip.size(x), slip(x, s)
-    h = np.full(m, FIRST * np.sqrt(slip.J / slip.kp))
+    h = np.full(m, INITIAL_STEP * np.sqrt(slip.J / slip.kp))
     t = np.zeros(m)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_STEPS_OF_A_SLIP):
         y, after, error = slip.step(x, s, h, slope)
         accurate, change = error <= TOLERANCE * size, np.abs(y[1] - x[1])  # nan is not accurate
         # The speed may dip to zero, or into the Stribeck peak, between the ends of a step: look at its minimum.
@@ -361,6 +361,6 @@ def _first_zero(
         f_low = np.where(on_low, f, np.where(side == -1, 0.5, 1.0) * f_low)
         side = np.where(on_low, 1, -1)
         low, high = np.where(on_low, middle, low), np.where(on_low, high, middle)
-        if np.all((np.abs(f) <= ROOT * start) | (np.abs(middle - before) < ROOT)):
+        if np.all((np.abs(f) <= ROOT_TOLERANCE * start) | (np.abs(middle - before) < ROOT_TOLERANCE)):
             break
     return middle

@@ -43,7 +43,7 @@ OFFSET = 0.01
 FEW_SWINGS, MOST_SWINGS = 60, 2000
 """Swings followed: three times those that the multipliers of the two cycles need to carry a motion away from the one
 and close to the other, and these at least and at most."""
-SETTLED = 0.5
+SHRUNK = 0.5
 """Below this part of the border, and still shrinking, a motion has settled."""
 ARRIVED = 0.2
 """Part of the way between the two cycles that a motion which has grown to the stable one may be away from it."""
@@ -214,7 +214,7 @@ def follow(
         if not np.isfinite(a):
             break
         positions.append(a)
-        if a < SETTLED * border and a < previous:
+        if a < SHRUNK * border and a < previous:
             outcome = "settles"
             break
         if stable and abs(a - hunting) < ARRIVED * abs(hunting - border):

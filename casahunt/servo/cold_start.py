@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..checks import COMPUTED, known, sensible
-from ..collocation.solve import Solver
+from ..collocation.newton import Solver
 from ..errors import InputError, NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options, finished, remeshed, solve_adaptively

@@ -29,7 +29,7 @@ from ..checks import COMPUTED, require, sensible
 from ..hybrid.roots import boundary
 from .servo import Servo
 
-GRID = 4001
+FREQUENCIES = 4001
 """Frequencies at which phi is searched for changes of sign, six decades each way of the crossover."""
 
 
@@ -168,10 +168,10 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
     phi = float(_phase(servo, delay, math.log(omega)))
     if not phi > 0:
         return Margins(omega, math.degrees(phi), math.nan, math.nan, False)
-    grid = np.log(omega * np.geomspace(1e-6, 1e6, GRID))
+    grid = np.log(omega * np.geomspace(1e-6, 1e6, FREQUENCIES))
     values = _phase(servo, delay, grid)
-    above = [i for i in range(GRID - 1) if grid[i] >= math.log(omega) and values[i + 1] <= 0]
-    below = [i for i in range(GRID - 1) if grid[i + 1] <= math.log(omega) and values[i] <= 0]
+    above = [i for i in range(FREQUENCIES - 1) if grid[i] >= math.log(omega) and values[i + 1] <= 0]
+    below = [i for i in range(FREQUENCIES - 1) if grid[i + 1] <= math.log(omega) and values[i] <= 0]
 
     def factor(i: int) -> float:
         rising = bool(values[i + 1] > 0)

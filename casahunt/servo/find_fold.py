@@ -38,15 +38,15 @@ from .strategies import Strategy, first_of
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
-HALVINGS = 8
+GAIN_HALVINGS = 8
 """Gains searched between one at which motions go farther out and twice that, at which they do not."""
 LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
 """Cycles that may turn out not to be computable before the search is given up."""
-BESIDE, BESIDE_POINTS = 3.0, 5
+AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
-CLIMB = (4.0, 2.0, 1.4)
+CLIMB_FACTORS = (4.0, 2.0, 1.4)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
 SHARP_TOLERANCE = 1e-8
@@ -190,7 +190,7 @@ def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, float] | None
     With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
     of going on for ever to the fold: that range may be narrow.
     """
-    for _ in range(HALVINGS):
+    for _ in range(GAIN_HALVINGS):
         gain = float(np.sqrt(low * high))
         rigid = hunt.rigid_cycle(gain)
         if rigid is not None:
@@ -216,7 +216,7 @@ def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
 
     The motions of a search are good for 1e-4 of P(a)/a, which at tiny gains is itself that close to one.
     """
-    return bool(fixed_points(servo, gain, a / BESIDE, a * BESIDE, points=BESIDE_POINTS).fixed)
+    return bool(fixed_points(servo, gain, a / AROUND, a * AROUND, points=AROUND_POINTS).fixed)
 
 
 def _most(seen: list[tuple[float, Scan]]) -> str:
@@ -237,7 +237,7 @@ def _most(seen: list[tuple[float, Scan]]) -> str:
 def _climb(servo: Servo, gain: float, a: float) -> list[Place]:
     """Increasing gains at which the Switch servo has a stable cycle, each with its stick position, from (gain, a)."""
     gains: list[Place] = [(gain, a)]
-    for factor in CLIMB:
+    for factor in CLIMB_FACTORS:
         for _ in range(MOST_CLIMBS):
             found = near_stable("switch", servo, gain * factor, a / factor)
             if found is None:

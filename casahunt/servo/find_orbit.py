@@ -20,9 +20,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..checks import known, to_error
+from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
 from ..continuation.special_points import FOLD, SpecialPoint, locate
-from ..continuation.walk import curve_point, walk
+from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
 from .cold_start import Met, check_hunts, check_problem, check_times, stable_at, stiff_at, unstable_at
@@ -35,11 +36,11 @@ from .strategies import Strategy, first_of
 
 BranchName = Literal["stable", "unstable"]
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
-TIGHT = 1e-9
+TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
-FAR = 0.9
+FAR_BELOW = 0.9
 """Part of the fold gain below which the way down from the fold may be rough, its end being refined."""
-VANISHED = 1e-6
+NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
 DOWNWARDS = 0.01
 """First step away from a fold, in arclength."""
@@ -198,7 +199,7 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
             "are all parameters meant?",
             Status.NOT_CONVERGED,
         )
-    for tol in sorted({options.tol, min(options.tol, TIGHT)}, reverse=True):
+    for tol in sorted({options.tol, min(options.tol, TIGHT_FOLD)}, reverse=True):
         try:
             fold = find_fold(servo, model, options=replace(options, tol=tol), start=met.orbit)
         except NoOrbit as error:
@@ -272,9 +273,9 @@ def _down_by(d: _Descent, way: Options) -> HuntingOrbit | str:
 
 DOWN: tuple[Strategy[_Descent, HuntingOrbit], ...] = (
     Strategy(
-        "with rough steps", f"the gain is below {FAR} of the fold's, and the tolerance below {WALK_TOLERANCE:g}",
+        "with rough steps", f"the gain is below {FAR_BELOW} of the fold's, and the tolerance below {WALK_TOLERANCE:g}",
         "20 ms; LuGre 0.4 s", lambda d: _down_by(d, d.rough),
-        lambda d: d.gain < FAR * d.fold.gain and d.rough != d.options,
+        lambda d: d.gain < FAR_BELOW * d.fold.gain and d.rough != d.options,
     ),
     Strategy("with accurate steps", "always", "40 ms; LuGre 1 s", lambda d: _down_by(d, d.options)),
 )  # fmt: skip
@@ -312,7 +313,7 @@ def _followed_down(
 def _vanished(orbit: HuntingOrbit) -> bool:
     """P(a)/a tends to a limit as a does to 0; where the gain takes that limit to one, the unstable cycle ends there."""
     kp, _, _ = orbit.servo.torque_gains(orbit.gain)
-    return orbit.amplitude * kp < VANISHED * orbit.servo.friction.static
+    return orbit.amplitude * kp < NO_AMPLITUDE * orbit.servo.friction.static
 
 
 def _deny_below(

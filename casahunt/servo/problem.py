@@ -24,7 +24,7 @@ from .servo import PARAMETERS, Servo, flatten
 
 Array = np.ndarray
 
-LARGEST_STEP = {"switch": 1.0, "lugre": 0.5}
+LARGEST_WALK_STEP = {"switch": 1.0, "lugre": 0.5}
 """Of a walk, in arclength."""
 
 
@@ -106,7 +106,7 @@ class Hunting(Problem):
     @property
     def largest_step(self) -> float:
         """Of a walk, in arclength."""
-        return LARGEST_STEP[self.model]
+        return LARGEST_WALK_STEP[self.model]
 
     def vector(self) -> Array:
         """(np,) the values of servo.PARAMETERS."""

@@ -27,7 +27,7 @@ from .hunting import SYSTEMS, Model, hunting_cycle, mirrored, softened
 Array = np.ndarray
 
 SHORT_STICK = 0.1  # duration of a stick, in units of the slips', below which it may be about to vanish
-FINE = 65  # points per interval at which x2 is searched for changes of sign
+SIGN_POINTS = 65  # points per interval at which x2 is searched for changes of sign
 
 
 def half_signature(t: Transcription) -> Signature:
@@ -178,7 +178,7 @@ def _in_every_pass(t: Transcription, k: int, length: int) -> list[int]:
 def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> Array:
     """Fractions of the phase at which x2 changes sign strictly inside it."""
     breaks = breaks_of(t, setting, phase)
-    times = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, FINE)).ravel()
+    times = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, SIGN_POINTS)).ravel()
     x2 = evaluate_phase(t, u, setting.fractions, phase, times)[:, 1]
     sign = -1.0 if t.cycle.phases[phase].mode.name == "slide-" else 1.0
     backwards = sign * x2 < 0

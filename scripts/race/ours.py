@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from casahunt import NoOrbit, Options, find_fold, find_orbit
-from casahunt.collocation.solve import newton
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation.special_points import FOLD, crossings
 from casahunt.continuation.walk import run as run_walk
@@ -111,9 +111,9 @@ SHARES = (
     ("collocation equations and their Jacobian (CasADi)", ("interval.py",)),
     ("stage elimination (numpy.linalg)", ("_linalg.py",)),
     ("node systems: sparse QR (CasADi)", ("node_system.py", "casadi.py", "_casadi")),
-    ("assembly and Newton steps", ("transcription.py", "solve.py")),
-    ("error estimate and meshes", ("mesh.py", "scheme.py", "adapt.py")),
-    ("predictor, tangents, records", ("walk.py", "special_points.py", "orbit.py")),
+    ("assembly and Newton steps", ("joints.py", "transcription.py", "newton.py", "ipopt.py", "solve.py")),
+    ("error estimate and meshes", ("mesh.py", "error_estimate.py", "remesh.py", "scheme.py", "adapt.py")),
+    ("predictor, tangents, records", ("curve.py", "walk.py", "special_points.py", "orbit.py")),
     (
         "checks that a root is a motion",
         ("admissibility.py", "hunting.py", "sequences.py", "restart.py", "march.py", "march_step.py", "march_exits.py"),

@@ -8,7 +8,8 @@ import pytest
 
 from casahunt import Options, find_orbit
 from casahunt.collocation.graphs import graphs, lagrangian_hessian
-from casahunt.collocation.solve import _ipopt_solver, ipopt, newton
+from casahunt.collocation.ipopt import _ipopt_solver, ipopt
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, Transcription, transcribe
 from casahunt.errors import Status
 from casahunt.hybrid.system import Cycle, Signature

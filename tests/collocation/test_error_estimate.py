@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from casahunt import Options, Servo, find_orbit
-from casahunt.collocation import mesh
+from casahunt.collocation import error_estimate, mesh
 from casahunt.collocation.admissibility import judge
-from casahunt.collocation.solve import newton
+from casahunt.collocation.newton import newton
 from casahunt.orbits.orbit import unknowns_of
 from scripts.peers.switch_digits import SwitchMap
 
@@ -68,10 +68,10 @@ def ratios(known, count, seed):
             continue
         t, u, setting = found
         true = max(
-            abs(mesh.amplitude_row(t, u)[0] * setting.scale[0] / amplitude - 1),
+            abs(error_estimate.amplitude_row(t, u)[0] * setting.scale[0] / amplitude - 1),
             abs(2 * t.durations_of(u).sum() / period - 1),
         )
-        out.append((true, mesh.estimate(t, u, setting).error))
+        out.append((true, error_estimate.estimate(t, u, setting).error))
     return np.array(out).T
 
 
@@ -104,7 +104,7 @@ def test_an_interval_in_which_the_whole_drop_hides_is_not_clear(known):
     found = on_mesh(orbit, np.concatenate([[0.0], rising, falling, [1.0]]))
     assert found is not None
     t, u, setting = found
-    assert abs(mesh.amplitude_row(t, u)[0] * setting.scale[0] / amplitude - 1) > 5e-4
+    assert abs(error_estimate.amplitude_row(t, u)[0] * setting.scale[0] / amplitude - 1) > 5e-4
     points = t.intervals_of(u)[3].reshape(-1, 3)[:, 1] * setting.scale[1] / SERVO.friction.stribeck_velocity
     assert np.exp(-(points[0] ** 2)) - np.exp(-(points[1] ** 2)) > 0.9
     assert judge(t, u, setting).unclear[3]

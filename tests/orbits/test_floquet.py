@@ -31,7 +31,7 @@ def test_collocation_blocks_and_casadi_integrators_agree(orbit, model, gain):
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_structure_of_the_multipliers(orbit, model):
-    """Switch {1, lambda, 0}, LuGre {1, lambda, ~0, ~0} (design.md of the equations; Filippov projection)."""
+    """Switch {1, lambda, 0}, LuGre {1, lambda, ~0, ~0}: a stick projects (Filippov)."""
     found = orbit(model, 0.3).multipliers
     assert found.full[0] == pytest.approx(1, abs=1e-8)
     assert found.full[1] == pytest.approx(found.leading**2)

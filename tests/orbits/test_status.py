@@ -9,8 +9,9 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, Status, find_orbit
 from casahunt.collocation.admissibility import judge
-from casahunt.collocation.mesh import estimate
-from casahunt.collocation.solve import ipopt, newton
+from casahunt.collocation.error_estimate import estimate
+from casahunt.collocation.ipopt import ipopt
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
 from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.orbit import unknowns_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
-from casahunt.collocation.solve import newton
+from casahunt.collocation.newton import newton
 from casahunt.continuation.fold import confirmed
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
@@ -171,7 +171,7 @@ def test_a_point_off_the_fold_is_refused(orbit):
 def test_folds_do_not_depend_on_what_was_computed_before(orbit):
     """Many structures in between push graphs out of the caches; the Hessian must not outlive its symbols."""
     from casahunt.collocation.graphs import graphs
-    from casahunt.collocation.solve import _ipopt_solver
+    from casahunt.collocation.ipopt import _ipopt_solver
 
     first = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
     graphs.cache_clear()
@@ -190,7 +190,7 @@ def test_sharp_fold_of_stronger_friction():
 @pytest.mark.slow
 def test_a_servo_whose_cycles_exist_in_a_narrow_range_of_gains():
     """The loop is unstable without dry friction up to gain 7.8; cycles exist from about 3.9 to the fold, less than a
-    factor of two.  The fold by the event map of scripts/tuning.py: the peak of P(a)/a, bisected in the gain."""
+    factor of two.  The fold by scripts/peers/stick_map.py: the peak of P(a)/a, bisected in the gain."""
     servo = Servo().replace(**{
         "servo.inertia": 0.19764950539205736, "servo.motor_gain": 1.9805829914128932,
         "controller.lead_time": 0.049815533087248086, "controller.integral_time": 0.12751686526427994,

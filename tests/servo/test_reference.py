@@ -11,7 +11,7 @@ import pytest
 
 from casahunt import NoOrbit, Options, Orbit, Servo, Status, find_fold, find_orbit
 from casahunt.cli import main
-from casahunt.collocation import solve
+from casahunt.collocation import ipopt, newton, solve
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.orbits import adapt
 from casahunt.orbits.orbit import unknowns_of
@@ -46,12 +46,12 @@ def agrees(found: Orbit, branch: str, row: dict[str, float]) -> None:
 
 
 def forbid(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """Every call of these functions of collocation/solve.py, from whatever module has taken them, is an error."""
+    """Every call of these functions of the solvers, from whatever module has taken them, is an error."""
 
     def forbidden(*_arguments: object, **_options: object) -> None:
         raise AssertionError("another solver was called")
 
-    meant = {id(getattr(solve, name)) for name in names}
+    meant = {id(vars(home)[name]) for home in (newton, ipopt, solve) for name in names if name in vars(home)}
     taken = [
         (module, name)
         for key, module in list(sys.modules.items()) if key.startswith("casahunt")
@@ -114,7 +114,7 @@ def test_a_named_solver_has_no_substitute(monkeypatch, model):
     for solver, others in (("ipopt", ("newton",)), ("newton", IPOPT)):
         with monkeypatch.context() as patch:
             forbid(patch, *others)
-            failed = solve.Solution(np.zeros(1), 0.0, Status.NOT_CONVERGED, 1, np.inf, None)
+            failed = newton.Solution(np.zeros(1), 0.0, Status.NOT_CONVERGED, 1, np.inf, None)
             for module in (solve, adapt):
                 patch.setattr(module, solver, lambda *_, failed=failed, **__: failed, raising=False)
             with pytest.raises(NoOrbit, match=f"{solver} worked alone"):
@@ -126,9 +126,9 @@ def test_ipopts_success_past_a_fold_is_not_an_answer():
     fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
     t, u, setting = unknowns_of(fold.orbit)
     for beyond in (1e-6, 1e-9, 1e-11):
-        found = solve.ipopt(t, u, replace(setting, p=np.append(setting.p[:-1], setting.p[-1] * (1 + beyond))))
+        found = ipopt.ipopt(t, u, replace(setting, p=np.append(setting.p[:-1], setting.p[-1] * (1 + beyond))))
         assert not found.status.ok
-    assert solve._ipopt_solver(t, "root").stats()["success"]
+    assert ipopt._ipopt_solver(t, "root").stats()["success"]
     assert found.residual < 1e-9
 
 

@@ -19,7 +19,7 @@ from casahunt.servo.find_orbit import find_orbit
 from casahunt.servo.servo import Servo
 from casahunt.views.pictures import plotting
 from casahunt.views.pictures.branches import _curves, diagram, multipliers
-from casahunt.views.pictures.orbits import SAMPLES, phase_portrait, rolled, time_traces
+from casahunt.views.pictures.orbits import DRAWN_POINTS, phase_portrait, rolled, time_traces
 
 ROOT = Path(__file__).parents[2]
 
@@ -132,7 +132,7 @@ def test_time_traces_and_phase_portrait(
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> None:
     orbit = switch[0] if model == "switch" else lugre[0]
-    times, states = rolled(*orbit.sample(SAMPLES))
+    times, states = rolled(*orbit.sample(DRAWN_POINTS))
     assert np.all(np.diff(times) >= 0)
     assert times[-1] - times[0] == pytest.approx(orbit.period, rel=1e-12)
     assert states[:, 0] == pytest.approx(states[:, -1])

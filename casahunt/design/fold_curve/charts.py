@@ -20,10 +20,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...continuation.curve import Point, curve_point, in_units_of, predict
 from ...continuation.fold import confirmed, confirmed_smallest
 from ...continuation.plane_curve import Reading
 from ...continuation.special_points import FOLD, SpecialPoint
-from ...continuation.walk import Point, corrected, curve_point, in_units_of, predict
+from ...continuation.walk import corrected
 from ...errors import InputError, NoOrbit
 from ...orbits.adapt import TOLERANCE_RANGE, Options
 from ...orbits.orbit import orbit_of, unknowns_of

@@ -24,13 +24,13 @@ from ..sensitivity import NAMES
 from .charts import Chart, Problem, chart_of
 from .points import Axis, FoldCurve, FoldPoint, as_found
 
-POINTS = 17
+RANGE_POINTS = 17
 """Points over the range where the curve is not steep."""
 VANISHING = 2e-2
 """Part of the largest fold gain of the curve below which a fold that tends to zero counts as gone."""
 GONE = 1e-5
 """The same where it is not known why it should."""
-STEEP = 30.0
+STEEP_GAIN = 30.0
 """|d ln K/dc| from which on a gain tends to zero: a straight line would get there within 1/30 of the range."""
 MOST_RESTARTS = 4
 """How often the curve is taken up again, by a fold computed from nothing, where the steps do not converge."""
@@ -43,7 +43,7 @@ def fold_curve(
     vary: str,
     start: float,
     end: float,
-    points: int = POINTS,
+    points: int = RANGE_POINTS,
     options: Options | None = None,
     report: Callable[[FoldPoint], None] | None = None,
     begun: Sequence[FoldPoint] = (),
@@ -143,7 +143,7 @@ def _followed(chart: Chart, sense: float, found: Sequence[FoldPoint]) -> Generat
 def _fading(found: Sequence[FoldPoint], chart: Chart, goal: Servo) -> tuple[str, bool]:
     """(why the curve is left at its last point, or ""; whether the gain tends to zero there)."""
     share = found[-1].gain / max(point.gain for point in found)
-    if share < VANISHING and unfed(goal) and abs(chart.steepness) > STEEP:
+    if share < VANISHING and unfed(goal) and abs(chart.steepness) > STEEP_GAIN:
         return "", True
     return f"its gain has fallen to {share:.2g} of the largest one" if share < GONE else "", False
 

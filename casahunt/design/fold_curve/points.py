@@ -19,7 +19,7 @@ from ...servo.servo import Servo
 
 Array = np.ndarray
 
-WIDE = 5.0
+WIDE_RANGE = 5.0
 """Ratio of the ends of a range from which on the points are spread over the logarithm of the parameter."""
 
 
@@ -35,7 +35,7 @@ class Axis:
     def wide(self) -> bool:
         """Whether c is spread over the logarithm."""
         a, b = sorted((self.start, self.end))
-        return a > 0 and b >= WIDE * a
+        return a > 0 and b >= WIDE_RANGE * a
 
     def value(self, c: float) -> float:
         """q at c; the ends exactly."""

@@ -22,7 +22,7 @@ from .units import Quantity, Unit, quantity_of, split_header, stated_unit, unit_
 
 Array = np.ndarray
 
-SMALLEST, LARGEST = 1e-100, 1e100
+SMALLEST_SIZE, LARGEST_SIZE = 1e-100, 1e100
 """Sizes between which squares neither vanish nor overflow."""
 _TIME = frozenset(("time", "t", "timestamp", "zeit"))
 _POSITION = frozenset(("position", "pos", "theta", "θ", "angle", "phi", "φ"))
@@ -106,8 +106,9 @@ class Record:
             raise InputError(f"{self.name}: times and positions must be finite numbers, not NaN or infinity")
         for what, values in (("times", t), ("positions", y)):
             size = float(np.max(np.abs(values), initial=0.0))
-            if size > LARGEST or 0 < size < SMALLEST:
-                raise InputError(f"{self.name}: {what} must lie in {SMALLEST:g} to {LARGEST:g}, not near {size:g}")
+            if size > LARGEST_SIZE or 0 < size < SMALLEST_SIZE:
+                sizes = f"{SMALLEST_SIZE:g} to {LARGEST_SIZE:g}"
+                raise InputError(f"{self.name}: {what} must lie in {sizes}, not near {size:g}")
         back = np.flatnonzero(t[1:] <= t[:-1])
         if back.size:
             i = int(back[0])

@@ -27,13 +27,13 @@ THRESHOLDS = (0.5, 0.4, 0.6, 0.3, 0.7)
 """Thresholds tried, in units of the range."""
 BAND = 0.15
 """Half width of the band round the threshold, in units of the range."""
-QUIET, FINEST = 6.0, 20
+QUIET, AVERAGED_PART = 6.0, 20
 """Half widths of the band in units of the noise, and the part of a period that is averaged at most to reach them."""
 PAIRED = 200
 """Points at most that a median slope is taken of."""
 REACH = 0.25
 """A mark may be so many periods away from where the last one foretells it."""
-ALIKE = 1.25
+EQUALLY_SHARP = 1.25
 """Passages at most so many times as slow as the fastest are equally sharp."""
 
 
@@ -142,7 +142,7 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
         return None
     # Noise must not carry the position through the band: averages of as many samples as that takes.
     samples = (QUIET * noise_of(values) / (BAND * (high - low))) ** 2
-    smooth = min(samples * usual_distance(times), period / FINEST)
+    smooth = min(samples * usual_distance(times), period / AVERAGED_PART)
     if smooth > 2 * grid.step:
         r = moving_mean(r, grid.covered, round(smooth / grid.step))
         low, high = _range(r, grid.covered, width)
@@ -232,7 +232,7 @@ def _chosen(
     most = max(entry[0] for entry in tried)
     tried = [entry for entry in tried if entry[0] >= min(most, max(1, most - 1))]
     sharpest = min(entry[1] for entry in tried)
-    sharp = [entry for entry in tried if entry[1] <= ALIKE * sharpest + grid.step]
+    sharp = [entry for entry in tried if entry[1] <= EQUALLY_SHARP * sharpest + grid.step]
     # Of equally sharp ones the nearest to the middle, then the one with more periods, then the rising one.
     best = min(sharp, key=lambda entry: (abs(entry[3] - 0.5), -entry[0], not entry[2]))
     return best[2], best[3], best[4]

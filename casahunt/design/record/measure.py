@@ -33,18 +33,18 @@ from ...errors import InputError
 from ...servo.simulation.trajectory import Trajectory
 from .file import Record
 from .marks import Marks, level_of, mark, means_between
-from .period import FEWEST, Grid, find_period, gridded, off_line, usual_distance
+from .period import FEWEST_PERIODS, Grid, find_period, gridded, off_line, usual_distance
 from .shape import equal_parts, factors, fold, peak_to_peak, quantum, shape_of, waves
 from .verdict import Kind, Periods, deviation, judge, lasting, settled
 
 Array = np.ndarray
 
 
-SAMPLES = 20_001
+MOTION_SAMPLES = 20_001
 """Samples that are taken of a simulated motion."""
 MOST, DETAIL = 1_000_000, 1000
 """Samples beyond which neighbours are averaged, if so many remain in a period."""
-NOTHING = 1e-9
+NO_OSCILLATION = 1e-9
 """Size of an oscillation, relative to the largest |position|, that is rounding."""
 
 
@@ -127,7 +127,7 @@ class Measurement:
 
 def record_of(trajectory: Trajectory) -> Record:
     """The position theta of a simulated motion as a record."""
-    t = np.linspace(0, float(trajectory.times[-1]), SAMPLES)
+    t = np.linspace(0, float(trajectory.times[-1]), MOTION_SAMPLES)
     return Record(t, trajectory.set_point + trajectory.sample(t)[0], "simulation")
 
 
@@ -147,16 +147,16 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
 
     Raises
     ------
-    InputError : too few samples, or fewer than `FEWEST` whole periods of an oscillation.
+    InputError : too few samples, or fewer than `FEWEST_PERIODS` whole periods of an oscillation.
     """
     if start is not None:
         record = record.after(number("start", start))
     t, y = record.times, record.position
-    if t.size < 4 * FEWEST:
-        raise InputError(f"{record.name}: must hold at least {4 * FEWEST} samples, not {t.size}")
+    if t.size < 4 * FEWEST_PERIODS:
+        raise InputError(f"{record.name}: must hold at least {4 * FEWEST_PERIODS} samples, not {t.size}")
     origin = float(np.mean(y))
     grid = gridded(t, y - origin)
-    if np.ptp(off_line(grid)) <= NOTHING * float(np.max(np.abs(y))):
+    if np.ptp(off_line(grid)) <= NO_OSCILLATION * float(np.max(np.abs(y))):
         return _nothing(record, still=True)
     period, _ = find_period(grid)
     if not math.isfinite(period):
@@ -171,11 +171,11 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     period = float(np.mean(found.lengths)) if k else period
     kind, reason = judge(found) if k > 1 else ("hunting", "")
     held = t[-1] - t[0] - np.sum(np.diff(found.marks.times)[found.marks.gapped])
-    if k < FEWEST and held > (FEWEST + 2) * period:
+    if k < FEWEST_PERIODS and held > (FEWEST_PERIODS + 2) * period:
         return _nothing(record, still=False)
-    if k < FEWEST:
+    if k < FEWEST_PERIODS:
         raise InputError(
-            f"{record.name}: must hold at least {FEWEST} whole periods, but holds {k} of about "
+            f"{record.name}: must hold at least {FEWEST_PERIODS} whole periods, but holds {k} of about "
             f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
         )
     if kind in ("hunting", "irregular"):
@@ -205,7 +205,7 @@ def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: 
         if marks is None:
             return None
         found = _divided(times, values, marks)
-        if found.lengths.size and np.ptp(found.waves.mean(axis=0)) <= NOTHING * np.ptp(values):
+        if found.lengths.size and np.ptp(found.waves.mean(axis=0)) <= NO_OSCILLATION * np.ptp(values):
             return None  # two samples in a period: nothing is left of them in a mean wave
         parts = equal_parts(found.waves, blur)
         if parts == 1:
@@ -279,9 +279,9 @@ def _error(values: Array) -> float:
 
 def _moves(grid: Grid) -> bool:
     """It moves to and fro, more often than a drift does."""
-    r = grid.values - level_of(grid, float(grid.times[-1] - grid.times[0]) / FEWEST)
+    r = grid.values - level_of(grid, float(grid.times[-1] - grid.times[0]) / FEWEST_PERIODS)
     side = np.sign(r[np.abs(r) > np.ptp(r) / 4])
-    return bool(np.count_nonzero(np.diff(side)) > 2 * FEWEST)
+    return bool(np.count_nonzero(np.diff(side)) > 2 * FEWEST_PERIODS)
 
 
 def _nothing(record: Record, *, still: bool) -> Measurement:

@@ -23,13 +23,13 @@ import numpy as np
 
 Array = np.ndarray
 
-FEWEST = 3
+FEWEST_PERIODS = 3
 """Periods that averages need."""
-GRID_POINTS = (2**11, 2**18)
+EVEN_POINTS = (2**11, 2**18)
 """Points of the even grid: four for every sample, between these."""
 GAP = 8.0
 """A gap is a distance of samples above so many usual ones."""
-STRAY = 0.02
+STRAY_GAPS = 0.02
 """Share of the longest distances of samples that do not count for the usual one: the gaps."""
 UNRELATED = 0.5
 """U from which on a lag is no repetition: less than half of the variance is alike."""
@@ -39,9 +39,9 @@ CLEAR = 0.1
 """U that a lag must reach of which the record does not hold enough periods."""
 LONGEST = 0.65
 """Largest lag, in units of the length of the record."""
-SCALES, NARROW = (4, 16, 64, 256, 1024), 50
+SCALES, NARROW_AVERAGE = (4, 16, 64, 256, 1024), 50
 """Widths of moving averages: the length of the record over these; the narrow one is so many times narrower."""
-PLAIN, FINE = 2**14, 8
+PLAIN, AVERAGED_POINTS = 2**14, 8
 """Points that the search looks at where nothing is averaged, and in a narrow average."""
 PARTS = (0.25, 0.5, 0.75)
 """Beginnings that are left out of the search where a transient at the start hides the period."""
@@ -69,9 +69,9 @@ class Grid:
 
 
 def usual_distance(times: Array) -> float:
-    """The distance of samples [s] below which half of the time lies, the longest `STRAY` of them left out."""
+    """The distance of samples [s] below which half of the time lies, the longest `STRAY_GAPS` of them left out."""
     d = np.sort(np.diff(times))
-    d = d[: max(1, d.size - int(STRAY * d.size))] if d.size > 1 / STRAY else d
+    d = d[: max(1, d.size - int(STRAY_GAPS * d.size))] if d.size > 1 / STRAY_GAPS else d
     passed = np.cumsum(d)
     return float(d[np.searchsorted(passed, passed[-1] / 2)])
 
@@ -88,7 +88,7 @@ def gridded(times: Array, values: Array) -> Grid:
     -------
     Grid.
     """
-    n = int(np.clip(4 * times.size, *GRID_POINTS))
+    n = int(np.clip(4 * times.size, *EVEN_POINTS))
     span = float(times[-1] - times[0])
     even = times[0] + span * (np.arange(n) + 0.5) / n
     bins = np.minimum(((times - times[0]) * (n / span)).astype(np.int64), n - 1)
@@ -144,11 +144,11 @@ def _differences(grid: Grid) -> Iterator[tuple[Array, Array, float]]:
     yield _thinned(line, w, grid.step, n // PLAIN)
     for scale in SCALES:
         wide = n // scale
-        if wide < NARROW // 2:
+        if wide < NARROW_AVERAGE // 2:
             return
-        narrow = max(1, wide // NARROW)
+        narrow = max(1, wide // NARROW_AVERAGE)
         smooth = moving_mean(line, w, narrow) - moving_mean(line, w, wide)
-        yield _thinned(np.where(w, smooth, 0.0), w, grid.step, narrow // FINE)
+        yield _thinned(np.where(w, smooth, 0.0), w, grid.step, narrow // AVERAGED_POINTS)
 
 
 def _thinned(values: Array, covered: Array, step: float, block: int) -> tuple[Array, Array, float]:
@@ -234,7 +234,8 @@ def _smallest_lag(u: Array, step: float) -> tuple[float, float]:
         shift = 0.5 * (u[i - 1] - u[i + 1]) / bend if bend > 0 else 0.0
         lags.append((i + shift) * step)
         depths.append(max(float(u[i] - 0.25 * (u[i - 1] - u[i + 1]) * shift), 0.0) if bend > 0 else float(u[i]))
-    held = np.array(lags) <= u.size * step / LONGEST / FEWEST  # of the others the record does not hold enough periods
+    # Of the others the record does not hold enough periods.
+    held = np.array(lags) <= u.size * step / LONGEST / FEWEST_PERIODS
     for i, depth in enumerate(depths):
         if not held[i] and depth > CLEAR:
             continue

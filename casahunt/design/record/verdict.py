@@ -26,14 +26,14 @@ from typing import Literal
 import numpy as np
 
 from .marks import REACH, Marks
-from .period import FEWEST, LONGEST, PARTS, SCALES
+from .period import FEWEST_PERIODS, LONGEST, PARTS, SCALES
 from .shape import coherence, factors
 
 Array = np.ndarray
 Kind = Literal["hunting", "decaying", "growing", "irregular", "still"]
 
-COHERENCE, FEW_COHERENCE, MANY = 0.75, 0.9, 12
-"""Mean correlation of a period with the others in a record that oscillates, if there are so many; of `FEWEST`."""
+COHERENCE, FEW_COHERENCE, MANY_PERIODS = 0.75, 0.9, 12
+"""Mean correlation of a period with the others where a record oscillates, if there are so many; of `FEWEST_PERIODS`."""
 LEAST_COHERENCE = 0.4
 """The same of each single period."""
 COVERED = 0.7
@@ -84,7 +84,7 @@ def settled(found: Periods, blur: float) -> Marks:
     The marks, in which the periods at the start are not whole.
     """
     marks, k = found.marks, found.lengths.size
-    half = max(FEWEST, (k + 1) // 2)
+    half = max(FEWEST_PERIODS, (k + 1) // 2)
     later = slice(k - half, k)
     mean = found.waves[later].mean(axis=0)
     size = factors(found.waves, mean)
@@ -108,7 +108,7 @@ def settled(found: Periods, blur: float) -> Marks:
 def judge(found: Periods) -> tuple[Kind, str]:
     """Is it a limit cycle?"""
     alike = coherence(found.waves)
-    wanted = float(np.interp(alike.size, (FEWEST, MANY), (FEW_COHERENCE, COHERENCE)))
+    wanted = float(np.interp(alike.size, (FEWEST_PERIODS, MANY_PERIODS), (FEW_COHERENCE, COHERENCE)))
     if float(np.mean(alike)) < wanted or float(np.min(alike)) < LEAST_COHERENCE:
         least, mean = float(np.min(alike)), float(np.mean(alike))
         return "irregular", f"no shape repeats: periods correlate by {mean:.2f} with the others, one by {least:.2f}"
@@ -123,7 +123,7 @@ def judge(found: Periods) -> tuple[Kind, str]:
         return "irregular", f"the periods scatter by {scatter:.0%} of their mean"
     if (amplitudes <= 0).any():
         return "irregular", "not every period has the same shape"
-    if amplitudes.size < FEWEST:
+    if amplitudes.size < FEWEST_PERIODS:
         return "hunting", ""
     slope = _trend(amplitudes)
     if slope:
@@ -207,7 +207,7 @@ def _trend(values: Array) -> float:
     k = np.arange(values.size)
     slope = 0.0
     # A trend must hold in the second half too: a transient at the start is over by then.
-    for part in (k, k[k.size // 2 :]) if k.size >= 2 * FEWEST else (k,):
+    for part in (k, k[k.size // 2 :]) if k.size >= 2 * FEWEST_PERIODS else (k,):
         y = np.log(values[part])
         slope, intercept = (float(c) for c in np.polyfit(part, y, 1))
         rest = float(np.sum((y - intercept - slope * part) ** 2)) / max(part.size - 2, 1)
@@ -222,7 +222,7 @@ def _changing(amplitudes: Array, slope: float) -> tuple[Kind, str]:
     """What a steady change of the amplitudes means."""
     k = amplitudes.size
     first, middle, last = amplitudes[[0, k // 2, -1]]
-    settling = k >= 2 * FEWEST and abs(last - middle) < abs(middle - first) / 2 and last > STEADY * first
+    settling = k >= 2 * FEWEST_PERIODS and abs(last - middle) < abs(middle - first) / 2 and last > STEADY * first
     hint = ", and ever less: it may be settling on a cycle (leave out more of its start: --from)" if settling else ""
     return "decaying" if slope < 0 else "growing", (
         f"the amplitude changes steadily, by the factor {math.exp(slope):.4g} each period, in all from 1 to "

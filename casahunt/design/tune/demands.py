@@ -31,7 +31,7 @@ FREE = ("lead_time", "integral_time")
 BOUNDED = ("gain", *FREE)
 LARGEST_FACTOR = 1e6
 """Largest margins that can be asked for; loops keep 10 or 100."""
-WIDE = 2.0
+TIMES_FACTOR = 2.0
 """Default bounds of a free time: this factor to both sides."""
 TIMES = ("controller.lead_time", "controller.integral_time")
 """The parameters behind `FREE`."""
@@ -116,7 +116,7 @@ def check_bounds(
         value = getattr(servo.controller, name)
         if value <= 0:
             raise InputError(f"free {name}: controller.{name} = {shown(value)} must be greater than 0 to be tuned")
-        low, high = found.setdefault(name, (value / WIDE, value * WIDE))
+        low, high = found.setdefault(name, (value / TIMES_FACTOR, value * TIMES_FACTOR))
         if not low <= value <= high:
             raise InputError(
                 f"bounds {name} = {shown(low)},{shown(high)}: must contain the servo's own value {shown(value)}, "

@@ -14,9 +14,10 @@ box:
 
 cm and g are in kappa alone, so each is a bound on the smallest phi over a box in (J, sigma2, tau_d, tau_i, kappa).
 
-`worst` finds it: a grid with all corners of the box, then grids of 3^d points around the `STARTS` best ones, halved
-`HALVINGS` times; phi may have its minimum inside of the box.  `Table` gives the smallest phi at many kappa at once, for
-curves over omega (no crossover to be solved for) interpolated in ln kappa, as a guide to where a gain is worth trying.
+`worst` finds it: a grid with all corners of the box, then grids of 3^d points around the `SEARCH_STARTS` best ones,
+halved `HALVINGS` times; phi may have its minimum inside of the box.  `Table` gives the smallest phi at many kappa at
+once, for curves over omega (no crossover to be solved for) interpolated in ln kappa, as a guide to where a gain is
+worth trying.
 
 Symbols: d uncertain parameters of the loop, m points.
 """
@@ -45,7 +46,7 @@ GRID_POINTS, TABLE_POINTS = 4000, 700
 """Points of the grid of a search, and of the curves of a table, at most."""
 MOST_ALONG = 65
 """Grid points along one parameter, at most."""
-STARTS, HALVINGS = 6, 26
+SEARCH_STARTS, HALVINGS = 6, 26
 LOG_STEP = 0.02
 """Step of a table in ln kappa."""
 EDGE_STEPS = 60
@@ -202,7 +203,7 @@ def _apart(points: Array, phases: Array, size: Array, varied: Array) -> Array:
     for i in np.argsort(phases):
         if all(np.max(np.abs((points[i] - other)[varied]) / size) > spacing for other in chosen):
             chosen.append(points[i])
-        if len(chosen) == STARTS:
+        if len(chosen) == SEARCH_STARTS:
             break
     return np.array(chosen)
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ...collocation.solve import minimise
+from ...collocation.ipopt import minimise
 from ...compiled import alone
 from ...continuation.fold_conditions import data_of, fold_conditions
 from ...orbits.orbit import unknowns_of

@@ -35,8 +35,8 @@ Array = np.ndarray
 
 STEP = 0.25
 """Largest change of ln tau between two meshes."""
-SMALLEST_STEP = 1e-3
-STILL = 1e-6
+SMALLEST_LOG_STEP = 1e-3
+LAST_CHANGE_OF_TIMES = 1e-6
 """Change of ln tau at which the rounds end."""
 ROUNDS, SEARCHES = 40, 8
 """Most problems from one start, and most searches for worst servos."""
@@ -48,7 +48,7 @@ ATTEMPTS = 3
 """Times from which the problem is tried."""
 WORTH = 1e-4
 """Part of the cost from which other times, or another round, are worth their while."""
-FINEST = 0.01
+FINEST_STEP = 0.01
 """Smallest step in ln tau of the search without derivatives."""
 
 
@@ -163,12 +163,12 @@ class Search:
             try:
                 if not point.converged:
                     raise NoOrbit(f"the optimisation problem was not solved ({point.message})", Status.NOT_CONVERGED)
-                if np.max(np.abs(moved)) <= STILL:
+                if np.max(np.abs(moved)) <= LAST_CHANGE_OF_TIMES:
                     return q, math.exp(point.k)
                 folds = self.given.folds_at(point.q)
             except NoOrbit:
                 step /= 4
-                if step < SMALLEST_STEP:
+                if step < SMALLEST_LOG_STEP:
                     raise
                 continue
             q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
@@ -264,7 +264,7 @@ class Search:
         moves = [np.array(m, float) for m in itertools.product((-1, 0, 1), repeat=2) if any(m)]
         moves = [m for m in moves if all(name in self.given.free or m[i] == 0 for i, name in enumerate(FREE))]
         low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
-        while step >= FINEST:
+        while step >= FINEST_STEP:
             tried = [self._outlook(np.clip(here.q + step * m, low, high)) for m in moves]
             best = min((o for o in tried if o is not None), key=_rank, default=here)
             if _rank(best) < _rank(here):

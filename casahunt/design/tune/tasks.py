@@ -21,7 +21,7 @@ from ...servo.simulation.trajectory import Trajectory
 LONGER, MOST_LONGER = 2.0, 14
 """An undecided task is simulated again, this many times longer, so many times."""
 AFTER_BREAKAWAY = 1.25
-MOST_INTERVALS = 20_000
+MOST_TASK_INTERVALS = 20_000
 """Intervals of a motion from which it is not simulated any longer."""
 
 
@@ -74,7 +74,7 @@ def until_decided(servo: Servo, model: Model, gain: float, span: float, start: M
     values: dict[str, Any] = dict(start)
     motion = simulate(servo, model, gain, time=span, **values)
     for _ in range(MOST_LONGER):
-        if motion.verdict.kind != "undecided" or motion.ended or motion.times.size > MOST_INTERVALS:
+        if motion.verdict.kind != "undecided" or motion.ended or motion.times.size > MOST_TASK_INTERVALS:
             break
         span = max(LONGER * span, AFTER_BREAKAWAY * (float(motion.times[-1]) + waits(motion)))
         try:

@@ -26,7 +26,7 @@ CHUNK = 5
 """Samples per task: few enough to keep all workers busy to the end, enough to hide what a task costs."""
 MOST_SAMPLES = 1_000_000
 """Beyond so many the folds would take days."""
-LEVELS = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
+QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
 """Quantiles of the sampled fold gains."""
 
 
@@ -58,9 +58,9 @@ class Samples:
         return int(np.nanargmax(self.gains)) if self.computed.any() else None
 
     def quantiles(self) -> dict[str, float]:
-        """Quantiles (`LEVELS`) of the fold gains that were computed; empty where none was."""
+        """Quantiles (`QUANTILES`) of the fold gains that were computed; empty where none was."""
         gains = self.gains[self.computed]
-        return {key: float(np.quantile(gains, level)) for key, level in LEVELS.items()} if gains.size else {}
+        return {key: float(np.quantile(gains, level)) for key, level in QUANTILES.items()} if gains.size else {}
 
 
 def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:

@@ -24,7 +24,7 @@ from ..sensitivity import NAMES
 Array = np.ndarray
 
 SIGMAS = 3.0
-ROUNDING = 1e-10
+TYPED_ROUNDING = 1e-10
 """Relative asymmetry, and negative eigenvalue of the correlations, that a typed covariance may have."""
 STATIC, COULOMB = "friction.static", "friction.coulomb"
 
@@ -108,12 +108,12 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
         raise InputError(f"covariance: must be {k} rows of {k} finite numbers up to {LARGEST**2:g}, {which}")
     spread = np.sqrt(np.abs(np.diag(c)))
     size = np.outer(spread, spread)
-    if (np.abs(c - c.T) > ROUNDING * size).any():
+    if (np.abs(c - c.T) > TYPED_ROUNDING * size).any():
         raise InputError("covariance: must be symmetric")
     if (np.diag(c) < 0).any():
         raise InputError("covariance: must have no negative variance on its diagonal")
     correlation = np.divide(c, size, out=np.zeros_like(c), where=size > 0)
-    if (np.abs(c[size == 0]) > 0).any() or np.linalg.eigvalsh(correlation)[0] < -ROUNDING * k:
+    if (np.abs(c[size == 0]) > 0).any() or np.linalg.eigvalsh(correlation)[0] < -TYPED_ROUNDING * k:
         raise InputError("covariance: must be positive semidefinite (some correlations contradict each other)")
     return (c + c.T) / 2
 

@@ -31,7 +31,7 @@ from .set import COULOMB, STATIC, Array, Uncertainty, check_box, servo_at, value
 
 RANDOM_CORNERS = 2
 MOST_EVALUATIONS = 100
-MOST_ALONG = 25
+MOST_FOLDS_ALONG = 25
 """Folds per search for a worst corner, and per search along one coordinate."""
 
 
@@ -135,7 +135,7 @@ class _Search:
         # Up to where K falls again; of the far end no more is known yet.
         bracket = Bracket(end, -np.inf, start, float(abs(here.gradient[i])))
         best, x = here, end
-        for _ in range(MOST_ALONG):
+        for _ in range(MOST_FOLDS_ALONG):
             q = here.q.copy()
             q[i] = x
             place = self.at(q)

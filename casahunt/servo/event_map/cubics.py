@@ -20,7 +20,7 @@ NEAR = 1e-3
 """A cubic that comes this close to P = a is looked at more closely."""
 STEEP = 0.5
 """Part of a step of P between two motions at rounding distance that their slopes must explain; else it is a jump."""
-LOOKS = 33
+CUBIC_PLACES = 33
 """Places at which a cubic is looked at."""
 
 
@@ -76,7 +76,7 @@ def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
     P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
     """
     c = hermite(left, right)
-    t = np.linspace(0, 1, LOOKS)
+    t = np.linspace(0, 1, CUBIC_PLACES)
     values = np.polyval(c, t)
     smallest = 0.0 if np.any(values * values[0] <= 0) else float(np.min(np.abs(values)))
     return float(np.polyval(c, 0.5)), smallest
@@ -96,7 +96,7 @@ def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
     """
     for a, b in ((left, middle), (middle, right)):
         c = hermite(a, b)
-        values = np.polyval(c, np.linspace(0, 1, LOOKS))
+        values = np.polyval(c, np.linspace(0, 1, CUBIC_PLACES))
         spread = float(np.ptp(values))
         if np.any(values * values[0] <= 0) or float(np.min(np.abs(values))) < 0.1 * spread:
             return False

@@ -26,19 +26,19 @@ from .cubics import STEEP, cubic_is_good, nothing_between
 from .scan import SCAN_HIGH, SCAN_LOW
 from .slopes import EPS, MapPoint, map_at, map_error, rounding
 
-POINTS = 121
+MAP_POINTS = 121
 MOST_POINTS, MOST_SLIPS_IN_ALL = 4000, 3000
 """Motions, and slips of all of them together, after which no interval is divided further.  A tenth does for most maps;
 where far-out motions come back after dozens of slips or never, the jumps between the two have no end."""
-SMALLEST = 1e-14
+SMALLEST_CROSSING = 1e-14
 """Relative width of an interval of a in which P - a changes sign that is not divided further."""
-EDGE = 1e-8
+SMALLEST_JUMP = 1e-8
 """The same where it does not: places of jumps far from P = a are known no better, many slips on."""
 MERGED = 1e-6
 """Relative distance below which two jumps count as one."""
-ROUGH, CLOSE = 1e-7, 1e-2
+ROUGH_MARCH, CLOSE = 1e-7, 1e-2
 """March of a scan, where P/a is not within CLOSE of one."""
-MOST_STEPS = 400
+MOST_BRACKET_STEPS = 400
 """Newton steps and halvings after which a bracket is left as it is."""
 
 
@@ -173,7 +173,7 @@ class _Scan:
         """The map at a, computed once for each precision; None where it fails."""
         try:
             if a not in self.points:
-                self.points[a] = map_at(self.servo, self.gain, a, tol=ROUGH)
+                self.points[a] = map_at(self.servo, self.gain, a, tol=ROUGH_MARCH)
                 self.slips += self.points[a].slips
                 if self.report is not None:
                     self.report(len(self.points), a)
@@ -193,7 +193,7 @@ def fixed_points(
     low: float | None = None,
     high: float | None = None,
     *,
-    points: int = POINTS,
+    points: int = MAP_POINTS,
     report: Callable[[int, float], None] | None = None,
 ) -> FixedPoints:
     """All fixed points P(a) = a between two stick positions, or the evidence that there is none.
@@ -262,7 +262,7 @@ def _halves(state: _Scan, left: MapPoint, right: MapPoint) -> list[tuple[MapPoin
     if not any(known):
         return []  # swinging on both sides
     crossing = all(known) and left.excess * right.excess < 0
-    floor = max(SMALLEST if crossing else EDGE, 4 * rounding(state.servo, state.gain, left.start))
+    floor = max(SMALLEST_CROSSING if crossing else SMALLEST_JUMP, 4 * rounding(state.servo, state.gain, left.start))
     if math.log(right.start / left.start) <= floor:
         _verdict(state, left, right, crossing)
         return []
@@ -310,7 +310,7 @@ def _bracketed(state: _Scan, low: float, high: float, floor: float) -> MapPoint 
     if not left.excess * right.excess < 0:  # computed more closely, P - a does not change its sign
         return None
     bracket = Bracket(low, left.excess, high, right.excess)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_BRACKET_STEPS):
         a = math.sqrt(bracket.a * bracket.b)
         if not halve:
             if math.log(bracket.b / bracket.a) <= floor:
@@ -375,7 +375,7 @@ def _verdict(state: _Scan, left: MapPoint, right: MapPoint, crossing: bool) -> N
 
 
 __all__ = [
-    "POINTS",
+    "MAP_POINTS",
     "FixedPoint",
     "FixedPoints",
     "Jump",

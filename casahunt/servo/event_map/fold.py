@@ -25,9 +25,9 @@ PEAK, PEAK_TILT = 1e-4, 1e-6
 """Half width of the first bracket of a maximum of P(a)/a; |P' - P/a| that counts as zero there."""
 SEARCH, CLIMB = 12, (2.0, 1.4, 1.1)
 """Factors of two from the Routh-Hurwitz gain searched for a first cycle; factors of the climb from there."""
-ABOVE = (1.01, 1.4, 3.0, 10.0, 100.0)
+ABOVE_A_FOLD = (1.01, 1.4, 3.0, 10.0, 100.0)
 """Multiples of a fold gain at which no stable fixed point may be left."""
-WIDENED, NARROWED, EDGE = 40, 200, 1e-3
+WIDENED, NARROWED, PEAK_EDGE = 40, 200, 1e-3
 """Steps to widen and to narrow the bracket of a peak; part of it that false position keeps off its ends."""
 SMOOTH_TILT = 1e-3
 """|P' - P/a| of the best motion found above which there is no smooth maximum."""
@@ -91,7 +91,7 @@ def map_fold(servo: Servo) -> MapFold:
         raise NoOrbit(
             f"the fold of the event map did not converge: last step {step:.2g} at gain {gain:.8g}", Status.NOT_CONVERGED
         )
-    for factor in ABOVE:
+    for factor in ABOVE_A_FOLD:
         higher = _outermost(servo, factor * gain)
         if higher is not None:
             raise NoOrbit(
@@ -160,7 +160,7 @@ def _peak(servo: Servo, gain: float, low: float, high: float) -> MapPoint:
         for k in range(NARROWED):
             if bracket.width <= 4 * EPS * bracket.a:
                 break
-            middle = map_at(servo, gain, bracket.at(bracket.share(EDGE) if k % 3 else 0.5))
+            middle = map_at(servo, gain, bracket.at(bracket.share(PEAK_EDGE) if k % 3 else 0.5))
             best = max(best, middle, key=lambda p: p.excess)
             if abs(_tilt(middle)) <= PEAK_TILT:
                 return middle

@@ -26,7 +26,7 @@ MOST_INTERVALS = {"switch": 1000, "lugre": 4000}
 """Intervals after which one application of the map is given up."""
 MOST_SLIPS = 12
 """Slips in a row without a stick after which the swing is taken for what it has become."""
-THROWN_OUT = 3.0
+FAR_OUT = 3.0
 """A servo that turns this many times farther out than it started is not followed further."""
 PATIENCE = 1e6
 """Longest half period looked for, in units of the controller's times."""
@@ -127,7 +127,7 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
     def stuck_or_tired(segment: Segment) -> bool:
         nonlocal slips
         slips += segment.event == "stop"
-        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * a
+        thrown_out = abs(float(segment.end[0])) > FAR_OUT * a
         return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
 
     segments = march(

@@ -38,7 +38,7 @@ GROWING = 1.001
 """P(a)/a above which a motion grows beyond doubt."""
 FAR_OFF, SECANT_ROUNDS, LARGEST_SECANT = 10.0, 7, 1.0
 """Short cut to the stable fixed point: largest ratio P(a)/a or a/P(a) met, steps, and their length in log a."""
-CLOSE = {"switch": 0.03, "lugre": 0.005}
+CONVERGING = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
 CLOSER = 1e-4
 """The same where it has not."""
@@ -198,7 +198,7 @@ def near_stable(model: Model, servo: Servo, gain: float, a: float, *, close: flo
     -------
     HalfCycle with the slope of log P/a; None where it is no quick case.
     """
-    close = close or CLOSE[model]
+    close = close or CONVERGING[model]
     x, previous = float(np.log(a)), None
     for _ in range(SECANT_ROUNDS):
         try:

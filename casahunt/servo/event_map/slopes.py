@@ -42,15 +42,15 @@ TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-6)
 """Of the march, tried in turn: below 1e-11 rounding makes steps vanish; a grazing may need a looser one."""
 CHECK_TOLERANCE, CHECK_DEGREE = 1e-9, 7
 """March with which `map_error` compares: other intervals and another scheme."""
-MOST_SLIPS = 40
+SWINGING_SLIPS = 40
 """Slips in a row without a stick after which the motion counts as swinging."""
-THROWN_OUT = 100.0
+SWINGING_ON = 100.0
 """A motion that stops this many times farther out than it started, with more torque than static friction holds, counts
 as swinging on."""
-MOST_INTERVALS = 3000
+MOST_SLIP_INTERVALS = 3000
 GROWS = 3.0
 """A motion that goes this many times farther out than it started is marched again in its own scale."""
-REST = 1e-9
+AT_SET_POINT = 1e-9
 """A servo that creeps to this part of a, or ever closer, is at the set point: P = 0."""
 EPS = float(np.finfo(float).eps)
 
@@ -117,15 +117,15 @@ def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, deg
     scale = state_scale("switch", servo, gain, a)
     segments = _motion(servo, p, x, scale, tol, scheme_degree)
     reached = max(float(np.max(np.abs(s.w.reshape(-1, 3)[:, 0]))) for s in segments)
-    if GROWS * a < reached and not reached > THROWN_OUT * a:
+    if GROWS * a < reached and not reached > SWINGING_ON * a:
         scale = np.maximum(scale, state_scale("switch", servo, gain, reached))
         segments = _motion(servo, p, x, scale, tol, scheme_degree)
     last = segments[-1]
     duration = float(sum(s.duration for s in segments))
     slips = sum(s.mode != "stick" for s in segments)
     turning = max(float(np.max(np.abs(np.append(s.w.reshape(-1, 3)[:, 0], s.end[0])))) for s in segments)
-    creeping = last.event == "" and abs(last.end[0]) <= REST * a
-    if creeping or (last.mode == "stick" and abs(last.end[0]) <= REST * a):
+    creeping = last.event == "" and abs(last.end[0]) <= AT_SET_POINT * a
+    if creeping or (last.mode == "stick" and abs(last.end[0]) <= AT_SET_POINT * a):
         return MapPoint(a, 0.0, 0.0, 0.0, math.inf, 0.0, turning, slips, "it creeps to the set point")
     if last.mode != "stick":
         nan = float("nan")
@@ -146,8 +146,8 @@ def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, d
     def stuck_or_tired(segment: Segment) -> bool:
         nonlocal slips
         slips += segment.event == "stop"
-        thrown_out = abs(float(segment.end[0])) > THROWN_OUT * abs(float(x[0])) and slips_back(segment.end, p)
-        return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
+        thrown_out = abs(float(segment.end[0])) > SWINGING_ON * abs(float(x[0])) and slips_back(segment.end, p)
+        return segment.mode == "stick" or slips == SWINGING_SLIPS or thrown_out
 
     tolerances = (tol,) if tol else TOLERANCES
     for k, tolerance in enumerate(tolerances):
@@ -155,7 +155,7 @@ def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, d
         try:
             return march(
                 SWITCH, "slip+", x, p, scale=scale, until=stuck_or_tired, tol=tolerance, degree=degree, kind="gauss",
-                max_time=patience(servo), max_intervals=MOST_INTERVALS,
+                max_time=patience(servo), max_intervals=MOST_SLIP_INTERVALS,
             )  # fmt: skip
         except MarchFailure:
             if k == len(tolerances) - 1:

@@ -48,15 +48,15 @@ MOST_MOTIONS = 160
 """Motions after which the search for a proof is given up."""
 MARGIN = 0.02
 """What P(b)/b must stay below one where the map is only that of the model up to its transients."""
-SAFETY = 3.0
+CUBIC_SAFETY = 3.0
 """What a cubic missed half-way is allowed for so many times."""
-NARROW = 1e-6
+JUMP_WIDTH = 1e-6
 """Width in log b of a piece that holds a jump of P, where a slip that would have gone on stops half-way."""
-SMALLEST = 1e-11
+NARROWEST = 1e-11
 """Width in log b that is not divided further."""
-NEWTON_STEPS, LARGEST_STEP, CLOSE = 12, 0.5, 1e-11
+NEWTON_STEPS, LARGEST_NEWTON_STEP, LAST_NEWTON_STEP = 12, 0.5, 1e-11
 """Newton for P(a) = a: steps, their largest relative size, and the size at which they end."""
-FAR, PARTS, RESOLVED = 1.2, (1.0, 0.6, 0.3), 1e-6
+NEIGHBOURHOOD, RADII, RESOLVED = 1.2, (1.0, 0.6, 0.3), 1e-6
 """Radius of the checked neighbourhood in units of the distance, where in it, and its least relative size."""
 NUDGE, NUDGED, KNOWN = 1e-4, 4.5, 1e-9
 """Relative push off a cycle that a motion has been on from its start; periods for which it is then followed; relative
@@ -215,15 +215,15 @@ def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: b
                 return said(False, _grows(math.exp(u), q), math.exp(u))
         while waiting:
             left, right = waiting.pop()
-            if len(seen) > MOST_MOTIONS or right - left < SMALLEST:
+            if len(seen) > MOST_MOTIONS or right - left < NARROWEST:
                 return said(False, f"the event map near {math.exp(left):.4g} rad is not resolved")
             middle = (left + right) / 2
             ends, q = (at(left), at(right)), at(middle)[0]
             if not q < limit:
                 return said(False, _grows(math.exp(middle), q), math.exp(middle))
             highest, missed = _between(ends, right - left, q)
-            jump = right - left < NARROW and max(ends[0][0], q, ends[1][0]) < 1 - MARGIN
-            if not (jump or highest + SAFETY * missed < limit):
+            jump = right - left < JUMP_WIDTH and max(ends[0][0], q, ends[1][0]) < 1 - MARGIN
+            if not (jump or highest + CUBIC_SAFETY * missed < limit):
                 waiting += [(left, middle), (middle, right)]
     except MarchFailure as failure:
         return said(False, f"the event map was not computed: {failure}")
@@ -324,28 +324,42 @@ def _cycle(servo: Servo, gain: float, a: float, error: float, swings: int) -> Cy
                 return math.nan, math.nan
         return b, slope
 
+    fixed = _fixed_point(image, a)
+    if fixed is None:
+        return None
+    centre, slope = fixed
+    radius = max(NEIGHBOURHOOD * (abs(a - centre) + error), RESOLVED * centre)
+    if abs(slope) < 1 and radius < centre and _draws(image, centre, radius):
+        return Cycle(centre, slope, swings, radius)
+    return None
+
+
+Image = Callable[[float], tuple[float, float]]
+"""b -> (the stick position after some swings, its derivative with respect to b); nan where there is none."""
+
+
+def _fixed_point(image: Image, a: float) -> tuple[float, float] | None:
+    """(P(a*) = a*, P'(a*)) by Newton's method from a."""
     centre = a
     for _ in range(NEWTON_STEPS):
         P, slope = image(centre)
         if not math.isfinite(P) or slope == 1:
             return None
         step = (P - centre) / (1 - slope)
-        if not abs(step) <= LARGEST_STEP * centre:
+        if not abs(step) <= LARGEST_NEWTON_STEP * centre:
             return None
         centre += step
-        if abs(step) <= CLOSE * centre:
-            break
-    else:
-        return None
-    if not abs(slope) < 1:
-        return None
-    radius = max(FAR * (abs(a - centre) + error), RESOLVED * centre)
-    if not radius < centre:
-        return None
-    for part in PARTS:
+        if abs(step) <= LAST_NEWTON_STEP * centre:
+            return centre, slope
+    return None
+
+
+def _draws(image: Image, centre: float, radius: float) -> bool:
+    """Whether stick positions up to `radius` from the fixed point are followed by closer ones."""
+    for part in RADII:
         for b in (centre - part * radius, centre + part * radius):
             P, local = image(b)
             # At both ends of every step a smaller distance, and no steeper than one: nor is it between them.
             if not (abs(P - centre) < part * radius and (abs(local) < 1 or part == 1)):
-                return None
-    return Cycle(centre, slope, swings, radius)
+                return False
+    return True

@@ -40,7 +40,7 @@ from ..hunting import MODELS, SCHEMES, SYSTEMS, Model
 from ..servo import Servo
 from .prospect import escapes
 from .trajectory import Happening, Trajectory
-from .verdict import unit_of
+from .verdict import SPAN, unit_of
 
 Array = np.ndarray
 
@@ -53,8 +53,6 @@ LEAST = 0.1
 """Smallest error estimate in units of the finer march tolerance."""
 HOPELESS = 1e-2
 """No motion is marched with a larger tolerance."""
-SPAN = 20.0
-"""States may start at so many times the scale that their errors are measured in."""
 UNIT = 0.1
 """Expected size of the motion in units of Fs/kp, the error at which the proportional torque is static friction."""
 MOST_EVENTS = 20_000

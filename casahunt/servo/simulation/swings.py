@@ -22,7 +22,7 @@ import numpy as np
 
 Array = np.ndarray
 
-FEWEST = 4
+FEWEST_SWINGS = 4
 """Swings from which convergence is concluded: three differences, two ratios, one curvature."""
 KANTOROVICH = 0.1
 """Largest Kantorovich number of a Newton step on the swings; 1/2 is the theorem's."""
@@ -48,7 +48,7 @@ def limit_of(swings: Array, error: float) -> tuple[float, float, float] | None:
     """
     A = np.asarray(swings, float)
     d = np.diff(A)
-    if A.size < FEWEST:
+    if A.size < FEWEST_SWINGS:
         return None
     clear = np.abs(d) > ABOVE * error
     for k in reversed(np.flatnonzero(clear[2:] & clear[1:-1] & clear[:-2]) + 2):

@@ -50,7 +50,7 @@ INSIDE = 0.95
 BENT = 3.0
 """Creep of a stuck LuGre servo in units of Fs/sigma0."""
 SPAN = 20.0
-"""States may start at so many times the scale that their errors are measured in, as in simulate.py."""
+"""States may start at so many times the scale that their errors are measured in."""
 CARRIED = 8
 """Swings that the event map carries a stuck servo on, beyond the motion."""
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...checks import to_error
-from ...design.fold_curve.curve import POINTS, check_range, fold_curve
+from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
 from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
 from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
@@ -37,7 +37,7 @@ CSV_COLUMNS = (
     "status",
     "special",
 )
-MOST_POINTS = 1000
+MOST_CURVE_POINTS = 1000
 
 
 def add(commands: Any) -> None:
@@ -50,7 +50,8 @@ def add(commands: Any) -> None:
     command.add_argument("--vary", required=True, metavar="KEY", help="the parameter, e.g. friction.static")
     command.add_argument("--from", dest="start", required=True, metavar="A", help="where its range begins")
     command.add_argument("--to", required=True, metavar="B", help="where its range ends")
-    command.add_argument("--points", default=POINTS, metavar="N", help=f"about how many points (default {POINTS})")
+    points = f"about how many points (default {RANGE_POINTS})"
+    command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
     command.add_argument("--csv", metavar="F.csv", help="write the points")
     command.add_argument("--save", metavar="F.npz", help="keep the points of one model for --resume")
     command.add_argument("--resume", action="store_true", help="go on behind the points that are in the file of --save")
@@ -194,8 +195,8 @@ def _print(curve: FoldCurve) -> None:
 def _count(text: Any) -> int:
     """--points as a whole number."""
     value = finite("points", text)
-    if value != int(value) or not 2 <= value <= MOST_POINTS:
-        raise InputError(f"points = {text}: must be a whole number from 2 to {MOST_POINTS}")
+    if value != int(value) or not 2 <= value <= MOST_CURVE_POINTS:
+        raise InputError(f"points = {text}: must be a whole number from 2 to {MOST_CURVE_POINTS}")
     return int(value)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...checks import finite_or_none, to_error
 from ...errors import InputError, NoOrbit, Status
-from ...servo.event_map.fixed_points import POINTS, fixed_points
+from ...servo.event_map.fixed_points import MAP_POINTS, fixed_points
 from .arguments import add_common, gain_of, picture_of, positive, servo_of
 from .console import progress, teller
 
@@ -20,7 +20,7 @@ def add(commands: Any) -> None:
     command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--from", dest="start", metavar="A", help="smallest stick position [rad] (1e-4 Fs/kp)")
     command.add_argument("--to", metavar="B", help="largest stick position [rad] (20 Fs/kp)")
-    command.add_argument("--points", default=POINTS, help=f"motions of the first grid (default {POINTS})")
+    command.add_argument("--points", default=MAP_POINTS, help=f"motions of the first grid (default {MAP_POINTS})")
     command.add_argument("--plot", metavar="F.png", help="write the map as a cobweb picture")
 
 

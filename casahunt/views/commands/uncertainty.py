@@ -27,7 +27,7 @@ from ...servo.servo import Servo
 from .arguments import add_common, finite, given, picture_of, servo_of
 from .console import progress, progress_line, say, teller
 
-SAMPLES = 200
+DEFAULT_SAMPLES = 200
 
 
 def add(commands: Any) -> None:
@@ -38,7 +38,8 @@ def add(commands: Any) -> None:
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
     command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, required")
-    command.add_argument("--samples", default=SAMPLES, metavar="N", help=f"servos to solve (default {SAMPLES})")
+    samples = f"servos to solve (default {DEFAULT_SAMPLES})"
+    command.add_argument("--samples", default=DEFAULT_SAMPLES, metavar="N", help=samples)
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
     command.add_argument("--plot", metavar="F.png", help="write a histogram of the fold gains")

@@ -14,7 +14,7 @@ from ...design.uncertainty.linear import linear_range
 from ...servo.delayed_loop import Margins
 from ...servo.servo import flatten
 
-BEFORE = 0.5
+GAIN_BEFORE = 0.5
 """Gain of the tasks before, in units of the nominal fold gain, where none is given."""
 SHORTER = 1 / 6
 """Length of the tasks before, in units of those after: hunting shows sooner than rest, and costs more to follow."""
@@ -25,7 +25,7 @@ PROVES_NOT = (
     "Optimum and worst friction are local; a better tuning, or a worse friction inside the set, may exist.",
     "Friction outside the set, flexibility, noise, backlash and saturation are not in the model.",
 )
-INSIDE = (
+INSIDE_SENTENCE = (
     "Inside of the uncertainty set the worst servo is searched for, from its corners and from samples; a worse one "
     "that is not near any of them may exist."
 )
@@ -48,7 +48,7 @@ def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task,
     """
     check = tuning.verification
     fold = check.nominal_fold or check.fold
-    gain = gain or (BEFORE * fold.gain if fold is not None else tuning.gain / 2)
+    gain = gain or (GAIN_BEFORE * fold.gain if fold is not None else tuning.gain / 2)
     span = SHORTER * check.span
     tasks = regulator_tasks(tuning.before, tuning.model, gain, span, check.amplitude, "nominal", decide=False)
     return gain, tuple(tasks)
@@ -123,7 +123,7 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
         "binding": list(tuning.binding),
         "verification": _verification(tuning.verification),
         "elasticities": slopes.elasticities if slopes is not None else {},
-        "proves_not": [*PROVES_NOT, *([INSIDE] if tuning.corner else []), *([DELAY] if demands.lag else [])],
+        "proves_not": [*PROVES_NOT, *([INSIDE_SENTENCE] if tuning.corner else []), *([DELAY] if demands.lag else [])],
         "before": None if before is None else _before(tuning, *before),
         "servo": flatten(tuning.before),
         "rounds": tuning.rounds,

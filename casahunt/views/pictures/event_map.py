@@ -8,7 +8,7 @@ from ...motion.march import MarchFailure
 from ...servo.event_map.fixed_points import FixedPoints, map_at
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
 
-SWINGS = 12
+DRAWN_SWINGS = 12
 """Half periods drawn of each motion."""
 ASIDE = 0.02
 """A motion starts this part above and below the unstable fixed point."""
@@ -64,7 +64,7 @@ def cobweb(seen: FixedPoints) -> Figure:
 def _web(seen: FixedPoints, a: float) -> tuple[list[float], list[float]]:
     """Corners of the cobweb from a."""
     x, y = [a], [a]
-    for _ in range(SWINGS):
+    for _ in range(DRAWN_SWINGS):
         try:
             P = abs(map_at(seen.servo, seen.gain, a).position)
         except MarchFailure:

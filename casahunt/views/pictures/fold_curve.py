@@ -24,10 +24,10 @@ LABELS = {
     "friction.damping": "bristle damping σ$_1$ [N m s/rad]",
 }
 """Name, symbol and unit of every parameter."""
-SHADE = 0.16
+SHADING = 0.16
 WIDE = 30.0
 """Ratio of the values of an axis from which on it is logarithmic."""
-ROOM = 1.12
+HEADROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
 
@@ -56,7 +56,7 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
     wide = highest > WIDE * lowest and not any(curve.vanishes for curve in curves)
     if wide:
         axes.set_yscale("log")
-    floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * ROOM)
+    floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * HEADROOM)
     for curve in curves:
         look = LOOKS[curve.model]
         q, K = hermite(curve)
@@ -68,7 +68,7 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
         )  # fmt: skip
         axes.plot([], [], color=look.colour, linewidth=look.width, marker=look.marker, markersize=4, label=label)
         if not curve.cusps:
-            axes.fill_between(q, floor, K, color=look.colour, alpha=SHADE, linewidth=0, zorder=1)
+            axes.fill_between(q, floor, K, color=look.colour, alpha=SHADING, linewidth=0, zorder=1)
         for cusp in curve.cusps:
             axes.plot(cusp.value, cusp.gain, color=look.colour, marker="D", markersize=8, fillstyle="none", zorder=9)
             axes.annotate("cusp", (cusp.value, cusp.gain), textcoords="offset points", xytext=(8, 4), fontsize=SMALL)

@@ -17,7 +17,7 @@ from ...servo.linear_loop import LinearLoop, controller_response, loop_response
 from ...servo.servo import Servo
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
 
-POINTS = 600
+BODE_POINTS = 600
 ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
 
@@ -43,7 +43,7 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
     crossings = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
     corners = [1 / tau for tau in (servo.controller.lead_time, servo.controller.integral_time) if tau > 0]
     low, high = min(corners + crossings), max(corners + crossings)
-    omega = np.geomspace(low / ROOM, high * ROOM, POINTS)
+    omega = np.geomspace(low / ROOM, high * ROOM, BODE_POINTS)
     figure = new_figure()
     (c_size, l_size), (c_phase, l_phase) = figure.subplots(2, 2, sharex=True)
     looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]

@@ -33,7 +33,7 @@ LONG = 24
 """Characters of a legend entry of which four do not fit side by side."""
 STUCK = 1e-3
 """Slower than this part of the largest |x2| counts as stick."""
-SAMPLES = 16
+DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
@@ -52,7 +52,7 @@ def time_traces(orbits: Sequence[HuntingOrbit]) -> Figure:
     InputError : no orbit.
     """
     at_least_one("orbits", orbits)
-    traces = [rolled(*orbit.sample(SAMPLES)) for orbit in orbits]
+    traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
     figure = new_figure()
     panels = figure.subplots(n, 1, sharex=True)
@@ -94,7 +94,7 @@ def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
     InputError : no orbit.
     """
     at_least_one("orbits", orbits)
-    samples = [orbit.sample(SAMPLES)[1][:3] for orbit in orbits]
+    samples = [orbit.sample(DRAWN_POINTS)[1][:3] for orbit in orbits]
     peaks = np.max([np.max(np.abs(states), axis=1) for states in samples], axis=0)
     units = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"))
     scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]

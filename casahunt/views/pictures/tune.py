@@ -20,7 +20,7 @@ from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
-SWINGS = 6
+TASK_SWINGS = 6
 """Hunting periods that the picture of the tasks shows."""
 BEFORE, AFTER = "#b03020", "#1d6b3f"
 
@@ -76,7 +76,7 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Fi
     pairs = list(zip(before[1], tasks, strict=True))
     swings = [old.motion.verdict.period for old, _ in pairs if old.motion.verdict.kind == "hunting"]
     whole = min(float(task.motion.times[-1]) for pair in pairs for task in pair)
-    shown = min(whole, SWINGS * max(swings)) if swings else whole
+    shown = min(whole, TASK_SWINGS * max(swings)) if swings else whole
     figure = new_figure()
     panels = np.atleast_1d(figure.subplots(len(pairs), 1, sharex=True))
     for axes, (old, new) in zip(panels, pairs, strict=True):

@@ -1,0 +1,181 @@
+"""Newton's method on the square system
+
+    G(u, lambda) = 0,    border . (u - u_start, lambda - lambda_start) = 0,
+
+where the border row holds lambda fixed, or measures arclength; on the condensed node system (transcription.py):
+
+    linearise -> step -> small enough already? -> done
+        ^                  | no
+        |                  v
+        +------------ take it -> was it the last? -> what is left of the equations? -> done
+
+A solution, whoever found it, is checked with numpy: finite, small residual, close to where it started.
+Steps and residuals are measured in units of the state scale; durations relative to themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..errors import Status
+from .transcription import Linearisation, Setting, Transcription
+
+Array = np.ndarray
+Solver = Literal["ipopt", "newton"]
+
+STEP_TOLERANCE = 1e-9
+"""A Newton step below this leaves an error of its square."""
+FORESEEN_STEP = 1e-10
+"""Where the next Newton step is sure to be smaller than this, it is not taken."""
+ROUNDED = 1e-8
+"""A Newton step below this that shrinks no more is rounding: that of a ring-down of microseconds before a stick of
+hours, for example.  No accuracy asked for is worse."""
+RESIDUAL_LIMIT = 1e-8
+"""Largest residual of an accepted solution, after the last step; where rounding leaves more, because an interval of
+hours multiplies it, the next Newton step must be below `ROUNDED`."""
+LARGEST_MOVE = 2.0
+"""An accepted solution lies within this of its guess, in scaled units."""
+DIVERGED = 1e3
+"""A Newton step larger than this leads nowhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver found.
+
+    Attributes
+    ----------
+    u : (size,) unknowns, meaningful only where status.ok.
+    parameter : lambda, zero unless a border row let it move.
+    status, iterations : how it ended.
+    residual : largest residual at u, scaled.
+    linearisation : the equations linearised at u (at the last iterate where the solver failed), or None.
+    solver : which one found it.
+    """
+
+    u: Array
+    parameter: float
+    status: Status
+    iterations: int
+    residual: float
+    linearisation: Linearisation | None
+    solver: Solver = "newton"
+
+
+def newton(
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    *,
+    border: Array | None = None,
+    parameter: float = 0.0,
+    max_iterations: int = 12,
+    largest_move: float = LARGEST_MOVE,
+    accuracy: float = 0.0,
+) -> Solution:
+    """Newton's method from u.
+
+    Parameters
+    ----------
+    t, u, setting
+        the equations and the starting point.
+    max_iterations, largest_move
+        when to give up, and how far from u a solution may lie.
+    accuracy
+        a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for
+        all digits.
+    border
+        border row (NodeSystem.border) orthogonal to the correction; default holds
+        lambda fixed.
+    parameter
+        lambda at the start; the equations are taken at p + lambda dp.
+    """
+    row = t.system.border(parameter=1.0) if border is None else border
+    start, u, lam = u, u.copy(), parameter
+    last = np.inf
+    for iteration in range(1, max_iterations + 1):
+        step = _step(t, u, setting.moved(lam), row)
+        if isinstance(step, Status):
+            return Solution(u, lam, step, iteration, np.inf, None)
+        lin = step.linearisation
+        if step.size <= min(accuracy, ROUNDED):
+            residual = lin.residual_norm()
+            return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
+        u += step.du
+        lam += step.dlam
+        if _is_the_last(step.size, last):
+            return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
+        if step.size > DIVERGED or (iteration > 3 and step.size > 2 * last):
+            break
+        if np.any(t.durations_of(u) <= 0):
+            return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)
+        last = step.size
+    return Solution(u, lam, Status.NOT_CONVERGED, iteration, np.inf, lin)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A Newton step: of u and of lambda, how large it is, and the equations linearised where it starts."""
+
+    du: Array
+    dlam: float
+    size: float
+    linearisation: Linearisation
+
+
+def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | Status:
+    """The Newton step at u under a border row, or why there is none."""
+    try:
+        lin = t.linearise(u, setting)
+    except np.linalg.LinAlgError:
+        return Status.SINGULAR
+    if not lin.finite():
+        return Status.NOT_FINITE
+    du, _, dlam = lin.step(row)
+    size = size_of_step(t, u, du)
+    return _Step(du, dlam, size, lin) if np.isfinite(size) else Status.SINGULAR
+
+
+def _is_the_last(size: float, last: float) -> bool:
+    """Whether no step need follow one of this size, `last` being the size of the one before (infinite: none).
+
+    Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
+    """
+    foreseen = size * (size / last) if last < np.inf else np.inf
+    return size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or (size <= ROUNDED and size > 0.3 * last)
+
+
+def _arrived(
+    t: Transcription, start: Array, u: Array, lam: float, setting: Setting, row: Array, iteration: int,
+    largest_move: float,
+) -> Solution:
+    """The solution after the last step, judged by the residual and, where that is not small, by the next step."""
+    try:
+        lin = t.linearise(u, setting.moved(lam))
+    except np.linalg.LinAlgError:
+        return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
+    residual = lin.residual_norm()
+    small = residual <= RESIDUAL_LIMIT or size_of_step(t, u, lin.step(row)[0]) <= ROUNDED
+    return Solution(u, lam, verdict(t, start, u, residual, small, largest_move), iteration, residual, lin)
+
+
+def size_of_step(t: Transcription, u: Array, du: Array) -> float:
+    """Largest update: states as they are (scaled), durations relative; NaN stays NaN."""
+    relative = np.abs(du[-t.phases :]) / np.maximum(np.abs(u[-t.phases :]), 1e-300)
+    return float(np.maximum(np.abs(du[: -t.phases]).max(), relative.max()))
+
+
+def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
+    """What becomes of u as a solution from `start`; `small`: what is left of the equations is."""
+    if not np.isfinite(u).all() or not np.isfinite(residual):
+        return Status.NOT_FINITE
+    if not small:
+        return Status.NOT_CONVERGED
+    if np.any(t.durations_of(u) <= 0):
+        return Status.INADMISSIBLE
+    if float(np.max(np.abs(t.nodes_of(u) - t.nodes_of(start)))) > largest_move:
+        return Status.FAR_FROM_GUESS
+    return Status.CONVERGED

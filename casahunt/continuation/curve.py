@@ -1,0 +1,234 @@
+"""The curve of a branch: its points, its tangent and the predictor.
+
+The curve is {y} = {(x_0, ln T_1, lambda)}: first node, duration of the first phase, and the parameter
+p = p_here (1 + lambda), moved relative to where it stands.  At arclength s:
+
+    tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
+    predictor   the cubic through the last two points and their tangents; logarithms of the durations
+
+x_0 is measured in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and
+lambda, but next to a sharp fold not a fair one: a first phase that lingers next to a repelling motion (a canard)
+changes altogether while x_0 and the parameter move by 1e-7.  Its duration tells.  The other durations take no part in
+the length: a long phase at rest would decide every step and say nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..collocation.mesh import phase_breaks, transfer
+from ..collocation.transcription import Linearisation, Setting, Transcription
+from ..orbits.adapt import curve_border
+from ..orbits.orbit import Orbit, Solved, unknowns_of
+
+Array = np.ndarray
+
+STRAIGHT = 0.5
+"""Cosine between successive tangents below which the last point says little about the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point of the curve in the solver's terms.
+
+    Attributes
+    ----------
+    t, u, setting : transcription, unknowns and numbers, with p at this point and dp = p e.
+    row : (n + 2,) unit tangent in (x_0, ln T_1, lambda).
+    du : (size,) derivative of u by arclength.
+    bend : (2, size + 1) coefficients of ds^2 and ds^3 in (u, lambda), durations as logarithms; None at the first
+        point and after a change of the phase sequence.
+    """
+
+    t: Transcription
+    u: Array
+    setting: Setting
+    row: Array
+    du: Array
+    bend: Array | None = None
+
+
+def parameter_value(orbit: Orbit, vary: str) -> float:
+    """Value of the parameter `vary` at an orbit."""
+    return orbit.problem.value(vary)
+
+
+def secant(before: Orbit, after: Orbit, vary: str) -> Array:
+    """(n + 2,) way from one orbit to the next in (x_0, ln T_1, lambda), in the scale of the first."""
+    x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
+    here, there = parameter_value(before, vary), parameter_value(after, vary)
+    # Where the phases are not the same, T_1 may be another thing.
+    longer = np.log(after.arcs[0].duration / before.arcs[0].duration) if before.signature == after.signature else 0.0
+    return np.concatenate([x, [longer, there / here - 1]])
+
+
+def in_units_of(row: Array, scale: Array, other: Array) -> Array:
+    """A direction (n + 2,) in units of the state scale `scale`, in units of `other`."""
+    n = scale.size
+    return np.concatenate([row[:n] * scale / other, row[n:]])
+
+
+def cosine(before: Point, after: Point) -> float:
+    """Of the angle between the tangents at two points."""
+    carried = in_units_of(before.row, before.setting.scale, after.setting.scale)
+    return float(carried @ after.row / np.linalg.norm(carried))
+
+
+def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:
+    """The curve at an orbit, with its tangent.
+
+    Parameters
+    ----------
+    orbit, vary
+        a converged orbit and the name of the parameter.
+    like
+        (n + 2,) direction to go on in; the tangent makes an acute angle with it.
+    sense
+        where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
+    """
+    t, u, setting = unknowns_of(orbit)
+    return point_at(t, u, setting, orbit.problem.direction(vary), like=like, sense=sense)
+
+
+def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
+    """The curve at two successive orbits, oriented from the first to the second."""
+    way = secant(before, after, vary)
+    there = in_units_of(way, before.scale, after.scale)
+    return curve_point(before, vary, like=way), curve_point(after, vary, like=there)
+
+
+def point_at(
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    direction: Array,
+    *,
+    like: Array | None,
+    sense: float = 1.0,
+    lin: Linearisation | None = None,
+) -> Point:
+    """The curve at u, in the parameter of the unit vector `direction` (np,).
+
+    `lin` is the linearisation there where the corrector has left one, along setting.dp.
+    """
+    index = int(np.argmax(direction))
+    here = setting.p[index]
+    if lin is None:
+        setting = replace(setting, dp=direction * here)
+        lin = t.linearise(u, setting)
+    # Exactly at a fold the trial row lambda = 1 is singular; at a sharp one the first node moves as little.
+    for trial in (
+        np.append(np.zeros(t.n + 1), 1.0) if like is None else like,
+        np.append(np.ones(t.n), [0.0, 0.0]),
+        np.append(np.zeros(t.n), [1.0, 0.0]),
+    ):
+        du, y = lin.tangent(curve_border(t, u, trial))
+        if np.isfinite(y).all():
+            break
+    # From the units of the corrector to those of the point: states by their size, lambda relative to the parameter.
+    factor = _size_of_states(t, u)
+    row = np.concatenate(
+        [y[: t.n] / factor, [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1] * setting.dp[index] / here]]
+    )
+    length = float(np.linalg.norm(row))
+    turn = float(row @ like) if like is not None else row[-1] * sense
+    length = length if turn >= 0 else -length
+    u, du = _divided(t, u, factor), _divided(t, du, factor)
+    setting = replace(setting, scale=setting.scale * factor, dp=direction * here)
+    return Point(t, u, setting, row / length, du / length)
+
+
+def backwards(point: Point) -> Point:
+    """The same point of the curve, run through in the other sense."""
+    flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
+    return replace(point, row=-point.row, du=-point.du, bend=flipped)
+
+
+def _size_of_states(t: Transcription, u: Array) -> Array:
+    """(n,) largest |state|, in the units of u."""
+    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0)
+    return np.maximum(np.maximum(w, np.abs(t.nodes_of(u)).max(axis=0)), 1e-12)
+
+
+def _divided(t: Transcription, u: Array, factor: Array) -> Array:
+    """u with its states divided by `factor` (n,); durations as they are."""
+    fresh = u.copy()
+    w = t.intervals_of(fresh).reshape(-1, t.n)
+    w /= factor
+    fresh[t.node_index] = u[t.node_index] / factor
+    return fresh
+
+
+def predict(point: Point, ds: float) -> tuple[Array, float]:
+    """(u, lambda) a length ds further on; durations are multiplied, so that they stay positive."""
+    t, P = point.t, point.t.phases
+    change = _change(point, ds)
+    u = point.u + change[:-1]
+    t.durations_of(u)[:] = t.durations_of(point.u) * np.exp(np.clip(change[-1 - P : -1], -1.0, 1.0))
+    return u, float(change[-1])
+
+
+def _change(point: Point, ds: float) -> Array:
+    """(size + 1,) predicted change of (u, lambda), durations as logarithms."""
+    change = ds * np.append(point.du, point.row[-1])
+    change[-1 - point.t.phases : -1] /= point.t.durations_of(point.u)
+    if point.bend is not None:
+        change += ds**2 * (point.bend[0] + ds * point.bend[1])
+    return change
+
+
+def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
+    """`point` with a predictor that passes through what was found a length ds further on, at lambda = `lam`.
+
+    The coefficient of the highest power takes up the defect; `point` itself where the mesh is another one.
+    """
+    same = solved.t == point.t and np.array_equal(solved.setting.fractions, point.setting.fractions)
+    if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
+        return point
+    durations = slice(-1 - point.t.phases, -1)
+    change = np.append(solved.solution.u - point.u, lam)
+    change[durations] = np.log(point.t.durations_of(solved.solution.u) / point.t.durations_of(point.u))
+    defect = change - _change(point, ds)
+    if point.bend is None:
+        return replace(point, bend=np.array([defect / ds**2, np.zeros_like(defect)]))
+    return replace(point, bend=np.array([point.bend[0], point.bend[1] + defect / ds**3]))
+
+
+def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Array | None:
+    """(2, size + 1) coefficients c of u + s u' + s^2 c_0 + s^3 c_1, the cubic through `before` and `after`.
+
+    s is measured along the tangent of `after`, as the corrector measures it: `before` lies at
+    s = tangent . (y_before - y_after), which must have the sign `side`.  `value` is the parameter at `before`.  None
+    where the phases are not the same, or the curve turns too much.
+    """
+    t = after.t
+    if before.t.cycle != t.cycle:
+        return None
+    u, du = before.u, before.du
+    if before.t != t or not np.array_equal(before.setting.fractions, after.setting.fractions):
+        breaks = phase_breaks(t, after.setting.fractions)
+        _, u, _ = transfer(before.t, u, before.setting.fractions, breaks, target=t)
+        _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=t)
+    factor = after.setting.scale / before.setting.scale
+    index = int(np.argmax(np.abs(after.setting.dp)))
+    ratio = value / after.setting.p[index]
+    u, du = _divided(t, u, factor), _divided(t, du, factor)
+    rate = np.append(du, before.row[-1] * ratio)
+    rate[-1 - t.phases : -1] /= t.durations_of(u)
+    change = np.append(u - after.u, ratio - 1)
+    change[-1 - t.phases : -1] = np.log(t.durations_of(u) / t.durations_of(after.u))
+    here = np.append(after.du, after.row[-1])
+    here[-1 - t.phases : -1] /= t.durations_of(after.u)
+
+    def along(vector: Array) -> float:
+        y = np.concatenate([vector[t.node_index[0]], [vector[-1 - t.phases], vector[-1]]])
+        return float(after.row @ y)
+
+    s, slope = along(change), along(rate)
+    if not s * side > 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):
+        return None
+    first = (change - s * here) / s**2
+    second = (rate / slope - here) / s
+    return np.array([3 * first - second, (second - 2 * first) / s])
