@@ -230,10 +230,8 @@ def shortfall(boxes: Sequence[LoopBox], demands: LoopDemands, gain: float, name:
 
     Parameters
     ----------
-    boxes
-        the loops.
-    demands
-        the margins asked for.
+    boxes, demands
+        the loops, and the margins asked for.
     gain
         K > 0 [V/rad].
     name
