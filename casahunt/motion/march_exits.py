@@ -78,7 +78,7 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
 
     Returns
     -------
-    Duration [s], exit, (n,) state there; None where no event comes to zero in rising.
+    Duration [s], exit, (n,) state there; None where no exit is met.
     """
     motion = _flow_map(mode, exits, x.size, p.size)
     best: tuple[float, Exit] | None = None

@@ -143,7 +143,7 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
 
     Returns
     -------
-    Measurement; without an oscillation its numbers are nan, and its verdict says why.
+    Measurement; without an oscillation its numbers are nan, and its `reason` says why.
 
     Raises
     ------
