@@ -35,7 +35,7 @@ SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a change of phases
 EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
-LARGEST_TURN, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
+LEAST_COSINE, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
 CAUTION, RECOVERY = 0.7, 1.25
@@ -139,7 +139,7 @@ def _step_and_tangent(
     following = point_at(
         solved.t, solved.solution.u, _setting_at(solved), orbit.problem.direction(vary), like=like, lin=lin
     )
-    if ds > SHARP_STEP and cosine(point, following) < LARGEST_TURN:
+    if ds > SHARP_STEP and cosine(point, following) < LEAST_COSINE:
         return "the branch turns by too much in one step"
     return orbit, following, solved.solution.iterations
 
