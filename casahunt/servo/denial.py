@@ -39,12 +39,18 @@ from .servo import Servo
 
 
 def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
-    """Why the servo has no limit cycle at a gain nor above it, as a clause; "" where that is not proved.
+    """Why the servo has no limit cycle at a gain nor above it.
 
     Parameters
     ----------
-    servo, model, gain
-        the problem; gain 0: at any gain.
+    servo, model
+        the problem.
+    gain
+        K [V/rad]; 0: at any gain.
+
+    Returns
+    -------
+    A clause that says why; "" where that is not proved.
     """
     f, c = servo.friction, servo.controller
     drop, both = f.static > f.coulomb, c.lead_time + c.integral_time
