@@ -49,14 +49,42 @@ from casahunt.hybrid.system import Cycle, Event, Mode, Phase
 
 
 def uniform_field(x: Any, p: Any, sign: Any) -> Any:
-    """The plain oscillator; p = (mu, omega)."""
+    """The plain oscillator, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        mu, omega, perhaps more.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     mu, omega = p[0], p[1]
     growth = mu - (x[0] ** 2 + x[1] ** 2)
     return ca.vertcat(growth * x[0] - omega * x[1], omega * x[0] + growth * x[1])
 
 
 def kepler_field(x: Any, p: Any, sign: Any) -> Any:
-    """The oscillator with shear and an uneven clock; p = (mu, omega, shear, e)."""
+    """The oscillator with shear and an uneven clock, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        mu, omega, shear, e.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     mu, omega, shear, e = p[0], p[1], p[2], p[3]
     growth = mu - (x[0] ** 2 + x[1] ** 2)
     turn = omega - shear * growth
@@ -65,7 +93,21 @@ def kepler_field(x: Any, p: Any, sign: Any) -> Any:
 
 
 def hard_field(x: Any, p: Any, sign: Any) -> Any:
-    """The oscillator with hard excitation; p = (nu, omega, b, c)."""
+    """The oscillator with hard excitation, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        nu, omega, b, c.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     square = x[0] ** 2 + x[1] ** 2
     growth = p[0] - 1 + p[2] * square - p[3] * square**2
     return ca.vertcat(growth * x[0] - p[1] * x[1], p[1] * x[0] + growth * x[1])
@@ -98,19 +140,48 @@ HARD = Cycle("oscillator with hard excitation", ("x", "y"), ("nu", "omega", "b",
 
 
 def period(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
-    """Exact period."""
+    """The exact period.
+
+    Parameters
+    ----------
+    mu, omega, shear, e
+        parameters; only omega matters.
+
+    Returns
+    -------
+    2 pi/omega.
+    """
     return 2 * np.pi / omega
 
 
 def multiplier(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
-    """Exact nontrivial Floquet multiplier."""
+    """The exact nontrivial Floquet multiplier.
+
+    Parameters
+    ----------
+    mu, omega, shear, e
+        parameters; only mu and omega matter.
+
+    Returns
+    -------
+    exp(-4 pi mu/omega).
+    """
     return float(np.exp(-4 * np.pi * mu / omega))
 
 
 def states(times: np.ndarray, mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> np.ndarray:
-    """Exact states (2, m) of `KEPLER` (of `UNIFORM` for e = 0) at times (m,), from (sqrt(mu), 0) at time 0.
+    """Exact states of `KEPLER`, of `UNIFORM` for e = 0.
 
-    0 <= e < 1.
+    Parameters
+    ----------
+    times
+        (m,), from (sqrt(mu), 0) at time 0.
+    mu, omega, shear, e
+        parameters, 0 <= e < 1; shear does not matter.
+
+    Returns
+    -------
+    (2, m).
     """
     mean = omega * np.asarray(times, float)
     theta = mean + e * np.sin(mean)

@@ -54,7 +54,23 @@ class Margins:
 
 
 def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
-    """ln |L|^2 at omega = exp(y), for numbers, arrays and expressions: ln K = k, ln (tau_d, tau_i) = q."""
+    """ln |L|^2 at omega = exp(y), for numbers, arrays and CasADi expressions.
+
+    Parameters
+    ----------
+    J, cm, sigma2
+        inertia [kg m2], motor gain [N m/V], viscous friction [N m s/rad].
+    k
+        ln K, K in V/rad.
+    q
+        ln (tau_d, tau_i), times in s.
+    y
+        ln omega, omega in rad/s; decides what comes back.
+
+    Returns
+    -------
+    ln |L|^2, of the kind and shape of `y`.
+    """
     exp, log, *_ = _functions_of(y)
     w = exp(2 * y)
     zeros = log(exp(2 * q[0]) * w + 1) + log(exp(2 * q[1]) * w + 1)
@@ -62,7 +78,23 @@ def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
 
 
 def phase(J, sigma2, D, q, y):  # type: ignore[no-untyped-def]
-    """phi [rad] at omega = exp(y), for numbers, arrays and expressions."""
+    """The phase phi = arg L + pi at omega = exp(y), for numbers, arrays and CasADi expressions.
+
+    Parameters
+    ----------
+    J, sigma2
+        inertia [kg m2], viscous friction [N m s/rad].
+    D
+        delay [s], half a sample time included.
+    q
+        ln (tau_d, tau_i), times in s.
+    y
+        ln omega, omega in rad/s; decides what comes back.
+
+    Returns
+    -------
+    phi [rad], of the kind and shape of `y`.
+    """
     exp, _, atan, atan2 = _functions_of(y)
     omega = exp(y)
     return atan(exp(q[0]) * omega) + atan(exp(q[1]) * omega) - atan2(J * omega, sigma2) - omega * D
@@ -95,12 +127,18 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
 
     Parameters
     ----------
-    servo
-        the servo.
-    gain
-        controller gain K > 0.
+    servo, gain
+        the loop; gain K > 0 [V/rad].
     level
-        > 0.
+        magnitude > 0.
+
+    Returns
+    -------
+    omega [rad/s].
+
+    Raises
+    ------
+    InputError : gain not a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
     low, high = boundary(lambda y: not _log_magnitude(servo, gain, y) > 2 * math.log(level), -60.0, 60.0)
@@ -116,6 +154,10 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
         the loop.
     delay
         D [s], >= 0, half a sample time included.
+
+    Returns
+    -------
+    Margins; of an unstable loop the factors are nan.
 
     Raises
     ------

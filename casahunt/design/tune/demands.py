@@ -80,7 +80,20 @@ class Demands:
 def check_bounds(
     servo: Servo, free: Sequence[str], bounds: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[float, float]]:
-    """The bounds of the free times, and of the gain where given, all checked.
+    """The bounds of what is tuned, all checked.
+
+    Parameters
+    ----------
+    servo
+        its times are where the search starts.
+    free
+        the times to be tuned.
+    bounds
+        (low, high) by name; K in V/rad, times in s.
+
+    Returns
+    -------
+    (low, high) of every free time, by default `WIDE` to both sides, and of the gain where given.
 
     Raises
     ------
@@ -113,7 +126,19 @@ def check_bounds(
 
 
 def cost_of(cost: str, servo: Servo, gain: float) -> float:
-    """The cost in the unit of `COSTS`; inf for the settling of an unstable loop."""
+    """The cost in the unit of `COSTS`; inf for the settling of an unstable loop.
+
+    Parameters
+    ----------
+    cost
+        one of `COSTS`.
+    servo, gain
+        the loop; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    In the unit of `COSTS`; inf for the settling of an unstable loop.
+    """
     if cost == "gain":
         return gain
     if cost == "high-frequency":
@@ -128,5 +153,21 @@ def log_times(servo: Servo) -> Array:
 
 
 def with_times(servo: Servo, q: Array) -> Servo:
-    """The servo with the controller times exp(q)."""
+    """The servo with other controller times.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    q
+        (2,) ln of lead and integral time [s].
+
+    Returns
+    -------
+    Servo.
+
+    Raises
+    ------
+    InputError : a time that a controller cannot have.
+    """
     return servo.replace(**{name: float(value) for name, value in zip(TIMES, np.exp(q), strict=True)})

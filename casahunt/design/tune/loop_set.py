@@ -90,16 +90,20 @@ class WorstLoop:
 
 
 def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float) -> LoopBox:
-    """The loops of a servo with some parameters in intervals; names that the loop does not depend on are left out.
+    """The loops of a servo with some parameters in intervals.
 
     Parameters
     ----------
     servo
         the values of what is certain.
     bounds
-        (low, high) by parameter name.
+        (low, high) by parameter name; names that the loop does not depend on are left out.
     lag
         D [s], half a sample time included.
+
+    Returns
+    -------
+    LoopBox.
     """
     c = servo.controller
     values = (servo.inertia, servo.friction.viscous, c.lead_time, c.integral_time, servo.motor_gain)
@@ -108,19 +112,19 @@ def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float
     return LoopBox(low, high, lag)
 
 
-def log_kappa(J: Array, sigma2: Array, lead: Array, integral: Array, y: Array) -> Array:
+def _log_kappa(J: Array, sigma2: Array, lead: Array, integral: Array, y: Array) -> Array:
     """ln kappa of the loop that crosses at omega = exp(y)."""
     w = np.exp(2 * y)
     zeros = np.log(lead**2 * w + 1) + np.log(integral**2 * w + 1)
     return np.log(integral) + 2 * y + np.log(J**2 * w + sigma2**2) / 2 - zeros / 2
 
 
-def phase_at(J: Array, sigma2: Array, lead: Array, integral: Array, omega: Array, lag: float) -> Array:
+def _phase_at(J: Array, sigma2: Array, lead: Array, integral: Array, omega: Array, lag: float) -> Array:
     """phi [rad]."""
     return np.arctan(lead * omega) + np.arctan(integral * omega) - np.arctan2(J * omega, sigma2) - omega * lag
 
 
-def crossover_phase(points: Array, lag: float) -> Array:
+def _crossover_phase(points: Array, lag: float) -> Array:
     """(m,) phi [rad] at the crossovers of loops (m, 5): J, sigma2, tau_d, tau_i, ln kappa."""
     J, sigma2, lead, integral, goal = points.T
     low, high = np.full(goal.size, -60.0), np.full(goal.size, 60.0)
@@ -131,9 +135,9 @@ def crossover_phase(points: Array, lag: float) -> Array:
         below = w * w * (J2 * w + viscous2) < k2 * (lead2 * w + 1) * (integral2 * w + 1)
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     y, h = (low + high) / 2, 1e-5
-    slope = (log_kappa(J, sigma2, lead, integral, y + h) - log_kappa(J, sigma2, lead, integral, y - h)) / (2 * h)
-    y = y - (log_kappa(J, sigma2, lead, integral, y) - goal) / slope
-    return phase_at(J, sigma2, lead, integral, np.exp(y), lag)
+    slope = (_log_kappa(J, sigma2, lead, integral, y + h) - _log_kappa(J, sigma2, lead, integral, y - h)) / (2 * h)
+    y = y - (_log_kappa(J, sigma2, lead, integral, y) - goal) / slope
+    return _phase_at(J, sigma2, lead, integral, np.exp(y), lag)
 
 
 def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
@@ -144,15 +148,19 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     box
         the loops.
     gain
-        K > 0.
+        K > 0 [V/rad].
     factors
         (lowest, highest) g.
+
+    Returns
+    -------
+    WorstLoop.
     """
     ends = math.log(gain * factors[0] * box.low[4]), math.log(gain * factors[1] * box.high[4])
     low, high = np.append(box.low[:4], ends[0]), np.append(box.high[:4], ends[1])
     varied = np.flatnonzero(high > low)
     points = _grid(low, high, varied, GRID_POINTS)
-    phases = crossover_phase(points, box.lag)
+    phases = _crossover_phase(points, box.lag)
     if not varied.size:
         return _worst_loop(points[0], float(phases[0]))
     best = _apart(points, phases, (high - low)[varied], varied)
@@ -163,7 +171,7 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     for _ in range(HALVINGS):
         tried = np.repeat(best[:, None, :], len(offsets), axis=1)
         tried[:, :, varied] = np.clip(tried[:, :, varied] + offsets * width, low[varied], high[varied])
-        found = crossover_phase(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
+        found = _crossover_phase(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
         pick = np.argmin(found, axis=1)
         best, values = tried[np.arange(len(best)), pick], found[np.arange(len(best)), pick]
         width = width / 2
@@ -218,7 +226,21 @@ class LoopDemands:
 
 
 def shortfall(boxes: Sequence[LoopBox], demands: LoopDemands, gain: float, name: str) -> tuple[float, WorstLoop]:
-    """(by how much the demand is missed [rad], negative where it is kept; the worst loop)."""
+    """By how much a demand is missed at a gain.
+
+    Parameters
+    ----------
+    boxes, demands
+        the loops, and the margins asked for.
+    gain
+        K > 0 [V/rad].
+    name
+        which of `DEMANDS`.
+
+    Returns
+    -------
+    Phase missed [rad], negative where the demand is kept, and the worst loop.
+    """
     found = min((worst(box, gain, demands.factors(name)) for box in boxes), key=lambda loop: loop.phase)
     return demands.least(name) - found.phase, found
 
@@ -261,15 +283,15 @@ def _least_phase(box: LoopBox, x: Array) -> Array:
         for _ in range(30):
             middle = (lows + highs) / 2
             J, sigma2, lead, integral = points.T
-            below = log_kappa(J, sigma2, lead, integral, middle) < goal
+            below = _log_kappa(J, sigma2, lead, integral, middle) < goal
             lows, highs = np.where(below, middle, lows), np.where(below, highs, middle)
         ends.append((float(lows.min()), float(highs.max())))
     y = np.arange(ends[0][0] - LOG_STEP, ends[1][1] + LOG_STEP, LOG_STEP / 2)
     found = np.full(x.size, np.inf)
     for point in points:
         J, sigma2, lead, integral = point
-        phi = phase_at(J, sigma2, lead, integral, np.exp(y), box.lag)
-        found = np.minimum(found, np.interp(x, log_kappa(J, sigma2, lead, integral, y), phi))
+        phi = _phase_at(J, sigma2, lead, integral, np.exp(y), box.lag)
+        found = np.minimum(found, np.interp(x, _log_kappa(J, sigma2, lead, integral, y), phi))
     return found
 
 
@@ -286,9 +308,18 @@ def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array
 
 
 def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: str) -> Intervals:
-    """The gains that keep a demand: intervals within the table, 0 and inf where they go on beyond it.
+    """The gains that keep a demand.
 
     The table says where to look; ends, and intervals that fit between its gains, come from `worst`.
+
+    Parameters
+    ----------
+    boxes, demands, table, name
+        the loops, the margins asked for, by how much they are missed, and which of `DEMANDS`.
+
+    Returns
+    -------
+    Intervals [V/rad] within the table, rising; 0 and inf where they go on beyond it.
     """
 
     def missed(gain: float) -> float:
@@ -308,7 +339,7 @@ def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: 
             if missed(best) > 0:
                 continue
         outer = float(gains[a]), float(gains[b])
-        low, high = (k if missed(k) <= 0 else edge(missed, best, k) for k in outer)
+        low, high = (k if missed(k) <= 0 else _edge(missed, best, k) for k in outer)
         found.append((0.0 if low == gains[0] else low, math.inf if high == gains[last] else high))
     return found
 
@@ -340,15 +371,10 @@ def _least(missed: Callable[[float], float], low: float, high: float) -> float:
     return math.exp(c if fc <= fd else d)
 
 
-def edge(missed: Callable[[float], float], kept: float, broken: float) -> float:
+def _edge(missed: Callable[[float], float], kept: float, broken: float) -> float:
     """The gain next to a demand's limit where it is still kept, between one that keeps it and one that breaks it.
 
-    Parameters
-    ----------
-    missed
-        gain -> by how much the demand is missed; at most 0 where it is kept.
-    kept, broken
-        gains.
+    `missed` of a gain is at most 0 where the demand is kept.
     """
     a, b = math.log(kept), math.log(broken)
     fa, fb = missed(kept), missed(broken)

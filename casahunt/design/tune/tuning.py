@@ -109,13 +109,15 @@ def tune(
     free
         controller times to be tuned besides the gain: "lead_time", "integral_time".
     bounds
-        (low, high) of "gain" and of free times; a free time may double or halve by default.
-    cost
-        one of `COSTS`.
-    options
-        tolerance of every fold.
+        (low, high) of "gain" [V/rad] and of free times [s]; a free time may double or halve by default.
+    cost, options
+        one of `COSTS`; tolerance of every fold.
     report
         called, often, with a sentence that says where the computation is.
+
+    Returns
+    -------
+    Tuning: the controller, the folds and loops that bound it, and its verification.
 
     Raises
     ------

@@ -27,10 +27,12 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
 
     Parameters
     ----------
-    servo
-        the servo.
-    loops
-        its linear loops at the gains to be drawn.
+    servo, loops
+        the servo, and its linear loops at the gains to be drawn.
+
+    Returns
+    -------
+    Figure of four panels, magnitudes above phases [deg], against omega [rad/s].
 
     Raises
     ------
@@ -39,8 +41,7 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
     crossings = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
-    c = servo.controller
-    corners = [1 / tau for tau in (c.lead_time, c.integral_time) if tau > 0]
+    corners = [1 / tau for tau in (servo.controller.lead_time, servo.controller.integral_time) if tau > 0]
     low, high = min(corners + crossings), max(corners + crossings)
     omega = np.geomspace(low / ROOM, high * ROOM, BODE_POINTS)
     figure = new_figure()
@@ -61,9 +62,8 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
                 crossing.frequency, crossing.margin - 180, marker="o", markersize=5, color=look.colour,
                 markeredgecolor="black", zorder=5,
             )  # fmt: skip
-    unit = loops[0].gain
-    c_phase.semilogx(omega, _degrees(controller_response(servo, unit, omega)), color=NEUTRAL)
-    l_phase.semilogx(omega, _degrees(loop_response(servo, unit, omega)), color=NEUTRAL)
+    c_phase.semilogx(omega, _degrees(controller_response(servo, loops[0].gain, omega)), color=NEUTRAL)
+    l_phase.semilogx(omega, _degrees(loop_response(servo, loops[0].gain, omega)), color=NEUTRAL)
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
     l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)
     for axes, label in ((c_size, "|C| [V/rad]"), (l_size, "|L| [–]")):
