@@ -11,6 +11,7 @@ Not drawn, because they are no faults or cannot be missed:
     |, &, ^, <<, >> in place of an operator    a TypeError on the first float: killed by any test that comes there
     `is` in place of `==` and back             the same answer
     numbers in messages, annotations, decorators (sizes of caches)
+    the star of `def f(*, a)` and of f(*a)     no operators
     the removal of a cache                     time
     strict=, frozen=, eq=, repr=               guards of Python against misuse, not part of an answer
 """
@@ -36,46 +37,67 @@ GUARDS = ("strict", "frozen", "eq", "repr")
 Place = tuple[int, int]
 
 
-def no_faults(source: str) -> list[tuple[Place, Place]]:
-    """Stretches of a module where a mutant is no fault: (row, column) of begin and end."""
-    nodes: list[ast.AST | None] = []
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.JoinedStr):
-            nodes.append(node)
-        elif isinstance(node, ast.AnnAssign | ast.arg):
-            nodes.append(node.annotation)
-        elif isinstance(node, ast.keyword) and node.arg in GUARDS:
-            nodes.append(node.value)
-        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
-            nodes += [decorator for decorator in node.decorator_list if isinstance(decorator, ast.Call)]
-            nodes += [d for d in node.decorator_list if isinstance(d, ast.Name) and d.id in CACHES]
-            nodes.append(getattr(node, "returns", None))
-    return [((n.lineno, n.col_offset - isinstance(n, ast.Call | ast.Name)), (n.end_lineno, n.end_col_offset))
-            for n in nodes if n is not None]  # fmt: skip
+class Module:
+    """Where in a module a mutant is a fault."""
+
+    def __init__(self, path: str) -> None:
+        harmless: list[ast.AST | None] = []
+        self.operators: list[tuple[Place, Place]] = []
+        for node in ast.walk(ast.parse(Path(path).read_text())):
+            if isinstance(node, ast.JoinedStr):
+                harmless.append(node)
+            elif isinstance(node, ast.AnnAssign | ast.arg):
+                harmless.append(node.annotation)
+            elif isinstance(node, ast.keyword) and node.arg in GUARDS:
+                harmless.append(node.value)
+            elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+                harmless += [d for d in node.decorator_list if isinstance(d, ast.Call)]
+                harmless += [d for d in node.decorator_list if isinstance(d, ast.Name) and d.id in CACHES]
+                harmless.append(getattr(node, "returns", None))
+            elif isinstance(node, ast.BinOp | ast.AugAssign):
+                left, right = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.target, node.value)
+                self.operators.append(((left.end_lineno, left.end_col_offset), (right.lineno, right.col_offset)))
+        # A decorator begins with its @.
+        self.harmless = [((n.lineno, n.col_offset - isinstance(n, ast.Call | ast.Name)),
+                          (n.end_lineno, n.end_col_offset)) for n in harmless if n is not None]  # fmt: skip
+
+    def has(self, mutant: MutationSpec) -> bool:
+        """False where the mutant would be no fault, or one that every test finds."""
+        at = tuple(mutant.start_pos)
+        if TRIVIAL.match(mutant.operator_name) or any(begin <= at < end for begin, end in self.harmless):
+            return False
+        binary = "ReplaceBinaryOperator" in mutant.operator_name
+        return not binary or any(begin <= at < end for begin, end in self.operators)
 
 
-def is_fault(mutant: MutationSpec, harmless: list[tuple[Place, Place]]) -> bool:
-    """False where it would be no fault, or one that every test finds."""
-    if TRIVIAL.match(mutant.operator_name):
-        return False
-    return not any(begin <= tuple(mutant.start_pos) < end for begin, end in harmless)
+def order(mutant: MutationSpec) -> float:
+    """Mutants are drawn in this order: at random, and the same whatever else is in the session."""
+    return random.Random(f"{SEED} {mutant.module_path} {mutant.operator_name} {mutant.occurrence}").random()
+
+
+def faults_of(db: WorkDB) -> dict[str, list[str]]:
+    """The jobs that are faults, of every module, in the order in which they are drawn."""
+    modules: dict[str, Module] = {}
+    faults: dict[str, list[tuple[float, str]]] = defaultdict(list)
+    for item in db.work_items:
+        (mutant,) = item.mutations
+        path = str(mutant.module_path)
+        if modules.setdefault(path, Module(path)).has(mutant):
+            faults[path].append((order(mutant), item.job_id))
+    return {path: [job for _, job in sorted(found)] for path, found in sorted(faults.items())}
 
 
 def choose(db: WorkDB, sample: int | None) -> None:
-    """Mark all mutants but those drawn as not drawn."""
-    modules: dict[str, list[tuple[MutationSpec, str]]] = defaultdict(list)
-    for item in db.work_items:
-        modules[str(item.mutations[0].module_path)].append((item.mutations[0], item.job_id))
+    """Mark all mutants but those drawn as not drawn; what has been tried stays drawn."""
     results = dict(db.results)
-    for path, mutants in sorted(modules.items()):
-        harmless = no_faults(Path(path).read_text())
-        mutants.sort(key=lambda m: (m[0].operator_name, m[0].occurrence))
-        faults = [job for mutant, job in mutants if is_fault(mutant, harmless)]
-        random.Random(SEED).shuffle(faults)
-        drawn = set(faults[:sample])
-        left_out = [job for _, job in mutants if job not in drawn]
-        db.set_multiple_results([job for job in left_out if job not in results], NOT_DRAWN)
-        forget(db, [job for job in drawn if job in results and results[job].worker_outcome == WorkerOutcome.SKIPPED])
+    tried = {job for job, result in results.items() if result.worker_outcome != WorkerOutcome.SKIPPED}
+    drawn: set[str] = set(tried)
+    for jobs in faults_of(db).values():
+        ordered = sorted(jobs, key=lambda job: job not in tried)
+        drawn |= set(ordered[:sample])
+    everything = {item.job_id for item in db.work_items}
+    db.set_multiple_results([job for job in everything - drawn if job not in results], NOT_DRAWN)
+    forget(db, [job for job in drawn - tried if job in results])
 
 
 def forget(db: WorkDB, jobs: list[str]) -> None:
@@ -93,35 +115,28 @@ def again(db: WorkDB) -> None:
 
 def score(db: WorkDB) -> None:
     """Killed of tried in every module; the whole is weighted by the number of faults that each module has."""
-    faults: dict[str, int] = defaultdict(int)
-    tried: dict[str, int] = defaultdict(int)
-    killed: dict[str, int] = defaultdict(int)
-    harmless: dict[str, list[tuple[Place, Place]]] = {}
-    results = dict(db.results)
-    for item in db.work_items:
-        (mutant,) = item.mutations
-        path = str(mutant.module_path)
-        if path not in harmless:
-            harmless[path] = no_faults(Path(path).read_text())
-        faults[path] += is_fault(mutant, harmless[path])
-        result = results.get(item.job_id)
-        if result is not None and result.worker_outcome != WorkerOutcome.SKIPPED:
-            tried[path] += 1
-            killed[path] += result.test_outcome != TestOutcome.SURVIVED
-    mean = variance = 0.0
-    for path in sorted(tried):
-        rate, weight = killed[path] / tried[path], faults[path] / sum(faults[p] for p in tried)
-        error = (rate * (1 - rate) * (1 - tried[path] / max(faults[path], 1)) / tried[path]) ** 0.5
-        mean, variance = mean + weight * rate, variance + (weight * error) ** 2
-        print(f"{path:45} {killed[path]:4} of {tried[path]:4} tried of {faults[path]:5}  {rate:5.0%} +- {error:.0%}")
-    print(f"{'all':45} {sum(killed.values()):4} of {sum(tried.values()):4} tried of {sum(faults[p] for p in tried):5}"
-          f"  {mean:5.0%} +- {variance**0.5:.0%}")  # fmt: skip
+    outcomes = {job: r.test_outcome for job, r in db.results if r.worker_outcome != WorkerOutcome.SKIPPED}
+    faults = faults_of(db)
+    tried = {path: [outcomes[job] for job in jobs if job in outcomes] for path, jobs in faults.items()}
+    tried = {path: found for path, found in tried.items() if found}
+    everything = sum(len(faults[path]) for path in tried)
+    killed_of_all = mean = variance = 0.0
+    for path, found in tried.items():
+        n, N = len(found), len(faults[path])
+        killed = sum(outcome != TestOutcome.SURVIVED for outcome in found)
+        rate = killed / n
+        error = (rate * (1 - rate) / n * (1 - n / N)) ** 0.5
+        killed_of_all, mean, variance = killed_of_all + killed, mean + N * rate, variance + (N * error) ** 2
+        print(f"{path:45} {killed:4} of {n:4} tried of {N:5}  {rate:5.0%} +- {error:.0%}")
+    n = sum(map(len, tried.values()))
+    print(f"{'all':45} {killed_of_all:4.0f} of {n:4} tried of {everything:5}  "
+          f"{mean / everything:5.0%} +- {variance**0.5 / everything:.0%}")  # fmt: skip
 
 
 if __name__ == "__main__":
-    order, path, *rest = sys.argv[1:]
+    what, path, *rest = sys.argv[1:]
     with use_db(path, WorkDB.Mode.open) as db:
-        if order == "choose":
+        if what == "choose":
             choose(db, int(rest[0]) if rest else None)
         else:
-            {"again": again, "score": score}[order](db)
+            {"again": again, "score": score}[what](db)
