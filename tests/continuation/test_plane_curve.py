@@ -124,6 +124,18 @@ def test_a_gradient_that_is_off_costs_secants_alone():
     assert len(asked) <= 3 * (len(places) - 1)
 
 
+def test_a_bracket_is_closed_down_to_the_curve():
+    """Slopes half as steep as they are, on a phi that bends: the first step goes beyond the curve."""
+    def phi(x: float, c: float) -> float:
+        off = x - 2 * c - 0.3 * np.sin(x)
+        return off + 3 * off**2
+
+    chart = Chart(phi, lambda x, c: (0.5 - 0.15 * float(np.cos(x)), -1.0), 0.0, 0.0, (0.5, 0.5))
+    places, why = followed(chart, high=0.9)
+    assert why == "" and len(places) > 4
+    assert all(abs(p.chart.x - 2 * p.chart.position - 0.3 * np.sin(p.chart.x)) <= LOCATED for p in places)
+
+
 def test_where_phi_ends_the_curve_is_followed_to_there():
     chart = replace(line(reach=(0.1, 0.1)), phi=lambda x, c: "no phi" if x > 0.37 else x - 2 * c)
     places, why = followed(chart)
@@ -181,10 +193,10 @@ def test_a_corner_is_no_turn():
 
 def test_a_corrector_that_leaves_the_range_is_a_failure():
     """The curve rises to the bound, and its tangents say that it does not."""
-    chart = Chart(lambda x, c: c - 0.9999 + 0.01 * x, lambda x, c: (0.0, 1.0), 0.0, 0.9999, (0.5, 0.5))
-    places, why = followed(chart, sense=1.0)
+    chart = Chart(lambda x, c: c - 0.4999 + 0.01 * x, lambda x, c: (0.0, 1.0), 0.0, 0.4999, (0.5, 0.5))
+    places, why = followed(chart, high=0.5)
     assert why == "the corrector left the range"
-    assert 1 - 1e-6 < places[-1].chart.position <= 1
+    assert 0.5 - 1e-6 < places[-1].chart.position <= 0.5
 
 
 def test_tangents_are_oriented():
