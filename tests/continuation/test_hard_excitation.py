@@ -1,6 +1,4 @@
-"""Continuation on the oscillator with hard excitation (problems/stuart_landau.py), with shear: every cycle is known.
-
-    r^2 = (b -+ sqrt(b^2 - 4 c (1 - nu)))/(2 c),    T = 2 pi/(omega + shear (r^2 - 1))
+"""Continuation on the oscillator with hard excitation and shear (problems/stuart_landau.py): every cycle is known.
 
 The largest c with a cycle is b^2/(4 (1 - nu)), where r^2 = b/(2 c).
 """
@@ -48,7 +46,6 @@ from casahunt.continuation.walk import (
 )
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
-from casahunt.hybrid.system import Cycle, Mode, Phase
 from casahunt.orbits import adapt
 from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of
@@ -59,30 +56,23 @@ LARGEST = B**2 / (4 * (1 - NU))
 TOL = 1e-9
 
 
-def field(x, p, sign):
-    """r' = (nu - 1) r + b r^3 - c r^5, theta' = omega + shear (r^2 - 1)."""
-    square = x[0] ** 2 + x[1] ** 2
-    growth, turn = p[0] - 1 + p[2] * square - p[3] * square**2, p[1] + p[4] * (square - 1)
-    return ca.vertcat(growth * x[0] - turn * x[1], turn * x[0] + growth * x[1])
+def values(c: float) -> tuple[float, ...]:
+    return NU, OMEGA, B, c, SHEAR
 
 
-ROUND = Cycle("sheared oscillator", ("x", "y"), ("nu", "omega", "b", "c", "shear"),
-              (Phase(Mode("turn", field), sl.HARD.phases[0].end),), closure=np.eye(2), repeats=1)  # fmt: skip
-
-
-def period(square: float) -> float:
-    return 2 * np.pi / (OMEGA + SHEAR * (square - 1))
+def period(square):
+    return sl.sheared_period(square, *values(0.0))
 
 
 def square(c: float, branch: int = 1) -> float:
     """r^2 on the stable (1) or the unstable (-1) part of the branch."""
-    return (B + branch * np.sqrt(B**2 - 4 * c * (1 - NU))) / (2 * c)
+    return sl.sheared_square(*values(c), larger=branch > 0)
 
 
 def cycle(c: float, branch: int = 1, *, tol: float = TOL, intervals: int = 8) -> Orbit:
     """From the exact circle."""
-    problem = FixedSequence(ROUND, (NU, OMEGA, B, c, SHEAR), followed="c", scheme=(8, "gauss"))
-    t = transcribe(ROUND, (intervals,), 8, "gauss")
+    problem = FixedSequence(sl.SHEARED, values(c), followed="c", scheme=(8, "gauss"))
+    t = transcribe(sl.SHEARED, (intervals,), 8, "gauss")
     angles = 2 * np.pi / intervals * (np.arange(intervals)[:, None] + t.scheme.points)
     w = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(intervals, -1)
     u = t.pack(w, np.vstack([w[:, :2], w[0, :2]]), np.array([period(square(c, branch))]))
