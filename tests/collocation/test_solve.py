@@ -60,6 +60,10 @@ def test_no_step_more_than_it_takes():
     assert found.iterations <= 7 and again.iterations == 1
     assert np.max(np.abs(again.u - found.u)) < 1e-10
     assert newton(t, u, setting, max_iterations=2).status is Status.NOT_CONVERGED
+    # From 1e-4 off the steps are 1e-4 and 1e-8; the third would be below 1e-11, and is not taken.
+    near = newton(t, found.u * np.append(np.full(t.size - 1, 1 + 1e-4), 1.0), setting)
+    assert near.status.ok and near.iterations == 2
+    assert np.max(np.abs(near.u - found.u)) < 1e-10
 
 
 @pytest.mark.parametrize("solver", [newton, ipopt])
