@@ -82,7 +82,9 @@ def faults_of(db: WorkDB) -> dict[str, list[str]]:
     for item in db.work_items:
         (mutant,) = item.mutations
         path = str(mutant.module_path)
-        if modules.setdefault(path, Module(path)).has(mutant):
+        if path not in modules:
+            modules[path] = Module(path)
+        if modules[path].has(mutant):
             faults[path].append((order(mutant), item.job_id))
     return {path: [job for _, job in sorted(found)] for path, found in sorted(faults.items())}
 
