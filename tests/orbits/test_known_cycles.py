@@ -115,6 +115,16 @@ def test_a_set_that_was_cut_is_not_trusted():
     np.testing.assert_allclose(fine.full, [1, 0.0625])
 
 
+def test_next_to_a_fold_the_pair_is_told_from_the_others():
+    """1 and mu = 1 + 1e-9 are all but defective and half the digits are lost, of their sum none; a third is 1.9."""
+    basis = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+    near = np.array([[1.0, 5.0, 0.3], [0.0, 1 + 1e-9, 0.0], [0.0, 0.0, 1.9]])
+    flow = basis[:, 0]
+    found = floquet.chain_multipliers(floquet.MapChain([basis @ near @ basis.T], [flow, flow]), 1)
+    assert found.trivial_error < 1e-12
+    np.testing.assert_allclose(found.half, [1, 1.9, 1 + 1e-9], rtol=0, atol=1e-12)
+
+
 def test_starts_anew_where_disturbances_have_grown():
     """By 100 since the last time, whatever shrinks besides."""
     growing = np.array([np.diag([3.0, 0.1])] * 12)
