@@ -6,7 +6,7 @@ The largest c with a cycle is b^2/(4 (1 - nu)), where r^2 = b/(2 c).
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import casadi as ca
@@ -19,10 +19,12 @@ from casahunt.collocation.mesh import halved, phase_breaks, transfer
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import fold as folds
 from casahunt.continuation import special_points
+from casahunt.continuation import walk as walks
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
 from casahunt.continuation.special_points import (
     FOLD,
+    GRAZING,
     SUPERSTABLE,
     SYMMETRY_BREAKING,
     SpecialPoint,
@@ -46,6 +48,7 @@ from casahunt.continuation.walk import (
 )
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
+from casahunt.hybrid.system import Cycle
 from casahunt.orbits import adapt
 from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of
@@ -194,6 +197,27 @@ def test_round_the_fold_and_back(solver):
     assert orbits[0].error_estimate <= TOL
 
 
+@pytest.mark.parametrize(("share", "taken"), [(-0.5, False), (0.1, False), (0.9, True), (2.5, True), (4.0, False)])
+def test_a_step_ends_about_where_it_was_to_end(monkeypatch, share, taken):
+    """A corrector that comes out at another place of the curve is not believed."""
+    last, ds = cycle(3.0), 0.05
+    point = curve_point(last, "c")
+    true = walks.corrected
+
+    def elsewhere(point, u, lam, *others, **more):
+        u, other = predict(point, share * ds)
+        solved = true(point, u, other, *others, **more)
+        return replace(solved, solution=replace(solved.solution, parameter=solved.solution.parameter + other - lam))
+
+    monkeypatch.setattr(walks, "corrected", elsewhere)
+    outcome = step_along(point, last, "c", ds, 0.0, 9.0, Options(tol=TOL))
+    assert isinstance(outcome, str) is not taken
+    if taken:
+        assert_true(outcome[0], 1)
+    else:
+        assert "another part of the curve" in outcome
+
+
 def test_natural_steps_are_relative_changes_of_the_parameter():
     way = walk_naturally(cycle(2.0), low=1.5, high=2.6, options=Options(tol=TOL), first_step=0.01, largest_step=0.03)
     orbits, why = run(way)
@@ -274,6 +298,37 @@ def test_a_fold_that_is_not_located_is_told(monkeypatch):
     other = user_monitor("size", lambda o: o.amplitude**2 - B / 7.2)
     found, (missed,) = crossings(before, after, vary="c", monitors=(other,), options=Options(tol=1e-2))
     assert not found and missed.kind == "size"
+
+
+@dataclass(frozen=True)
+class Narrow(FixedSequence):
+    """A cycle is called wide as long as r^2 > 1/2, and narrow where it is not."""
+
+    def cycle(self, signature, repeats):
+        return WIDE if signature == WIDE.signature else NARROW
+
+    def next_sequence(self, t, u, setting, phase, *, soft):
+        return [(transcribe(NARROW, t.counts, t.degree, t.kind), u, setting)]
+
+
+def renamed(name: str, condition) -> Cycle:
+    (phase,) = sl.SHEARED.phases
+    return replace(sl.SHEARED, phases=(replace(phase, mode=replace(phase.mode, name=name, admissible=condition)),))
+
+
+WIDE, NARROW = renamed("wide", lambda x, p, sign: x[0] ** 2 + x[1] ** 2 - 0.5), renamed("narrow", None)
+
+
+def test_where_the_sequence_changes():
+    """At r^2 = 1/2, the last cycle with the phases of the first one."""
+    before, after = cycle(2.8), cycle(3.55, -1)
+    before = replace(before, problem=Narrow(WIDE, values(2.8), "c"), arcs=(replace(before.arcs[0], mode="wide"),))
+    after = replace(after, problem=Narrow(NARROW, values(3.55), "c"), arcs=(replace(after.arcs[0], mode="narrow"),))
+    found, missed = crossings(before, after, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))
+    (special,) = found
+    assert special.kind == "grazing" and not missed and special.orbit.signature == before.signature
+    assert 0 <= special.orbit.amplitude**2 - 0.5 < 1e-5
+    assert not crossings(before, before, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))[0]
 
 
 def test_a_jump_is_not_located():
