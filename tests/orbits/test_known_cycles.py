@@ -242,6 +242,9 @@ def test_a_motion_on_a_mesh_for_the_tolerance():
     _, place = start(intervals=3, degree=3)
     assert remeshed(place, Options(tol=1e-2))[0] is not place[0]
     t, u, setting = remeshed(place, Options(tol=1e-6))
+    fit = start(intervals=10, degree=3)[1]
+    tighter, looser = (remeshed(fit, Options(tol=tol))[0].intervals for tol in (1e-10, 1e-4))
+    assert tighter > 30 and looser <= 10  # at most four in place of one at a time
     assert t.intervals > 6 and setting.fractions.sum() == pytest.approx(1)
     assert float(t.durations_of(u)[0]) == float(place[0].durations_of(place[1])[0])
     _, fine = start(intervals=40, degree=5)
@@ -293,6 +296,41 @@ class Elsewhere(FixedSequence):
             there = transcribe(sl.SHEARED, t.counts, t.degree, t.kind), u, setting
             return [nothing, there]
         return [(t, u, setting)]
+
+
+@dataclass(frozen=True)
+class Marching(FixedSequence):
+    """It knows its motion: the exact one, on 37 intervals, with parameters that are not those asked for."""
+
+    knows: bool = True
+
+    def remarch(self, t, u, setting):
+        ASKED.append((t.intervals, True))
+        if not self.knows:
+            return None
+        _, (there, v, fresh) = start(self.values, intervals=37, degree=3)
+        return there, v, replace(fresh, p=np.full(5, np.nan))
+
+
+@pytest.mark.parametrize("knows", [True, False])
+def test_where_no_mesh_leads_on_the_motion_is_looked_at(monkeypatch, knows):
+    """Once: 6 intervals of degree 3 are too few, and every other number of them but 37 fails."""
+    ASKED.clear()
+    true = adapt.newton
+
+    def picky(t, u, setting, **more):
+        found = true(t, u, setting, **more)
+        return found if t.intervals in (6, 37) else replace(found, status=Status.NOT_CONVERGED)
+
+    monkeypatch.setattr(adapt, "newton", picky)
+    monkeypatch.setattr(adapt, "ipopt_then_newton", picky)
+    _, place = start(intervals=6, degree=3)
+    problem = Marching(sl.SHEARED, P, "c", scheme=(3, "gauss"), knows=knows)
+    solved = solve_adaptively(problem, place, Options(tol=1e-5), solver="newton")
+    assert ASKED == [(6, True)]
+    assert solved.status is (Status.CONVERGED if knows else Status.TOLERANCE_NOT_REACHED)
+    assert solved.t.intervals == (37 if knows else 6)
+    np.testing.assert_array_equal(solved.setting.p, P)
 
 
 @pytest.mark.parametrize("border", [None, np.array([0.0, 0.0, 1.0, 0.0])])
