@@ -14,7 +14,7 @@ from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits import adapt, floquet
 from casahunt.orbits.adapt import curve_border, finished, refined, remeshed, solve_adaptively
-from casahunt.orbits.orbit import Orbit, orbit_of, unknowns_of
+from casahunt.orbits.orbit import Orbit, orbit_of, refined_multipliers, unknowns_of
 from problems import belt
 from problems import stuart_landau as sl
 
@@ -78,6 +78,31 @@ def test_the_multipliers_of_every_cycle(c, larger, half, tol):
     if near < 1e-3:
         second = orbit.integrator_multipliers
         assert second.leading.real == pytest.approx(np.sqrt(mu) if half else mu, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("leading", "wrong", "meshes", "taken"),
+    [
+        ([5.0, 6.0], [0, 0], 1, 5.0),  # small ones are as good as the trivial one
+        ([100.0, 100.1, 100.1], [0, 0, 0], 3, 100.1),  # large ones must come out the same twice
+        ([100.0, 100.0], [0, 0], 2, 100.0),
+        ([5.0, 6.0, 7.0], [1e-6, 1e-7, 1e-9], 3, 7.0),  # until the trivial one is 1
+        ([5.0, 6.0, 7.0, 8.0], [1e-6, 1e-7, 1e-5, 1e-5], 4, 6.0),  # or the best of four
+    ],
+)
+def test_how_long_multipliers_are_refined(monkeypatch, leading, wrong, meshes, taken):
+    seen: list[int] = []
+
+    def told(t, u, setting):
+        k = len(seen)
+        seen.append(t.intervals)
+        return floquet.Multipliers(np.array([1.0]), np.array([1.0]), leading[k] + 0j, 0.0, wrong[k])
+
+    monkeypatch.setattr(floquet, "multipliers", told)
+    found, (t, _, _) = refined_multipliers(*unknowns_of(cycle()))
+    assert found.leading == taken and len(seen) == meshes
+    assert all(b == 2 * a for a, b in zip(seen, seen[1:], strict=False))
+    assert t.intervals == seen[max(k for k in range(meshes) if leading[k] == taken)]
 
 
 CUT = 1e150
