@@ -80,6 +80,9 @@ def test_kept_in_a_file(tmp_path):
         arrays = dict(file)
     np.savez(tmp_path / "more.npz", **arrays, notes=np.zeros(3))
     assert archive.load_orbit(tmp_path / "more.npz", lambda record: orbit.problem).period == orbit.period
+    np.savez(tmp_path / "flat.npz", **{**arrays, "numbers": arrays["numbers"][None]})
+    with pytest.raises(InputError, match="2 dimensions"):
+        archive.load_orbit(tmp_path / "flat.npz", lambda record: orbit.problem)
     for name in arrays:
         np.savez(tmp_path / "fewer.npz", **{name: arrays[name]})
         with pytest.raises(InputError, match="it has no metadata"):
