@@ -117,7 +117,21 @@ def hard_field(x: Any, p: Any, sign: Any) -> Any:
 
 
 def sheared_field(x: Any, p: Any, sign: Any) -> Any:
-    """The oscillator with hard excitation and shear; p = (nu, omega, b, c, shear)."""
+    """The oscillator with hard excitation and shear, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        nu, omega, b, c, shear.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     square = x[0] ** 2 + x[1] ** 2
     growth, turn = p[0] - 1 + p[2] * square - p[3] * square**2, p[1] + p[4] * (square - 1)
     return ca.vertcat(growth * x[0] - turn * x[1], turn * x[0] + growth * x[1])
@@ -206,15 +220,51 @@ def states(times: np.ndarray, mu: float, omega: float, shear: float = 0.0, e: fl
 
 
 def sheared_square(nu: float, omega: float, b: float, c: float, shear: float, *, larger: bool = True) -> float:
-    """r^2 of a cycle of `SHEARED`: of the larger, stable one or of the smaller one."""
+    """r^2 of a cycle of `SHEARED`: of the larger, stable one or of the smaller one.
+
+    Parameters
+    ----------
+    nu, omega, b, c, shear
+        the parameters.
+    larger
+        the larger, stable cycle; else the smaller one.
+
+    Returns
+    -------
+    r^2.
+    """
     return float((b + (1 if larger else -1) * np.sqrt(b**2 - 4 * c * (1 - nu))) / (2 * c))
 
 
 def sheared_period(square: float, nu: float, omega: float, b: float, c: float, shear: float) -> float:
-    """Period of the cycle of `SHEARED` with r^2 = square."""
+    """Period of the cycle of `SHEARED` with r^2 = square.
+
+    Parameters
+    ----------
+    square
+        r^2 of the cycle.
+    nu, omega, b, c, shear
+        the parameters.
+
+    Returns
+    -------
+    The period.
+    """
     return 2 * np.pi / (omega + shear * (square - 1))
 
 
 def sheared_multiplier(square: float, nu: float, omega: float, b: float, c: float, shear: float) -> float:
-    """Nontrivial Floquet multiplier of the cycle of `SHEARED` with r^2 = square."""
+    """Nontrivial Floquet multiplier of the cycle of `SHEARED` with r^2 = square.
+
+    Parameters
+    ----------
+    square
+        r^2 of the cycle.
+    nu, omega, b, c, shear
+        the parameters.
+
+    Returns
+    -------
+    The multiplier.
+    """
     return float(np.exp(sheared_period(square, nu, omega, b, c, shear) * (nu - 1 + 3 * b * square - 5 * c * square**2)))

@@ -9,8 +9,9 @@ import pytest
 from layout import cycle_of, laid_out, still
 from test_convergence import P_KEPLER, circle_guess
 
-from casahunt.collocation import mesh
-from casahunt.collocation.solve import ipopt, newton
+from casahunt.collocation import error_estimate, mesh, remesh
+from casahunt.collocation.ipopt import ipopt
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.hybrid.system import Mode
 from problems import stuart_landau as sl
@@ -77,7 +78,7 @@ def test_four_in_place_of_one():
 def test_the_measured_state_at_the_ends_of_the_phases():
     t, u, _, _, motions = three_phases()
     ends = np.abs([motions[0](np.array([0.0, 1.0]))[:, 0], motions[2](np.array([0.0, 1.0]))[:, 0]]).ravel()
-    value, place = mesh.amplitude_row(t, u)
+    value, place = error_estimate.amplitude_row(t, u)
     assert value == pytest.approx(ends.max(), rel=ROUNDING) and place == int(np.argmax(ends))
 
 
@@ -90,9 +91,9 @@ def wanted(blame: list[float], shape: list[float], *, changes: int = 0, mode: Mo
     """The next boundaries of ten equal intervals of one phase, blame in units of the share of an interval."""
     breaks = np.linspace(0, 1, 11)
     t, _, fractions = laid_out(cycle_of(mode), [breaks], [polynomial(1)], (1.0,), degree=DEGREE)
-    share = mesh.SAFETY * TOL / 10
-    e = mesh.Estimate(0.0, 0.0, 0.0, np.array(blame) * share, np.array(shape) * min(mesh.SHAPE, TOL**0.5))
-    (found,) = mesh.better_breaks(t, fractions, e, TOL, changes)
+    share = remesh.SAFETY * TOL / 10
+    e = error_estimate.Estimate(0.0, 0.0, 0.0, np.array(blame) * share, np.array(shape) * min(remesh.SHAPE, TOL**0.5))
+    (found,) = remesh.better_breaks(t, fractions, e, TOL, changes)
     return found
 
 
@@ -155,9 +156,9 @@ def uneven(cycle, intervals: int, degree: int, kind: str):
 def test_the_first_order_estimate_is_the_error(cycle, kind, degree, intervals):
     """To a tenth: the next order of the error, and that of the halved mesh, 2^(2d - 1) times smaller."""
     t, u, setting = uneven(cycle, intervals, degree, kind)
-    rough = mesh.estimate(t, u, setting, believed=0.0)
+    rough = error_estimate.estimate(t, u, setting, believed=0.0)
     period = t.durations_of(u).sum() / sl.period(*P_KEPLER) - 1
-    amplitude = mesh.amplitude_row(t, u)[0] * setting.scale[0] / np.sqrt(P_KEPLER[0]) - 1
+    amplitude = error_estimate.amplitude_row(t, u)[0] * setting.scale[0] / np.sqrt(P_KEPLER[0]) - 1
     assert abs(period) > 1e-10, "above rounding"
     assert rough.period == pytest.approx(abs(period), rel=0.1)
     assert rough.amplitude == pytest.approx(abs(amplitude), rel=0.1)
@@ -165,7 +166,7 @@ def test_the_first_order_estimate_is_the_error(cycle, kind, degree, intervals):
     assert rough.indicators.shape == (t.intervals,) and rough.indicators.min() >= 0
     assert rough.indicators.sum() >= 0.99 * rough.error, "some interval is to blame for every part of it"
     # What may have been overlooked is added, no more than a few times as much where nothing was.
-    whole = mesh.estimate(t, u, setting)
+    whole = error_estimate.estimate(t, u, setting)
     assert rough.period <= whole.period <= 10 * rough.period
     assert rough.amplitude <= whole.amplitude and np.all(rough.indicators <= whole.indicators)
 
@@ -181,7 +182,7 @@ def test_an_error_of_the_parameter():
         solution = solver(t, u, setting, border=row)
         assert solution.status.ok
         assert t.durations_of(solution.u)[0] == pytest.approx(sl.period(*P_KEPLER), rel=1e-12)
-        e = mesh.estimate(t, solution.u, setting.moved(solution.parameter), border=row, believed=0.0)
+        e = error_estimate.estimate(t, solution.u, setting.moved(solution.parameter), border=row, believed=0.0)
         assert abs(solution.parameter) > 1e-10 and e.parameter == pytest.approx(abs(solution.parameter), rel=0.1)
         assert e.period < 1e-12 and e.error == max(e.parameter, e.amplitude)
 

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 from test_convergence import P_KEPLER, circle_guess
 
-from casahunt.collocation.solve import (
-    POLISHING,
-    ROUNDED,
-    ipopt,
-    ipopt_then_newton,
-    maximise_parameter,
-    minimise,
-    newton,
-    solve,
-)
+from casahunt.collocation.ipopt import ipopt, maximise_parameter, minimise
+from casahunt.collocation.newton import ROUNDED, newton
+from casahunt.collocation.solve import POLISHING, ipopt_then_newton, solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation.turning_point import turning_point
 from casahunt.errors import Status

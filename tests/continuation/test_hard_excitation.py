@@ -21,6 +21,7 @@ from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import fold as folds
 from casahunt.continuation import special_points
 from casahunt.continuation import walk as walks
+from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
 from casahunt.continuation.special_points import (
@@ -34,19 +35,7 @@ from casahunt.continuation.special_points import (
     special_point,
     user_monitor,
 )
-from casahunt.continuation.walk import (
-    bend,
-    bent_through,
-    curve_point,
-    ends,
-    parameter_value,
-    predict,
-    run,
-    secant,
-    step_along,
-    walk,
-    walk_naturally,
-)
+from casahunt.continuation.walk import run, step_along, walk, walk_naturally
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.hybrid.system import Cycle

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options
-from casahunt.collocation.mesh import estimate
+from casahunt.collocation.error_estimate import estimate
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
