@@ -156,6 +156,21 @@ class System:
             changed[known("parameter", name, self.parameters)] = number(name, value)
         return np.array(list(changed.values()), float)
 
+    def named_state(self, x: Array, p: Array) -> dict[str, float]:
+        """The states of a vector of the engine, by name; and the time in a forced system.
+
+        Parameters
+        ----------
+        x, p
+            (n,) state and (np,) parameters.
+
+        Returns
+        -------
+        Numbers by name.
+        """
+        found = dict(zip(self.states, map(float, x), strict=False))
+        return found | ({TIME: float(x[-1]) * float(self.names.turn(p))} if self.forcing_period else {})
+
     def state(self, values: Mapping[str, float]) -> Array:
         """(n,) the state vector of the engine, all states given by name; the time in a forced system is t, default 0.
 
