@@ -35,6 +35,12 @@ ALIKE = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
 
 
+MET_WITHOUT_SPEED = replace(
+    GRAZING,
+    meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Branch(Generic[AnyOrbit]):
     """Cycles along a parameter.
@@ -133,7 +139,7 @@ def follow(
         last = branch.orbits[-1]
         if status is not Status.INADMISSIBLE or GRAZING not in looked_for:
             return branch
-        branch = replace(branch, special=(*branch.special, special_point(GRAZING, last, vary)))
+        branch = replace(branch, special=(*branch.special, special_point(MET_WITHOUT_SPEED, last, vary)))
         following = _clear_of_it(last, vary, options)
         if following is None or len(branch.orbits) + 1 >= max_points:
             return branch
