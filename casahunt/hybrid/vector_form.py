@@ -86,14 +86,36 @@ class Names:
         return self.forcing_period(self.p(p))
 
     def x(self, x: Any, p: Any) -> Named:
-        """States by name, from the vectors; and the time in a forced system."""
+        """States by name, from the vectors; and the time in a forced system.
+
+        Parameters
+        ----------
+        x, p
+            (n,) or (n, m), and (np,): numbers or symbols.
+
+        Returns
+        -------
+        Named; an entry of (n, m) is (m,).
+        """
         named = {name: x[i] for i, name in enumerate(self.states)}
         if self.forcing_period is not None:
             named[TIME] = x[len(self.states)] * self.turn(p)
         return Named("state", named)
 
     def column(self, values: Mapping[str, Any], turns: Any) -> Any:
-        """The vector of one value for every state; `turns` is that of the time in a forced system."""
+        """The vector of one value for every state.
+
+        Parameters
+        ----------
+        values
+            state: its entry.
+        turns
+            the entry of the time in a forced system; left out in any other.
+
+        Returns
+        -------
+        (n,) of CasADi.
+        """
         return ca.vertcat(*[values[name] for name in self.states], *([] if self.forcing_period is None else [turns]))
 
 

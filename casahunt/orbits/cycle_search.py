@@ -82,8 +82,10 @@ def find_cycle(
         the states lie next to a cycle already, stable or not: the first return is taken.
     options
         more than a tolerance: scheme, solver; overrides `tol`.
-    start, states
-        all states at the start, by name, in a mapping or as keywords; in a forced system t is the time, default 0.
+    start
+        states at the start, by name; in a forced system t is the time, default 0.
+    **states
+        the same as keywords, for those that are not in `start`.
 
     Returns
     -------
