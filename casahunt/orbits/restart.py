@@ -80,6 +80,29 @@ def from_segments(
     return t, u, setting
 
 
+def in_scale(start: Start, scale: Array) -> Start:
+    """The same starting point in units of another state scale.
+
+    Parameters
+    ----------
+    start
+        the starting point.
+    scale
+        (n,) the state scale.
+
+    Returns
+    -------
+    Starting point.
+    """
+    t, u, setting = start
+    factor = setting.scale / scale
+    fresh = u.copy()
+    w = t.intervals_of(fresh).reshape(-1, t.n)
+    w *= factor
+    fresh[t.node_index] = u[t.node_index] * factor
+    return t, fresh, replace(setting, scale=scale)
+
+
 def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:
     """The same unknowns for another cycle.
 
