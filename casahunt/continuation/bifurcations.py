@@ -5,9 +5,9 @@
     symmetry breaking  the same of half multipliers of a symmetric cycle: a pair of lopsided cycles branches off
     Neimark-Sacker     prod (mu_i mu_j - 1) = 0     a complex pair on the circle: a torus branches off
 
-The products run over the nontrivial multipliers, i < j; their factors are divided by their sizes, so that multipliers of
-1e10 do not drown the one that counts.  A real pair whose product is 1 is no bifurcation; what is located is looked at
-again.  Multipliers that are not trusted have no sign.
+The products run over the nontrivial multipliers, i < j; their factors are divided by their sizes, so that multipliers
+of 1e10 do not drown the one that counts.  A real pair whose product is 1 is no bifurcation; what is located is looked
+at again.  Multipliers that are not trusted have no sign.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def follow(
     here, to = orbit.problem.value(vary), number("to", to)
     back = here if back is None else number("back", back)
     if to == here or (to - here) * (back - here) > 0:
-        raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and end at {back:.6g} behind a fold")
+        raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     steps = walk(
