@@ -49,7 +49,9 @@ class Named:
         try:
             return self._values[name]
         except KeyError:
-            raise InputError(f"there is no {self._kind} {name!r}; there is {listed(self._values)}") from None
+            timeless = self._kind == "state" and name == TIME
+            hint = "; a system has a time where it says its forcing_period" if timeless else ""
+            raise InputError(f"there is no {self._kind} {name!r}; there is {listed(self._values)}{hint}") from None
 
 
 def listed(names: Iterable[str]) -> str:
@@ -170,13 +172,18 @@ class Reset:
 
 @dataclass(frozen=True)
 class Successor:
-    """(x, p) -> name of the next mode, where it depends on the numbers."""
+    """(x, p) -> name of the next mode, where it depends on the numbers; `what` is the event's name for a refusal."""
 
     function: Callable[[Named, Named], str]
     names: Names
+    what: str
+    modes: tuple[str, ...]
 
     def __call__(self, x: Array, p: Array) -> str:
-        return self.function(self.names.x(x, p), self.names.p(p))
+        name = self.function(self.names.x(x, p), self.names.p(p))
+        if name not in self.modes:
+            raise InputError(f"{self.what}: leads to {name!r}, which is none of the modes {listed(self.modes)}")
+        return name
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,7 @@ def simulate(
     """
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)
-    p, x = system.values(parameters), system.state({**(start or {}), **states})
+    p, x = system.values(parameters), system.state({**(start or {}), **states}, parameters)
     name = system.mode(mode).name if mode is not None else system.modes[0].name
     kind: Kind = "radau" if any(m.stiff for m in system.modes) else "gauss"
     form = system.vector_form

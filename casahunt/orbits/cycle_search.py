@@ -102,7 +102,7 @@ def find_cycle(
         system=system,
         p=system.values(parameters),
         mode=system.mode(mode).name if mode is not None else system.modes[0].name,
-        x=system.state({**(start or {}), **states}),
+        x=system.state({**(start or {}), **states}, parameters),
         followed=known("parameter", follow, names) if follow else (names[0] if names else ""),
         measured=known("state", measure, system.states) if measure else system.states[0],
         options=options or Options(tol=tol),
