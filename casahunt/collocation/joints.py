@@ -68,7 +68,19 @@ def joint_function(cycle: Cycle) -> ca.Function:
 
 @kept(maxsize=64)
 def linear_in_time(mode: Mode, n: int, parameters: int) -> bool:
-    """Whether a mode in closed form moves along a straight line, its flow being linear in the time."""
+    """Whether a mode in closed form moves along a straight line, its flow being linear in the time.
+
+    Parameters
+    ----------
+    mode
+        a mode with a flow.
+    n, parameters
+        numbers of states and of parameters.
+
+    Returns
+    -------
+    True where it does.
+    """
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     return not any(ca.which_depends(mode.flow(x, T, p), T, 2, False))
@@ -83,7 +95,23 @@ def _flow_map(mode: Mode, n: int, parameters: int, points: int) -> Caller:
 
 
 def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
-    """States (m, n) of a mode in closed form at the `times` (m,) after x (n,)."""
+    """States of a mode in closed form.
+
+    Parameters
+    ----------
+    mode
+        a mode with a flow.
+    x
+        (n,) state at its start.
+    times
+        (m,) after that.
+    p
+        parameter vector.
+
+    Returns
+    -------
+    (m, n) states.
+    """
     buffers = _flow_map(mode, x.size, p.size, times.size).buffers
     for store, value in zip(buffers.inputs, (x, times, p), strict=True):
         store[...] = value

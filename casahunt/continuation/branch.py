@@ -176,7 +176,7 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
     for side in (1.0, -1.0):
         value = family.moved(vary, side * ASIDE)
-        start = family.system.named_state(arc.states[len(arc.states) // 2, 0], family.vector())
+        start = family.system.names.numbers(arc.states[len(arc.states) // 2, 0], family.vector())
         parameters = dict(zip(family.names, family.values, strict=True)) | {vary: value}
         with suppress(NoOrbit):
             other = find_cycle(

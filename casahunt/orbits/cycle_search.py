@@ -82,8 +82,10 @@ def find_cycle(
         the states lie next to a cycle already, stable or not: the first return is taken.
     options
         more than a tolerance: scheme, solver; overrides `tol`.
-    start, states
-        all states at the start, by name, in a mapping or as keywords; in a forced system t is the time, default 0.
+    start
+        states at the start, by name; in a forced system t is the time, default 0.
+    **states
+        the same as keywords, for those that are not in `start`.
 
     Returns
     -------
@@ -100,7 +102,7 @@ def find_cycle(
         system=system,
         p=system.values(parameters),
         mode=system.mode(mode).name if mode is not None else system.modes[0].name,
-        x=system.state({**(start or {}), **states}),
+        x=system.state({**(start or {}), **states}, parameters),
         followed=known("parameter", follow, names) if follow else (names[0] if names else ""),
         measured=known("state", measure, system.states) if measure else system.states[0],
         options=options or Options(tol=tol),

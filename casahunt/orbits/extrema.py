@@ -129,7 +129,23 @@ class _Later:
 
 
 def scalar_of(what: Any, names: Names) -> Scalar:
-    """A state by name, or the user's function, as a scalar of the vectors.  Raises InputError for anything else."""
+    """A state, or a function of the user's, as a scalar of the vectors.
+
+    Parameters
+    ----------
+    what
+        name of a state, or a function (x, p) of named states and parameters.
+    names
+        what the entries of the vectors are called.
+
+    Returns
+    -------
+    Scalar.
+
+    Raises
+    ------
+    InputError : it is neither.
+    """
     if isinstance(what, str):
         i = names.entries.index(known("state", what, names.states))
         return Scalar(_Coordinate(names.states[i]), names)

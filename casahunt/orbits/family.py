@@ -92,7 +92,17 @@ class Closure:
 
     @classmethod
     def of(cls, matrix: Array, shift: Array, repeats: int) -> Closure:
-        """From arrays (n, n) and (n,)."""
+        """The closure of arrays.
+
+        Parameters
+        ----------
+        matrix, shift, repeats
+            S (n, n), c (n,), and how often the phases make up the period.
+
+        Returns
+        -------
+        Closure.
+        """
         return cls(tuple(tuple(map(float, row)) for row in matrix), tuple(map(float, shift)), repeats)
 
 
@@ -142,7 +152,21 @@ class Family(Problem):
         return np.array(self.values, float)
 
     def with_value(self, name: str, value: float) -> Family:
-        """The same at another p.  Raises InputError for an unknown name or no number."""
+        """The same at another p.
+
+        Parameters
+        ----------
+        name, value
+            a parameter of the system, and its value.
+
+        Returns
+        -------
+        Family.
+
+        Raises
+        ------
+        InputError : there is no such parameter, or it is no number.
+        """
         at = self.names.index(known("parameter", name, self.names))
         return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
 
@@ -155,11 +179,31 @@ class Family(Problem):
         return max(abs(self.value(name)), abs(self.system.parameters[name])) or 1.0
 
     def moved(self, name: str, lam: float) -> float:
-        """The value at lambda: it may pass through zero."""
+        """Value of a parameter along a branch, in steps of its `unit`.
+
+        Parameters
+        ----------
+        name, lam
+            a parameter of the system; lambda.
+
+        Returns
+        -------
+        Its value there, which may be zero or below.
+        """
         return self.value(name) + lam * self.unit(name)
 
     def distance(self, name: str, value: float) -> float:
-        """The lambda that leads to a value."""
+        """The lambda that leads from here to a value of a parameter.
+
+        Parameters
+        ----------
+        name, value
+            a parameter of the system, and the value.
+
+        Returns
+        -------
+        lambda.
+        """
         return (value - self.value(name)) / self.unit(name)
 
     def range_of(self, name: str) -> tuple[float, float]:
@@ -168,6 +212,17 @@ class Family(Problem):
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
+
+        Parameters
+        ----------
+        signature
+            the phases, (mode, event) each.
+        repeats
+            how often they make up the period: that of the closure.
+
+        Returns
+        -------
+        Cycle.
 
         Raises
         ------
@@ -208,6 +263,17 @@ class Family(Problem):
 def posed(system: System, record: Mapping[str, Any]) -> Family:
     """The family of a system that a `Family.record` describes.
 
+    Parameters
+    ----------
+    system
+        the system.
+    record
+        what `Family.record` gave.
+
+    Returns
+    -------
+    Family.
+
     Raises
     ------
     KeyError, ValueError : it is of another system.
@@ -222,7 +288,19 @@ def posed(system: System, record: Mapping[str, Any]) -> Family:
 
 
 def with_sections(system: System, sections: tuple[Section, ...]) -> engine.System:
-    """The system for a march that stops at the sections too."""
+    """The system for a march that stops at the sections too.
+
+    Parameters
+    ----------
+    system
+        the system.
+    sections
+        planes in its modes.
+
+    Returns
+    -------
+    The system in the terms of the engine, with their exits.
+    """
     form = system.vector_form
     exits = dict(form.exits)
     for section in sections:
@@ -292,7 +370,21 @@ def turns(system: System) -> Array:
 
 
 def turned(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
-    """(n,) what angles and the time have grown on the way from x to `later`: whole turns, of the time also parts."""
+    """What angles and the time have grown on the way from one state to another.
+
+    Parameters
+    ----------
+    system
+        the system.
+    x, later
+        (n,) states.
+    parts
+        the time is counted in turns divided by this.
+
+    Returns
+    -------
+    (n,) whole turns of the angles, turns and parts of them of the time; 0 for the other states.
+    """
     turn = turns(system)
     unit = np.array([1.0 / parts if name == TURNS else t for name, t in zip(system.names.entries, turn, strict=True)])
     return np.where(turn > 0, unit * np.round((later - x) / np.where(turn > 0, unit, 1.0)), 0.0)
