@@ -33,7 +33,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from .interval import point_map
-from .mesh import on_halved_mesh, shape
+from .mesh import on_halved_mesh, shape, sizes_of_states
 from .scheme import Kind, scheme
 from .transcription import Linearisation, Setting, Transcription
 
@@ -110,7 +110,7 @@ def estimate(
     amplitude, place = amplitude_row(t, u)
     goals = np.zeros((2 if border is None else 3, t.system.size))
     goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(t.durations_of(u)))
-    size = np.abs(t.intervals_of(u).reshape(-1, n)[:, t.cycle.measured]).max(initial=amplitude)
+    size = float(sizes_of_states(t, u, setting)[t.cycle.measured])
     goals[1, t.phase_ends[place] * n + t.cycle.measured] = 1 / max(amplitude, SMALL_AMPLITUDE * size)
     if border is not None:
         goals[2, -1] = 1.0

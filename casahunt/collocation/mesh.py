@@ -13,9 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from .transcription import Transcription, transcribe
+from .joints import flow_at, linear_in_time
+from .transcription import Setting, Transcription, transcribe
 
 Array = np.ndarray
+
+_INSIDE = np.linspace(0, 1, 17)
+"""Times at which the size of a motion in closed form is looked at."""
 
 
 def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
@@ -173,6 +177,29 @@ def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Ar
         inner = b[chosen, None] + np.diff(b)[chosen, None] * np.array([0.25, 0.5, 0.75])
         out.append(np.sort(np.concatenate([b, inner.ravel()])))
     return out
+
+
+def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
+    """The largest magnitude of every state in a solution.
+
+    Parameters
+    ----------
+    t, u, setting
+        a solution: transcription, unknowns, setting.
+
+    Returns
+    -------
+    (n,) in the units of u, that is of setting.scale; at least 1e-12.
+    """
+    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0, initial=0.0)
+    nodes = t.nodes_of(u)
+    largest = np.maximum(w, np.abs(nodes).max(axis=0))
+    for k, phase in enumerate(t.cycle.phases):
+        if phase.mode.flow is not None and not linear_in_time(phase.mode, t.n, setting.p.size):
+            times = float(t.durations_of(u)[k]) * _INSIDE
+            inside = flow_at(phase.mode, nodes[t.phase_start[k]] * setting.scale, times, setting.p)
+            largest = np.maximum(largest, np.abs(inside).max(axis=0) / setting.scale)
+    return np.maximum(largest, 1e-12)
 
 
 def shape(t: Transcription, u: Array) -> Array:

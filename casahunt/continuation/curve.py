@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..collocation.mesh import phase_breaks, transfer
+from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
 from ..collocation.transcription import Linearisation, Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import curve_border
@@ -218,7 +218,7 @@ def point_at(
         if np.isfinite(y).all():
             break
     # From the units of the corrector to those of the point: states by their size, lambda to its unit here.
-    factor = _size_of_states(t, u)
+    factor = sizes_of_states(t, u, setting)
     row = np.concatenate(
         [y[: t.n] / factor, [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1] * setting.dp[index] / dp[index]]]
     )
@@ -234,12 +234,6 @@ def backwards(point: Point) -> Point:
     """The same point of the curve, run through in the other sense."""
     flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
     return replace(point, row=-point.row, du=-point.du, bend=flipped)
-
-
-def _size_of_states(t: Transcription, u: Array) -> Array:
-    """(n,) largest |state|, in the units of u."""
-    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0, initial=0.0)
-    return np.maximum(np.maximum(w, np.abs(t.nodes_of(u)).max(axis=0)), 1e-12)
 
 
 def _divided(t: Transcription, u: Array, factor: Array) -> Array:

@@ -160,6 +160,8 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
             break
         moved = setting.moved(best.parameter)
         error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
+        if not np.isfinite(error.error):  # no duration moves
+            break
         if error.error <= options.tol and judge(t, best.u, moved).admissible:
             lin = t.linearise(best.u, moved)
             by = _maximiser(options)

@@ -95,12 +95,14 @@ class Monitor:
     value : (orbit, point of the curve) -> number, of order one away from the special point.
     meaning : sentence with {name} and {value} for the parameter and its value, and {beyond} (Problem.beyond_a_fold).
     tolerance : |value| at which the point counts as located.
+    confirmed : (orbit) -> whether a located point is what it is called.
     """
 
     kind: str
     value: Callable[[Orbit, Point], float]
     meaning: str
     tolerance: float = 1e-9
+    confirmed: Callable[[Orbit], bool] = lambda orbit: True
 
 
 def _fold_value(orbit: Orbit, point: Point) -> float:
@@ -194,7 +196,8 @@ def crossings(
             advice = "the steps towards it did not converge; another tolerance may lead there"
             missed.append(Missed(monitor.kind, f"a {monitor.kind} point between {bounds} was not located: {advice}"))
             continue
-        found.append(special_point(monitor, orbit, vary))
+        if monitor.confirmed(orbit):
+            found.append(special_point(monitor, orbit, vary))
     found.sort(key=lambda s: float(np.dot(secant(before, s.orbit, vary), secant(before, after, vary))))
     return found, missed
 

@@ -19,13 +19,22 @@ from typing import Any
 import numpy as np
 
 from ..checks import known, number
+from ..collocation.transcription import Setting, Transcription
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Phase, Signature
 from ..hybrid.vector_form import TURNS, Always, Names
+from ..motion.march import MarchFailure, march
+from .restart import Start, from_segments, in_scale
 
 Array = np.ndarray
+
+RESTART_TOLERANCE = 1e-6
+RESTART_PERIODS = 2.5
+"""A motion is followed for so many of its supposed periods."""
+CLOSES, RESTARTS = 0.3, 2
+"""How near to its start it must come back, in units of the state scale; so many of the ways are tried."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +177,22 @@ class Family(Problem):
             raise ValueError(f"a cycle of {self.title} closes {self.closure.repeats} times, not {repeats}")
         return _cycle(self.system, self.sections, self.closure, self.measured, signature)
 
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+        """The phases that the motion from the start of u really has, where they lead back to it.
+
+        Parameters
+        ----------
+        t, u, setting
+            a root of the equations that is no motion.
+        phase, soft
+            number of the phase that is none; whether last resorts are allowed: there are no others.
+
+        Returns
+        -------
+        Starting points, the ones that close best first.
+        """
+        return motions_from(self, t, u, setting)
+
     def record(self) -> dict[str, Any]:
         """The problem as JSON can say it; `posed` reads it."""
         return {
@@ -203,6 +228,42 @@ def with_sections(system: System, sections: tuple[Section, ...]) -> engine.Syste
     for section in sections:
         exits[section.mode] = (*exits[section.mode], *section.exits(form.states))
     return engine.System(form.name, form.states, form.modes, exits)
+
+
+def motions_from(family: Family, t: Transcription, u: Array, setting: Setting) -> list[Start]:
+    """The motion from the start of u, cut where it comes back to its start, as starting points.
+
+    Parameters
+    ----------
+    family, t, u, setting
+        the problem, and unknowns that are no motion of its.
+
+    Returns
+    -------
+    Starting points in the units of `setting`, the ones that close best first.
+    """
+    form = with_sections(family.system, family.sections)
+    x, span = t.nodes_of(u)[0] * setting.scale, float(np.sum(np.abs(t.durations_of(u))))
+    try:
+        segments = march(
+            form, t.cycle.phases[0].mode.name, x, setting.p, scale=setting.scale, until=lambda segment: False,
+            tol=RESTART_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
+        )  # fmt: skip
+    except MarchFailure:
+        return []
+    S, shift = np.array(family.closure.matrix), np.array(family.closure.shift)
+    found = []
+    for m, segment in enumerate(segments, start=1):
+        distance = float(np.max(np.abs(S @ segment.behind - shift - x) / setting.scale))
+        if segment.event and distance < CLOSES:
+            found.append((distance, m))
+    starts = []
+    for _, m in sorted(found)[:RESTARTS]:
+        cycle = family.cycle(tuple((s.mode, s.event) for s in segments[:m]), family.closure.repeats)
+        passes = [(1.0, s) for s in segments[:m]]
+        fresh = from_segments(cycle, passes, setting.p, setting.dp, degree=t.degree, kind=t.kind)
+        starts.append(in_scale(fresh, setting.scale))
+    return starts
 
 
 @lru_cache(maxsize=256)

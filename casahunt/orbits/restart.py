@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..collocation.mesh import evaluate_phase, phase_breaks
+from ..collocation.mesh import evaluate_phase, phase_breaks, sizes_of_states
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..hybrid.system import Cycle
@@ -72,7 +72,35 @@ def from_segments(
     scale = np.max(np.abs(np.vstack([all_nodes, all_w.reshape(-1, n)])), axis=0)
     scale[scale == 0] = 1.0
     u = t.pack(all_w / np.tile(scale, degree + 1), all_nodes / scale, np.array(durations))
-    return t, u, Setting(np.concatenate([np.zeros(0), *fractions]), p, scale, dp)
+    setting = Setting(np.concatenate([np.zeros(0), *fractions]), p, scale, dp)
+    larger = np.maximum(sizes_of_states(t, u, setting), 1.0)  # in the middle of a closed form
+    if (larger > 1.0).any():
+        u = t.pack(all_w / np.tile(scale * larger, degree + 1), all_nodes / (scale * larger), np.array(durations))
+        setting = replace(setting, scale=scale * larger)
+    return t, u, setting
+
+
+def in_scale(start: Start, scale: Array) -> Start:
+    """The same starting point in units of another state scale.
+
+    Parameters
+    ----------
+    start
+        the starting point.
+    scale
+        (n,) the state scale.
+
+    Returns
+    -------
+    Starting point.
+    """
+    t, u, setting = start
+    factor = setting.scale / scale
+    fresh = u.copy()
+    w = t.intervals_of(fresh).reshape(-1, t.n)
+    w *= factor
+    fresh[t.node_index] = u[t.node_index] * factor
+    return t, fresh, replace(setting, scale=scale)
 
 
 def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:
