@@ -45,6 +45,30 @@ class Found(NamedTuple):
     truth: Truth
 
 
+def root(function: Callable[[float], float], near: float) -> float:
+    """A root of a function, by the secant method to rounding; for the closed forms.
+
+    Parameters
+    ----------
+    function
+        of one number.
+    near
+        a number near the root.
+
+    Returns
+    -------
+    The root.
+    """
+    a, b = near, near * (1 + 1e-4)
+    fa, fb = function(a), function(b)
+    for _ in range(60):
+        if fb == fa or abs(b - a) <= 1e-16 * abs(b):
+            break
+        a, b, fa = b, b - fb * (b - a) / (fb - fa), fb
+        fb = function(b)
+    return b
+
+
 def errors(orbit: Orbit, truth: Truth) -> dict[str, float]:
     """What an orbit is off by.
 
