@@ -129,7 +129,7 @@ def portrait(orbit: Orbit, across: str, up: str, ax: Any = None, **style: Any) -
         from matplotlib.figure import Figure
 
         ax = Figure(figsize=(6.4, 4.2), layout="constrained").subplots()
-    times, states = orbit.sample(16)
+    times, states = orbit.sample(48)
     named = {**dict(zip(orbit.cycle.states, states, strict=True)), "t": times}
     ax.plot(named[across], named[up], **{"linewidth": 1.5, **style})
     ax.set(xlabel=across, ylabel=up)
