@@ -142,7 +142,7 @@ class _Search:
     def looked_for(self) -> Orbit:
         """Watch, march, solve, believe."""
         self.watch()
-        near, phases = RETURNED, FIRST_PHASES
+        near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
         while True:
             self.march_on(phases)
             assert self.form is not None
@@ -153,7 +153,8 @@ class _Search:
                 near = min(near, max(r.distance, 1e-12)) / 10
             if len(self.segments) >= MOST_PHASES:
                 raise self.not_found(f"in {len(self.segments)} phases the motion did not repeat")
-            phases = len(self.segments)
+            if not self.settled:
+                phases = len(self.segments)
 
     def not_found(self, why: str) -> NoOrbit:
         tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(self.refusals))
