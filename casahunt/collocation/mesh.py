@@ -19,8 +19,8 @@ from .transcription import Setting, Transcription, transcribe
 Array = np.ndarray
 
 AS_GOOD_AS_ZERO = 1e-6
-"""A state that is nowhere larger than this part of its scale is zero but for what a solver leaves: sizes follow an orbit
-in steps, in none of which one shrinks by so much."""
+"""A state that is nowhere larger than this part of its scale is zero but for what a solver leaves: sizes follow an
+orbit in steps, in none of which one shrinks by so much."""
 _INSIDE = np.linspace(0, 1, 17)
 """Times at which the size of a motion in closed form is looked at."""
 
