@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Cycle, Mode
+from ..hybrid.system import Cycle, Mode, Phase
 
 Array = np.ndarray
 
@@ -117,6 +117,36 @@ def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
         store[...] = value
     buffers.trigger()
     return buffers.outputs[0].copy()
+
+
+@kept(maxsize=64)
+def _event_rate(phase: Phase, n: int, parameters: int) -> Caller:
+    x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+    gradient = ca.densify(ca.jacobian(phase.end.function(x, T, p), x))
+    f = ca.densify(phase.mode.field(x, p, phase.mode.sign))
+    function = ca.Function("rate", [x, T, p], [gradient @ f, ca.fabs(gradient) @ ca.fabs(f)])
+    return caller(function, [n, 1, parameters], [1, 1])
+
+
+def event_rate(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float, float]:
+    """How fast the event at the end of a phase is crossed.
+
+    Parameters
+    ----------
+    phase
+        the phase.
+    x, duration, p
+        (n,) state at its end, its duration, the parameters.
+
+    Returns
+    -------
+    (h_x . f, |h_x| . |f|): the rate, and the size of what it is the sum of.
+    """
+    buffers = _event_rate(phase, x.size, p.size).buffers
+    for store, value in zip(buffers.inputs, (x, duration, p), strict=True):
+        store[...] = value
+    buffers.trigger()
+    return float(buffers.outputs[0][0]), float(buffers.outputs[1][0])
 
 
 class JointMap:

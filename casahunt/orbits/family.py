@@ -354,7 +354,7 @@ def _cycle(
         way_out = next((e for e in form.exits.get(mode, ()) if e.event.name == event), None)
         if way_out is None:
             raise ValueError(f"{system.name} has no mode {mode!r} that ends with {event!r}")
-        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset))
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, way_out.direction))
     shift = closure.shift if any(closure.shift) else ()
     return Cycle(
         system.name, form.states, system.names.parameters, tuple(phases),

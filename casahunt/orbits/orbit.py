@@ -290,6 +290,18 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
 
 
+class Complaint(str):
+    """A sentence about what went wrong, with the status that it belongs to; None where no solve has ended so."""
+
+    status: Status | None
+
+    def __new__(cls, sentence: str, status: Status | None = None) -> Complaint:
+        """A sentence and a status."""
+        self = super().__new__(cls, sentence)
+        self.status = status
+        return self
+
+
 @dataclass(frozen=True, eq=False)
 class Solved:
     """An orbit in the solver's terms.
@@ -310,9 +322,9 @@ class Solved:
     iterations: int
     note: str = ""
 
-    def complaint(self) -> str:
+    def complaint(self) -> Complaint:
         """The advice of the status with the note."""
-        return self.status.advice + (f" ({self.note})" if self.note else "")
+        return Complaint(self.status.advice + (f" ({self.note})" if self.note else ""), self.status)
 
 
 def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
