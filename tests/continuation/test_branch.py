@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.continuation import doubled, follow
+from casahunt.continuation import branch_off, follow
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
@@ -88,7 +88,7 @@ def test_fold_and_flip_of_the_bouncing_ball():
 def test_two_bounces_branch_off_at_the_flip():
     """Followed until both bounces differ; each maps to the other."""
     (flip,) = follow(bouncing(), "a", to=0.05, options=TIGHT).special
-    two = follow(doubled(flip, "a"), "a", to=0.028, options=TIGHT).orbits[-1]
+    two = follow(branch_off(flip, "a"), "a", to=0.028, options=TIGHT).orbits[-1]
     assert two.period == pytest.approx(4 * math.pi / W, rel=1e-10) and two.stable
     first, second = (arc.states[0, 0] for arc in two.arcs)
     a = 0.028
@@ -101,10 +101,10 @@ def test_two_bounces_branch_off_at_the_flip():
     assert abs(first[1] - second[1]) > 0.1
 
 
-def test_only_a_flip_is_doubled():
+def test_nothing_branches_off_at_a_fold():
     (fold,) = follow(bouncing(), "a", to=0.001, back=0.02, options=TIGHT).special
     with pytest.raises(InputError, match="must be a flip"):
-        doubled(fold, "a")
+        branch_off(fold, "a")
 
 
 def turning(growth: float = 0.0, beat: float = 0.0) -> System:
