@@ -29,10 +29,16 @@ from .walk import walk
 
 Array = np.ndarray
 
-ASIDE = 1e-3
+BESIDE_GRAZING = 1e-3
 """How far beside a grazing, in lambda, the motion is looked at."""
-ALIKE = 0.05
+NEARLY_THE_SAME = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
+
+
+MET_WITHOUT_SPEED = replace(
+    GRAZING,
+    meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +129,21 @@ def follow(
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     how: dict[str, Any] = {"low": min(to, back), "high": max(to, back), "largest_step": largest_step}
-    branch, sense = Branch(vary, (orbit,), (), (), ""), float(np.sign(to - here))
+    begun = Branch(vary, (orbit,), (), (), "")
+    return _followed(begun, float(np.sign(to - here)), previous, looked_for, options, max_points, how)
+
+
+def _followed(
+    branch: Branch[AnyOrbit],
+    sense: float,
+    previous: AnyOrbit | None,
+    looked_for: tuple[Monitor, ...],
+    options: Options,
+    max_points: int,
+    how: dict[str, Any],
+) -> Branch[AnyOrbit]:
+    """The branch from its last orbit on, past grazings; `how` goes to the walk."""
+    vary = branch.vary
     while True:
         steps = walk(
             branch.orbits[-1], vary=vary, sense=sense, previous=previous, options=options,
@@ -133,7 +153,7 @@ def follow(
         last = branch.orbits[-1]
         if status is not Status.INADMISSIBLE or GRAZING not in looked_for:
             return branch
-        branch = replace(branch, special=(*branch.special, special_point(GRAZING, last, vary)))
+        branch = replace(branch, special=(*branch.special, special_point(MET_WITHOUT_SPEED, last, vary)))
         following = _clear_of_it(last, vary, options)
         if following is None or len(branch.orbits) + 1 >= max_points:
             return branch
@@ -169,8 +189,8 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
         return None
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
     for side in (1.0, -1.0):
-        value = family.moved(vary, side * ASIDE)
-        start = family.system.named_state(arc.states[len(arc.states) // 2, 0], family.vector())
+        value = family.moved(vary, side * BESIDE_GRAZING)
+        start = family.system.names.numbers(arc.states[len(arc.states) // 2, 0], family.vector())
         parameters = dict(zip(family.names, family.values, strict=True)) | {vary: value}
         with suppress(NoOrbit):
             other = find_cycle(
@@ -184,10 +204,10 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
 
 def _alike(one: Orbit, other: Orbit) -> bool:
     """Whether the ranges of all states and the periods are nearly the same."""
-    if abs(one.period - other.period) > ALIKE * one.period:
+    if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
         return False
     states = len(one.problem.system.states) if isinstance(one.problem, Family) else one.scale.size
     x, y = one.sample()[1][:states], other.sample()[1][:states]
     size = np.ptp(x, axis=1)
     off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))
-    return bool(np.all(off <= ALIKE * size))
+    return bool(np.all(off <= NEARLY_THE_SAME * size))

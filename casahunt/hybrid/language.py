@@ -174,21 +174,6 @@ class System:
             require(f"system {self.name!r}: forcing_period", float(self.names.turn(p)), above=0.0)
         return p
 
-    def named_state(self, x: Array, p: Array) -> dict[str, float]:
-        """The states of a vector of the engine, by name; and the time in a forced system.
-
-        Parameters
-        ----------
-        x, p
-            (n,) state and (np,) parameters.
-
-        Returns
-        -------
-        Numbers by name.
-        """
-        found = dict(zip(self.states, map(float, x), strict=False))
-        return found | ({TIME: float(x[-1]) * float(self.names.turn(p))} if self.forcing_period else {})
-
     def state(self, values: Mapping[str, float], parameters: Mapping[str, float] | None = None) -> Array:
         """The state vector of the engine.
 

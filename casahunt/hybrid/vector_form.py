@@ -104,6 +104,21 @@ class Names:
             named[TIME] = x[len(self.states)] * self.turn(p)
         return Named("state", named)
 
+    def numbers(self, x: Array, p: Array) -> dict[str, float]:
+        """Numbers by name; with the time in a forced system.
+
+        Parameters
+        ----------
+        x, p
+            (n,) state and (np,) parameters.
+
+        Returns
+        -------
+        Name: number.
+        """
+        found = dict(zip(self.states, map(float, x), strict=False))
+        return found if self.forcing_period is None else found | {TIME: float(x[-1]) * float(self.turn(p))}
+
     def column(self, values: Mapping[str, Any], turns: Any) -> Any:
         """The vector of one value for every state.
 

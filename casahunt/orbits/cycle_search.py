@@ -29,9 +29,9 @@ from ..motion.march import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
 from .family import Closure, Family, Section, with_sections
-from .orbit import Orbit
 from .recurrence import Recurrence, rebased, recurrences
 from .restart import from_segments
+from .system_orbit import SystemOrbit
 
 Array = np.ndarray
 
@@ -62,7 +62,7 @@ def find_cycle(
     options: Options | None = None,
     start: Mapping[str, float] | None = None,
     **states: float,
-) -> Orbit:
+) -> SystemOrbit:
     """The cycle that the motion from these states settles on.
 
     Parameters
@@ -131,7 +131,7 @@ class _Search:
     segments: list[Segment] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
 
-    def run(self) -> Orbit:
+    def run(self) -> SystemOrbit:
         """The cycle.  Raises NoOrbit."""
         try:
             return self.looked_for()
@@ -139,10 +139,10 @@ class _Search:
             sentence = f"the motion of {self.system.name} cannot be followed: {failure}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
 
-    def looked_for(self) -> Orbit:
+    def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, believe."""
         self.watch()
-        near, phases = RETURNED, FIRST_PHASES
+        near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
         while True:
             self.march_on(phases)
             assert self.form is not None
@@ -153,7 +153,8 @@ class _Search:
                 near = min(near, max(r.distance, 1e-12)) / 10
             if len(self.segments) >= MOST_PHASES:
                 raise self.not_found(f"in {len(self.segments)} phases the motion did not repeat")
-            phases = len(self.segments)
+            if not self.settled:
+                phases = len(self.segments)
 
     def not_found(self, why: str) -> NoOrbit:
         tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(self.refusals))
@@ -253,7 +254,7 @@ class _Search:
 
     # Solve and believe -----------------------------------------------------------------------------------------
 
-    def solved(self, r: Recurrence) -> Orbit | None:
+    def solved(self, r: Recurrence) -> SystemOrbit | None:
         """The cycle of a recurrence, or None with a refusal."""
         sections, passes, closure = self.sections_for(r)
         problem = Family(self.system, tuple(self.p), closure, self.followed, self.measured, sections)

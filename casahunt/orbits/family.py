@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,9 @@ from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Phase, Signature
 from ..hybrid.vector_form import TURNS, Always, Names
 from ..motion.march import MarchFailure, march
+from . import archive
 from .restart import Start, from_segments, in_scale
+from .system_orbit import SystemOrbit
 
 Array = np.ndarray
 
@@ -119,6 +122,8 @@ class Family(Problem):
     measured : the state whose largest magnitude at the ends of phases is the amplitude.
     sections : planes at which phases may end besides the events of the system.
     """
+
+    orbit_type = SystemOrbit
 
     system: System
     values: tuple[float, ...]
@@ -285,6 +290,28 @@ def posed(system: System, record: Mapping[str, Any]) -> Family:
     sections = tuple(Section(mode, state, float(level), float(size)) for mode, state, level, size in record["sections"])
     values = tuple(float(v) for v in record["parameters"].values())
     return Family(system, values, closure, record["followed"], record["measured"], sections)
+
+
+def load_orbit(path: str | Path, system: System) -> SystemOrbit:
+    """Read a cycle of a system that `SystemOrbit.save` has written.
+
+    Parameters
+    ----------
+    path
+        the file (npz).
+    system
+        the system: functions are not kept in files.
+
+    Returns
+    -------
+    SystemOrbit.
+
+    Raises
+    ------
+    InputError : it is none of this system, or damaged; says what is wrong.
+    """
+    loaded: SystemOrbit = archive.load_orbit(path, lambda record: posed(system, record))
+    return loaded
 
 
 def with_sections(system: System, sections: tuple[Section, ...]) -> engine.System:

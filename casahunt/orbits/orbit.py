@@ -154,11 +154,6 @@ class Orbit:
         cycle = self.cycle
         return extrema(*unknowns_of(self), scalar_of(what, self.problem.vocabulary(cycle.states)))
 
-    @property
-    def parameters(self) -> dict[str, float]:
-        """The parameters, by name."""
-        return dict(zip(self.problem.names, map(float, self.problem.vector()), strict=True))
-
     def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
         """The full period, dense where the motion is fast.
 

@@ -27,15 +27,6 @@ RELAY = System(
           ends=(Event("low", lambda x, p: x.x + 1, -1, to="up"),))),
 )  # fmt: skip
 """x' = 2 - x up to 1, x' = -2 - x down to -1: each takes log 3."""
-LEINE = System(
-    "block on a belt", ("x", "v"), dict(zip(belt.PARAMETERS, belt.VALUES, strict=True)),
-    (Mode("slip",
-          lambda x, p: {"x": x.v, "v": (p.static / (1 + p.decay * (p.belt - x.v)) - p.stiffness * x.x) / p.mass},
-          holds=lambda x, p: p.belt - x.v, ends=(Event("catches up", lambda x, p: x.v - p.belt, +1, to="stick"),)),
-     Mode("stick", flow=lambda x, t, p: {"x": x.x + p.belt * t, "v": p.belt},
-          holds=lambda x, p: p.static - p.stiffness * x.x,
-          ends=(Event("breaks away", lambda x, p: p.stiffness * x.x - p.static, +1, to="slip"),))),
-)  # fmt: skip
 FORCED = System(
     "forced oscillator", ("x", "v"), {"omega": 3.0},
     (Mode("free", lambda x, p: {"x": x.v, "v": ca.cos(p.omega * x.t) - x.x}),),
@@ -95,8 +86,8 @@ def test_an_oscillator_and_its_error(tol):
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-5, 1e-7])
 def test_the_error_of_times_of_events(tol):
-    motion = simulate(LEINE, "slip", x=1.0, v=belt.VALUES[-1], duration=30.0, tol=tol)
-    slip, stop, period = belt.TRUTH[0.2]
+    motion = simulate(belt.BELT, "slip", x=1.0, v=belt.VALUES[-1], duration=30.0, tol=tol)
+    (slip, stop), period = belt.SLIPS[0.2], belt.TRUTH[0.2].period
     expected = np.sort(np.concatenate([slip + period * np.arange(3), period * np.arange(1, 3)]))
     found = times(motion)
     assert [c.event for c in motion.events] == ["catches up", "breaks away"] * 2 + ["catches up"]
@@ -106,8 +97,8 @@ def test_the_error_of_times_of_events(tol):
 
 
 def test_stick_slip():
-    motion = simulate(LEINE, "slip", x=1.0, v=belt.VALUES[-1], duration=25.0)
-    slip, stop, period = belt.TRUTH[0.2]
+    motion = simulate(belt.BELT, "slip", x=1.0, v=belt.VALUES[-1], duration=25.0)
+    (slip, stop), period = belt.SLIPS[0.2], belt.TRUTH[0.2].period
     np.testing.assert_allclose(times(motion)[:4], [slip, period, period + slip, 2 * period], rtol=1e-11)
     assert motion.events[2].before[0] == pytest.approx(stop, rel=1e-10)
     t, x = motion.sample()
@@ -124,7 +115,7 @@ def test_a_closed_form_that_is_nonlinear_in_time_is_no_rest():
 
 
 def test_a_duration_that_ends_inside_a_closed_form():
-    motion = simulate(LEINE, "stick", x=-0.5, v=0.2, duration=3.0)
+    motion = simulate(belt.BELT, "stick", x=-0.5, v=0.2, duration=3.0)
     assert motion.duration == 3.0 and not motion.events
     assert motion.end == pytest.approx({"x": 0.1, "v": 0.2}, rel=1e-14)
     t, x = motion.sample()
