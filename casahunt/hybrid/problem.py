@@ -161,9 +161,10 @@ class Problem(ABC):
         return 0.0, math.inf
 
     def direction(self, name: str) -> Array:
-        """(np,) direction dp in parameter space that moves one parameter."""
+        """(np,) direction dp in parameter space that moves one parameter; (0,) where there is none to move."""
         dp = np.zeros(len(self.names))
-        dp[self.names.index(name)] = 1.0
+        if self.names:
+            dp[self.names.index(name)] = 1.0
         return dp
 
     def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:
