@@ -9,13 +9,13 @@ file holds it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import heyoka as hy
 import numpy as np
 
-from .taylor_machine import Cycle, Machine, Piece, Way, cycle
+from .taylor_machine import Cycle, L, Machine, Piece, Way, cycle
 
 Array = np.ndarray
 NOTHING = hy.expression(0.0)
@@ -57,7 +57,34 @@ def belt() -> Cycles:
         yield f"speed {speed:g}", cycle(back, [1.0])
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt)}
+PI2 = 2 * L("3.14159265358979323846264338327950288")
+
+
+def strobed(machine: Machine, mode: Callable[[], str], turn: Any) -> Callable[[Array, bool], tuple[Array, Any]]:
+    """The map over one or more turns of the forcing, from time 0 on in the mode that the motion is in then."""
+
+    def back(y: Array, watch: bool) -> tuple[Array, Any]:
+        _, z, time = machine.run(mode(), y, end=turn, watch=watch)
+        return z, time
+
+    return back
+
+
+def impact_oscillator() -> Cycles:
+    """Stroboscopic, from rest."""
+    x, v = hy.make_vars("x", "v")
+    for w, c, d, turns in ((1.0, 0.1, 1.0, 1), (0.7, 0.1, 1.0, 1), (0.5, 0.1, 1.0, 1), (2.8, 0.1, 0.0, 1)):
+
+        def struck(z: Array, t: Any, d: float = d) -> Array:
+            return np.array([d, -L(0.8) * z[1]], L)
+
+        free = [(x, v), (v, hy.cos(w * hy.time) - c * v - x)]
+        machine = Machine({"free": Piece(free, [Way("impact", x - d, +1, "free", struck)])})
+        back = strobed(machine, lambda: "free", turns * PI2 / L(w))
+        yield f"w = {w:g}, c = {c:g}, d = {d:g}", cycle(back, [d - 1.0, 0.0], settle=100)
+
+
+ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator)}
 
 
 def main(names: list[str]) -> None:
