@@ -60,31 +60,52 @@ def belt() -> Cycles:
 PI2 = 2 * L("3.14159265358979323846264338327950288")
 
 
-def strobed(machine: Machine, mode: Callable[[], str], turn: Any) -> Callable[[Array, bool], tuple[Array, Any]]:
-    """The map over one or more turns of the forcing, from time 0 on in the mode that the motion is in then."""
-
-    def back(y: Array, watch: bool) -> tuple[Array, Any]:
-        _, z, time = machine.run(mode(), y, end=turn, watch=watch)
-        return z, time
-
-    return back
-
-
 def impact_oscillator() -> Cycles:
     """Stroboscopic, from rest."""
     x, v = hy.make_vars("x", "v")
-    for w, c, d, turns in ((1.0, 0.1, 1.0, 1), (0.7, 0.1, 1.0, 1), (0.5, 0.1, 1.0, 1), (2.8, 0.1, 0.0, 1)):
+    for w, c, d in ((1.0, 0.1, 1.0), (0.7, 0.1, 1.0), (0.5, 0.1, 1.0), (2.8, 0.1, 0.0)):
 
         def struck(z: Array, t: Any, d: float = d) -> Array:
             return np.array([d, -L(0.8) * z[1]], L)
 
         free = [(x, v), (v, hy.cos(w * hy.time) - c * v - x)]
         machine = Machine({"free": Piece(free, [Way("impact", x - d, +1, "free", struck)])})
-        back = strobed(machine, lambda: "free", turns * PI2 / L(w))
+
+        def back(y: Array, watch: bool, machine: Machine = machine, w: float = w) -> tuple[Array, Any]:
+            _, z, time = machine.run("free", y, end=PI2 / L(w), watch=watch)
+            return z, time
+
         yield f"w = {w:g}, c = {c:g}, d = {d:g}", cycle(back, [d - 1.0, 0.0], settle=100)
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator)}
+def dry_friction() -> Cycles:
+    """From one stop to the next but one, in x and the time."""
+    x, v = hy.make_vars("x", "v")
+    zeta, eta = 0.05, 1.0
+    for f0, w, tau in ((1.5, 0.9, 1.1), (1.5, 0.3, 1.1), (3.0, 0.9, 1.1), (1.5, 0.6, 1.0)):
+        pull = f0 * hy.cos(w * hy.time) - x
+
+        def after(z: Array, t: Any, f0: float = f0, w: float = w, tau: float = tau) -> str:
+            force = f0 * np.cos(L(w) * t) - z[0]
+            return "stick" if abs(force) <= tau else "forwards" if force > 0 else "backwards"
+
+        def slip(sign: int, pull: Any = pull, after: Callable[[Array, Any], str] = after) -> Piece:
+            return Piece([(x, v), (v, pull - 2.0 * zeta * v - eta * sign)], [Way("stops", v, -sign, after)])
+
+        held = [Way("f", pull - tau, +1, "forwards"), Way("b", pull + tau, -1, "backwards")]
+        stick = Piece([(x, NOTHING), (v, NOTHING)], held)
+        machine = Machine({"forwards": slip(+1), "backwards": slip(-1), "stick": stick})
+
+        def back(
+            y: Array, watch: bool, machine: Machine = machine, w: float = w, after: Callable[[Array, Any], str] = after
+        ) -> tuple[Array, Any]:
+            _, z, t = machine.run(after(y, y[1]), [y[0], 0], y[1], until="stops", times=2, watch=watch)
+            return np.array([z[0], t - PI2 / L(w)]), PI2 / L(w)
+
+        yield f"f0 = {f0:g}, w = {w:g}, tau = {tau:g}", cycle(back, [f0 - 0.5, 0.0], settle=60)
+
+
+ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction)}
 
 
 def main(names: list[str]) -> None:

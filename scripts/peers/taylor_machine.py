@@ -23,12 +23,15 @@ DIFFERENCE = 1e-6
 
 
 class Way(NamedTuple):
-    """A way out of a mode: name, heyoka's expression, +1 rising or -1 falling, next mode, (x, t) -> x behind it."""
+    """A way out of a mode: name, heyoka's expression, +1 rising or -1 falling, next mode, (x, t) -> x behind it.
+
+    The next mode may be a function (x, t), too.
+    """
 
     name: str
     function: Any
     direction: int
-    to: str
+    to: str | Callable[[Array, Any], str]
     reset: Callable[[Array, Any], Array] | None = None
 
 
@@ -112,7 +115,8 @@ class Machine:
             if not 0 <= index < len(piece.ways):
                 return mode, x, t
             way = piece.ways[index]
-            mode, x = way.to, x if way.reset is None else way.reset(x, t)
+            x = x if way.reset is None else way.reset(x, t)
+            mode = way.to if isinstance(way.to, str) else way.to(x, t)
             left -= way.name == until
             if until and left == 0:
                 return mode, x, t
