@@ -105,7 +105,30 @@ def dry_friction() -> Cycles:
         yield f"f0 = {f0:g}, w = {w:g}, tau = {tau:g}", cycle(back, [f0 - 0.5, 0.0], settle=60)
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction)}
+def canudas() -> Cycles:
+    """From x = 0 in mid-slip to the next one, mirrored; in between the mass turns as often as it will."""
+    x, v, w, z = hy.make_vars("x", "v", "w", "z")
+    s0, s1, s2, Fc, Fs, vs, kp, kv, ki = 1e5, 1e5**0.5, 0.4, 1.0, 1.5, 1e-3, 3.0, 6.0, 4.0
+
+    def moving(sign: int, to: str) -> Piece:
+        z_rate = v - s0 * sign * v * z / (Fc + (Fs - Fc) * hy.exp(-(v / vs) * (v / vs)))
+        force = -(kp * x + kv * v + ki * w) - (s0 * z + s1 * z_rate + s2 * v)
+        ways = [Way("turns", v, -sign, to), Way("centre", x, +1, "forwards"), Way("centre", x, -1, "backwards")]
+        return Piece([(x, v), (v, force), (w, x), (z, z_rate)], ways, blind=1e-7)
+
+    machine = Machine({"forwards": moving(+1, "backwards"), "backwards": moving(-1, "forwards")})
+
+    def back(y: Array, watch: bool) -> tuple[Array, Any]:
+        """y = (v, w, z) at x = 0, v > 0."""
+        mode = "forwards" if y[0] > 0 else "backwards"
+        _, end, time = machine.run(mode, [0, *y], until="centre", watch=watch)
+        return end[1:], time
+
+    _, start, _ = machine.run("backwards", [1.0, 0, 0, 0], until="centre", times=12)
+    yield "LuGre", cycle(back, start[1:], settle=4, mirror=True)
+
+
+ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas)}
 
 
 def main(names: list[str]) -> None:

@@ -90,7 +90,7 @@ class Machine:
 
             self._blind[name] = built()
             self._seeing[name] = built(t_events=ends)
-            self._watching[name] = built(t_events=ends, nt_events=watch)
+            self._watching[name] = built(nt_events=watch)
 
     def run(
         self, mode: str, x: Any, t: Any = 0, *, until: str = "", times: int = 1, end: Any = np.inf, watch: bool = False
@@ -105,10 +105,14 @@ class Machine:
             first.propagate_until(min(t + L(piece.blind), L(end)))
             if first.time >= end:
                 return mode, first.state.copy(), first.time
-            seeing = (self._watching if watch else self._seeing)[mode]
+            seeing = self._seeing[mode]
             seeing.reset_cooldowns()
             seeing.state[:], seeing.time = first.state, first.time
             outcome = seeing.propagate_until(min(L(end), first.time + L(1e6)))[0]
+            if watch:  # the same once more: events that do not end anything make heyoka overlook some that do
+                watching = self._watching[mode]
+                watching.state[:], watching.time = first.state, first.time
+                watching.propagate_until(seeing.time)
             x, t = seeing.state.copy(), seeing.time
             TURNS.append(x.copy())
             index = -int(outcome) - 1
