@@ -8,10 +8,11 @@ integrated over a period (F is a function of v but for v = 0, where it lies betw
 F + s v grows with v if s is at least the steepest fall of F.  Then its part of int v' dF is not negative, at the jumps
 of F at a stop or a reversal neither, and
 
-    (kd + sigma2 - s) (tau_i + tau_d) > J,      s = sqrt(2/e) (Fs - Fc)/vs       [N m s/rad]
+    (kd + sigma2 - s) kp/ki > J,      s = sqrt(2/e) (Fs - Fc)/vs                 [N m s/rad]
 
-leaves no solution but v = 0: there is no cycle, symmetric or not, at that gain and above, since kd grows with it and
-kp/ki = tau_i + tau_d.  Without a drop of friction, s = 0, that is the loop's stability without dry friction, and the
+leaves no solution but v = 0: there is no cycle, symmetric or not, at that gain and above, since kd grows with it (or
+stays 0) and kp/ki = tau_i + tau_d does not.  Of the controller only kp > 0 and ki > 0 are used: its zeros may be
+complex.  Without a drop of friction, s = 0, that is the loop's stability without dry friction, and the
 theorem of Bisoffi et al.; where that loop is unstable, motions far out grow and near the set point they settle, and
 an unstable cycle parts the two.
 
@@ -40,8 +41,8 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     if drop and model != "switch":
         return ""
     steepest = math.sqrt(2 / math.e) * (f.static - f.coulomb) / f.stribeck_velocity if drop else 0.0
-    derivative = gain * servo.motor_gain * c.lead_time
-    if not (derivative + f.viscous - steepest) * (c.lead_time + c.integral_time) > servo.inertia:
+    derivative = gain * servo.motor_gain * c.shape[1]
+    if not (derivative + f.viscous - steepest) * c.reset_time > servo.inertia:
         return ""
     if not drop:
         return (

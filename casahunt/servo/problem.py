@@ -1,6 +1,6 @@
 """The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
 
-A problem is (model, servo, gain): p is the vector of servo.PARAMETERS, the gain K is what is followed, and the cycles
+A problem is (model, servo, gain): p is the vector of `Servo.names`, the gain K is what is followed, and the cycles
 are those of hunting.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
 """
 
@@ -20,7 +20,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.restart import Start
 from .hunting import SCHEMES, SYSTEMS, Model, hunting_cycle
 from .sequences import harden, merge_vanishing, next_sequence, remarch
-from .servo import PARAMETERS, Servo, flatten
+from .servo import Servo, flatten
 
 Array = np.ndarray
 
@@ -90,8 +90,8 @@ class Hunting(Problem):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """servo.PARAMETERS."""
-        return PARAMETERS
+        """servo.PARAMETERS, or PID_PARAMETERS."""
+        return self.servo.names
 
     @property
     def principal(self) -> str:
@@ -109,7 +109,7 @@ class Hunting(Problem):
         return LARGEST_WALK_STEP[self.model]
 
     def vector(self) -> Array:
-        """(np,) the values of servo.PARAMETERS."""
+        """(np,) the values of `names`."""
         return self.servo.parameters(self.gain)
 
     def record(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class Hunting(Problem):
         return {"model": self.model, "servo": flatten(self.servo), "gain": self.gain}
 
     def with_value(self, name: str, value: float) -> Hunting:
-        """With one parameter of servo.PARAMETERS changed.  Raises InputError where a servo cannot have that value."""
+        """With one parameter of `names` changed.  Raises InputError where a servo cannot have that value."""
         if name == "gain":
             return replace(self, gain=value)
         return replace(self, servo=self.servo.replace(**{name: value}))
@@ -128,7 +128,8 @@ class Hunting(Problem):
         if any(mode not in modes for mode, _ in signature):
             raise ValueError(f"{self.title} has no cycle with the phases {signature}")
         half = repeats == 2
-        return hunting_cycle(self.model, signature if half else signature[: len(signature) // 2], half=half)
+        signature = signature if half else signature[: len(signature) // 2]
+        return hunting_cycle(self.model, signature, half=half, parameters=self.names)
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
         """See sequences.next_sequence."""
