@@ -144,6 +144,12 @@ def characteristic_polynomial(servo: Servo, gain: float) -> Array:
     return np.array([servo.inertia, kd + servo.friction.viscous, kp, ki])
 
 
+def stable(servo: Servo, gain: float) -> bool:
+    """Whether the loop is stable, by the Routh-Hurwitz inequality."""
+    kp, kd, ki = servo.torque_gains(gain)
+    return bool((kd + servo.friction.viscous) * kp > servo.inertia * ki)
+
+
 def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
     """C(j omega) [V/rad] at the frequencies (m,) [rad/s]."""
     return gain * servo.controller.response(1j * np.asarray(frequencies))
@@ -190,7 +196,7 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
         kd=kd,
         ki=ki,
         poles=poles,
-        stable=bool(chi[1] * kp > servo.inertia * ki),
+        stable=stable(servo, gain),
         gain_crossovers=gain_crossovers(numerator, denominator),
         phase_crossovers=crossings,
         lowest_factor=max((f for f in factors if f <= 1), default=0.0),
