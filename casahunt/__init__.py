@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from .orbits.floquet import Multipliers
     from .orbits.orbit import Arc
     from .servo.branch import Branch
+    from .servo.controller import Controller, Pid
     from .servo.find_fold import find_fold
     from .servo.find_orbit import find_orbit
     from .servo.friction import Friction
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
-    from .servo.controller import Controller, Pid
     from .servo.servo import Servo, load
     from .servo.simulation.simulate import simulate
     from .servo.simulation.trajectory import Trajectory

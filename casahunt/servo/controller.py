@@ -83,9 +83,9 @@ class Controller:
         lead, integral = self.lead_time, self.integral_time
         return np.array([lead * integral, lead + integral, 1.0]), integral
 
-    def response(self, s: Array) -> Array:
-        """C(s)/K."""
-        return (self.lead_time * s + 1) * (self.integral_time * s + 1) / (self.integral_time * s)
+    def response(self, gain: float, s: Array) -> Array:
+        """C(s)."""
+        return gain * (self.lead_time * s + 1) * (self.integral_time * s + 1) / (self.integral_time * s)
 
     def pid(self) -> Pid:
         """The same controller by its gains."""
@@ -151,16 +151,16 @@ class Pid:
         """(numerator (3,), c): C(s) = K numerator/(c s), highest power first."""
         return np.array([self.kd, self.kp, self.ki]), 1.0
 
-    def response(self, s: Array) -> Array:
-        """C(s)/K."""
-        return self.kp + self.kd * s + self.ki / s
+    def response(self, gain: float, s: Array) -> Array:
+        """C(s)."""
+        return gain * (self.kp + self.kd * s + self.ki / s)
 
     def pid(self) -> Pid:
         """Itself."""
         return self
 
 
-TIMES, GAINS = ("lead_time", "integral_time"), ("kp", "ki", "kd")
+BY_TIMES, BY_GAINS = ("lead_time", "integral_time"), ("kp", "ki", "kd")
 """The numbers of the two forms."""
 
 
@@ -171,14 +171,14 @@ def controller_of(values: dict[str, float]) -> Controller | Pid:
     ------
     InputError : numbers of both forms, gains that are not all there, or a value out of range.
     """
-    gains = [name for name in GAINS if name in values]
-    times = [name for name in TIMES if name in values]
+    gains = [name for name in BY_GAINS if name in values]
+    times = [name for name in BY_TIMES if name in values]
     if gains and times:
         raise InputError(
-            f"controller.{gains[0]}, controller.{times[0]}: must not be given both; a controller is given by kp, ki and "
-            "kd, or by lead_time and integral_time"
+            f"controller.{gains[0]}, controller.{times[0]}: must not be given both; a controller is given by kp, ki "
+            "and kd, or by lead_time and integral_time"
         )
-    for name in GAINS if gains else ():
+    for name in BY_GAINS if gains else ():
         if name not in values:
             raise InputError(f"controller.{name}: must be given too: kp, ki and kd go together")
     return Pid(**values) if gains else Controller(**values)

@@ -15,11 +15,11 @@ By times, |L| = c has one root for every c > 0 (Descartes, linear_loop.py), so |
 at the gain K if and only if phi > 0 where |L| = 1 (phi < pi; two integrators at omega = 0), and at the gain f K if and
 only if phi > 0 where |L| = 1/f.  So it is stable from K/f_low to K f_high if phi > 0 between the two frequencies.
 
-By gains, |L| may rise between two frequencies and have three crossovers.  The unstable poles are counted: those without
-delay, 0 or 2 (Routh), and two more, or less, for each of the delays (phi_0 + 2 pi k)/omega up to D at a crossover omega
-where |L| falls, or rises (phi_0: without delay).  The phase margin is the least phi of all crossovers; phi > 0 at all of
-them is stable, and where a loop is stable all the same, phi counts modulo 2 pi.  A stable loop stays so while the gain
-is multiplied by anything between the two factors 1/|L|, phi a multiple of 2 pi, next to 1.
+By gains, |L| may rise between two frequencies and have three crossovers.  The unstable poles are counted: those
+without delay, 0 or 2 (Routh), and two more, or less, for each of the delays (phi_0 + 2 pi k)/omega up to D at a
+crossover omega where |L| falls, or rises (phi_0: without delay).  The phase margin is the least phi of all crossovers;
+phi > 0 at all of them is stable, and where a loop is stable all the same, phi counts modulo 2 pi.  A stable loop stays
+so while the gain is multiplied by anything between the two factors 1/|L|, phi a multiple of 2 pi, next to 1.
 
 Source: Nyquist's criterion; K. Walton and J. E. Marshall, Direct method for TDS stability analysis, IEE Proc. D 134
 (1987) 101-107; symbols as in linear_loop.py.
@@ -69,7 +69,10 @@ class Margins:
 
 
 def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
-    """ln |L|^2 at omega = exp(y), for numbers, arrays and expressions: ln K = k, ln (tau_d, tau_i) or (kp, ki, kd) = q."""
+    """ln |L|^2 at omega = exp(y), for numbers, arrays and expressions.
+
+    k is ln K, q are ln (tau_d, tau_i) or ln (kp', ki', kd').
+    """
     exp, log, *_ = _functions_of(y)
     w = exp(2 * y)
     if _by_gains(q):
@@ -183,8 +186,9 @@ def _margins_by_gains(servo: Servo, gain: float, delay: float) -> Margins:
     found = gain_crossovers(*loop_polynomials(servo, gain))
     y = np.log([c.frequency for c in found])
     phi = _phase(servo, delay, y)
-    rising = np.array([_log_magnitude(servo, gain, v + RISE) > _log_magnitude(servo, gain, v - RISE) for v in y.tolist()])
-    turns = np.ceil(_phase(servo, 0.0, y) / (2 * np.pi)) - np.ceil(phi / (2 * np.pi))  # delays up to D with phi = 2 pi k
+    before, after = ([_log_magnitude(servo, gain, v + step) for v in y.tolist()] for step in (-RISE, RISE))
+    rising = np.array(after) > np.array(before)
+    turns = np.ceil(_phase(servo, 0.0, y) / (2 * np.pi)) - np.ceil(phi / (2 * np.pi))  # delays with phi = 2 pi k
     unstable = 2 * int(not stable(servo, gain)) + 2 * int(np.sum(np.where(rising, -turns, turns)))
     if unstable == 0 and not phi.min() > 0:
         phi = np.mod(phi, 2 * np.pi)

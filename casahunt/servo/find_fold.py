@@ -1,8 +1,9 @@
 """The largest gain at which a servo can hunt: from nothing but the servo to its confirmed fold (continuation/fold.py).
 
-The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below
-which the frictionless linear loop is unstable, J / (cm kd' kp/ki) (Routh-Hurwitz; report, section 2), goes up and down from there in factors of two to the first cycle, and then up as far as the event map
-finds one.  Where motions go farther out at one of these gains, and not at the next, cycles are looked for in between.
+The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below which the
+frictionless linear loop is unstable, J / (cm kd' kp/ki) (Routh-Hurwitz; report, section 2), goes up and down from there
+in factors of two to the first cycle, and then up as far as the event map finds one.  Where motions go farther out at
+one of these gains, and not at the next, cycles are looked for in between.
 The ways stand in the tables `PLACES`, to gains at which there may be a cycle; `WALKS`, from a cycle to the fold; and
 `LOCATING`, once it is between two orbits.
 

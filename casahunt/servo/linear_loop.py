@@ -152,7 +152,7 @@ def stable(servo: Servo, gain: float) -> bool:
 
 def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
     """C(j omega) [V/rad] at the frequencies (m,) [rad/s]."""
-    return gain * servo.controller.response(1j * np.asarray(frequencies))
+    return servo.controller.response(gain, 1j * np.asarray(frequencies))
 
 
 def loop_response(servo: Servo, gain: float, frequencies: Array) -> Array:

@@ -6,8 +6,8 @@
 x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3 = integral of x1 [rad s].  The gain K is not part
 of the servo: it is the argument of every computation.
 
-Numerical modules see a servo as a vector p, the gain last: of `PARAMETERS` where the controller is given by its times, of
-`PID_PARAMETERS` by its gains.  The length tells which; whatever is no controller number has the same place in both.
+Numerical modules see a servo as a vector p, the gain last: of `PARAMETERS` where the controller is given by its times,
+of `PID_PARAMETERS` by its gains.  The length tells which; what is neither controller nor gain has one place in both.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from ..checks import known, number, quoted, require, sensible
 from ..errors import InputError
-from .controller import GAINS, TIMES, Controller, Pid, controller_of
+from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .friction import Friction
 
 PARAMETERS = (
@@ -79,6 +79,11 @@ class Servo:
         """`PARAMETERS` or `PID_PARAMETERS`."""
         return PID_PARAMETERS if isinstance(self.controller, Pid) else PARAMETERS
 
+    @property
+    def controller_names(self) -> tuple[str, ...]:
+        """The numbers of the controller, dotted: its times, or its gains."""
+        return tuple(_GAINS if isinstance(self.controller, Pid) else _TIMES)
+
     def parameters(self, gain: float) -> np.ndarray:
         """The vector p of `names` for this servo at controller gain `gain` > 0."""
         p = self._parameters.copy()
@@ -130,7 +135,7 @@ KEYS = (
     *_record_keys("friction", Friction),
 )
 """Every key of a servo file, dotted; a controller has those of one of its two forms."""
-_TIMES, _GAINS = ([f"controller.{name}" for name in names] for names in (TIMES, GAINS))
+_TIMES, _GAINS = ([f"controller.{name}" for name in names] for names in (BY_TIMES, BY_GAINS))
 
 
 def flatten(servo: Servo) -> dict[str, float]:

@@ -13,7 +13,7 @@ stick rows and the slip rows of its state equation are right.
 As eta -> 0 the motion tends to that of the exact Switch servo (hunting.SWITCH), with a difference of the
 order of sqrt(eta): the time to cross the band at breakaway is sqrt(2 J eta/(ki |x1|)).
 
-Symbols: eta [rad/s] and alpha [1/s] are the entries servo.STICK_BAND of the parameter vector, behind those of the servo.
+Symbols: eta [rad/s] and alpha [1/s] are the entries servo.STICK_BAND of the parameter vector, its last.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from casahunt import Options, Servo, find_fold
 from casahunt.cli import main
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
 from casahunt.design.tune.check import SAMPLES, scanned
-from casahunt.design.tune.demands import TIMES, Demands, check_bounds, log_times
+from casahunt.design.tune.demands import Demands, check_bounds, log_numbers
 from casahunt.design.tune.given import Given, Outlook
 from casahunt.design.tune.problem import Cut, Point, Round, solve_round
 from casahunt.design.tune.search import Search
@@ -59,7 +59,7 @@ def test_fold_conditions_hold_at_a_fold_and_their_jacobian_is_the_derivative(ser
     fold = find_fold(servo, model)
     t, u, setting = unknowns_of(fold.orbit)
     data = data_of(replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain))
-    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in TIMES))
+    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in servo.controller_names))
     size = float(np.max(np.abs(fold.multipliers)))
     q = np.log([servo.controller.lead_time, servo.controller.integral_time])
     x = np.concatenate([q, u, [0.0], fold.multipliers / size])
@@ -230,7 +230,7 @@ def test_gain_margins_of_one_problem(servo, factor):
     J, cm, T, f = servo.inertia, servo.motor_gain, TIME, factor
 
     def gain_of(each: Servo, cost: str, demand: str, off: float, lag: float) -> float:
-        q = log_times(each)
+        q = log_numbers(each)
         cut = Cut(each.replace(**{"servo.motor_gain": off * cm}), demand, 0.0)
         point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (1e-3, 100.0), 1.1, [], [cut], lag))
         assert point.converged and np.max(point.slack) < 1e-9

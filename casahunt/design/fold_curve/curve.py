@@ -155,7 +155,7 @@ def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
     ------
     InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
     """
-    known("parameter", vary, NAMES)
+    known("parameter", vary, [name for name in NAMES if name in servo.names])
     if start == end:
         raise InputError(f"from = to = {shown(start)}: must differ")
     for bound in (start, end):

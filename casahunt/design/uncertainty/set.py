@@ -121,7 +121,7 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
 def values_of(servo: Servo, names: Iterable[str]) -> Array:
     """(k,) values of the named parameters."""
     values = flatten(servo)
-    return np.array([values[name] for name in names])
+    return np.array([values[known("parameter", name, servo.names)] for name in names])
 
 
 def check_box(servo: Servo, uncertainty: Uncertainty) -> None:

@@ -35,7 +35,7 @@ def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) 
     place = np.arange(len(names))
     height = 0.8 / len(folds)
     for k, (fold, slope) in enumerate(zip(folds, slopes, strict=True)):
-        values = np.array([slope.elasticities[name] for name in names])
+        values = np.array([slope.elasticities.get(name, 0.0) for name in names])
         look = LOOKS[fold.orbit.model]
         bars = axes.barh(
             place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look.colour,
