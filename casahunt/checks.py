@@ -25,7 +25,23 @@ _QUOTED = 60
 
 
 def number(key: str, value: Any) -> float:
-    """`value` as a finite float, or InputError.  Booleans and strings are not numbers."""
+    """A finite number.
+
+    Parameters
+    ----------
+    key
+        what the user calls it.
+    value
+        what was given; booleans and strings are not numbers.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none.
+    """
     if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
         raise InputError(f"{key} = {quoted(value)}: must be a finite number")
     try:
@@ -46,7 +62,27 @@ def require(
     at_most: float | None = None,
     unit: str = "",
 ) -> float:
-    """`value` as a float inside the given range, or InputError naming key, value and range."""
+    """A number inside a range.
+
+    Parameters
+    ----------
+    key
+        what the user calls it.
+    value
+        what was given.
+    above, at_least, at_most
+        bounds; None: no such bound.
+    unit
+        said with the bound.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none, or out of the range; names key, value and range.
+    """
     x = number(key, value)
     named = f" ({unit})" if unit else ""
     if above is not None and not x > above:
@@ -59,9 +95,28 @@ def require(
 
 
 def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: str = "") -> float:
-    """`value` as a float from SMALLEST to LARGEST, or 0 where `zero` is allowed; InputError otherwise.
+    """A number from SMALLEST to LARGEST.
 
-    `power` widens the range to that power of its ends, for what a computation comes upon.
+    Parameters
+    ----------
+    key
+        what the user calls it.
+    value
+        what was given.
+    zero
+        0 is allowed too.
+    power
+        widens the range to that power of its ends, for what a computation comes upon.
+    unit
+        said with the bound.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none, or out of the range.
     """
     low, high = SMALLEST**power, LARGEST**power
     x = require(key, value, at_least=0, unit=unit) if zero else require(key, value, above=0, unit=unit)
@@ -71,7 +126,25 @@ def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: 
 
 
 def moderate(key: str, value: Any, *, power: int = 1) -> float:
-    """`value`, of any sign, as a float of a size up to LARGEST (to that power); InputError otherwise."""
+    """A number of any sign, of a size up to LARGEST.
+
+    Parameters
+    ----------
+    key
+        what the user calls it.
+    value
+        what was given.
+    power
+        widens the range to that power of its end.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none, or larger.
+    """
     x, high = number(key, value), LARGEST**power
     if not abs(x) <= high:
         raise _beyond(key, x, f"between {-high:g} and {high:g}")
@@ -104,9 +177,22 @@ def shown(x: float) -> str:
 
 
 def to_error(x: float, relative_error: float, most: int = 12) -> str:
-    """A computed number for a person, to the digits that its estimated relative error vouches for (3 to `most`).
+    """A computed number for a person, to the digits that its estimated error vouches for.
 
     The unit of the last digit is the largest power of ten up to twice the error: rounding adds no more than the error.
+
+    Parameters
+    ----------
+    x
+        the number.
+    relative_error
+        its estimated relative error; not > 0: unknown.
+    most
+        digits, at most; at least 3 are given.
+
+    Returns
+    -------
+    Text.
     """
     if not relative_error > 0 or x == 0:
         return f"{x:.{most}g}"
@@ -126,7 +212,25 @@ def finite_or_none(value: float) -> float | None:
 
 
 def known(what: str, name: str, allowed: Iterable[str]) -> str:
-    """`name` if it is one of `allowed`, or InputError with the nearest spelling."""
+    """A name that must be one of several.
+
+    Parameters
+    ----------
+    what
+        what it names.
+    name
+        what was given.
+    allowed
+        the names.
+
+    Returns
+    -------
+    `name`.
+
+    Raises
+    ------
+    InputError : it is none of them; says the nearest spelling.
+    """
     names = list(allowed)
     if name in names:
         return name

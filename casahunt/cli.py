@@ -32,7 +32,8 @@ from .views.commands import record as command_record
 from .views.commands import simulate as command_simulate
 from .views.commands import tune as command_tune
 from .views.commands import uncertainty as command_uncertainty
-from .views.commands.console import Outputs, Parser, complain, own_process, progress, say
+from .views.commands.arguments import Parser
+from .views.commands.console import Outputs, complain, own_process, progress, say
 
 COMMANDS = {
     "orbit": command_orbit,

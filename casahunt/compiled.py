@@ -189,5 +189,17 @@ class Caller(threading.local):
 
 
 def caller(function: ca.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> Caller:
-    """A `Caller` of a function with arrays of these shapes; numpy's order of axes is the reverse of CasADi's."""
+    """A compiled function that every thread may call.
+
+    Parameters
+    ----------
+    function
+        of CasADi.
+    inputs, outputs
+        shapes of its arrays; numpy's order of axes is the reverse of CasADi's.
+
+    Returns
+    -------
+    Caller.
+    """
     return Caller(_Function(function, inputs, outputs))

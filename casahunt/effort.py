@@ -48,7 +48,12 @@ class Watch:
         return counts if self._place is None else f"{self._place()} ({counts})"
 
     def add(self, work: int) -> None:
-        """Count; tell where it is, if it is time to; GivenUp beyond the limit."""
+        """Count, and tell where the computation is, if it is time to.
+
+        Raises
+        ------
+        GivenUp : beyond the limit.
+        """
         self.work += work
         if self.work > self._limit:
             raise GivenUp(
@@ -74,11 +79,22 @@ _watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
 
 @contextmanager
 def watched(tell: Callable[[str], None] | None, *, limit: float = float("inf")) -> Iterator[Watch]:
-    """Count what is computed inside: `tell` hears every `EVERY` seconds where it is.
+    """Count what is computed inside.
+
+    Parameters
+    ----------
+    tell
+        hears every `EVERY` seconds where the computation is; None: nobody.
+    limit
+        collocation intervals after which it is given up.
+
+    Yields
+    ------
+    Watch.
 
     Raises
     ------
-    GivenUp : beyond `limit` collocation intervals.
+    GivenUp : beyond `limit`.
     """
     watch = Watch(tell, limit)
     token = _watch.set(watch)

@@ -208,6 +208,10 @@ def alone_in(folder: Path, made: Sequence[Path] = ()) -> Iterator[None]:
     made
         folders that this run has made for it, innermost first: removed at the end where they are still empty.
 
+    Yields
+    ------
+    Nothing.
+
     Raises
     ------
     InputError : another run is writing into it.

@@ -56,7 +56,12 @@ def end() -> None:
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt if a signal was received, though something on the way may have swallowed it."""
+    """Answer a signal that was received, though something on the way may have swallowed it.
+
+    Raises
+    ------
+    KeyboardInterrupt : one was received.
+    """
     if _State.received is not None:
         raise KeyboardInterrupt
 

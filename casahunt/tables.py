@@ -20,7 +20,12 @@ Rows = Iterable[Sequence[Any]]
 
 
 def cell(value: Any) -> str:
-    """One value as the text of its field."""
+    """One value as the text of its field.
+
+    Raises
+    ------
+    TypeError : the value is neither a number, a truth value nor text.
+    """
     if isinstance(value, np.generic):
         value = value.item()
     if value is None:
@@ -33,7 +38,7 @@ def cell(value: Any) -> str:
 
 
 def table(stream: IO[str], columns: Sequence[str]) -> Callable[[Rows], None]:
-    """Write the header; returns the function that writes rows of as many values.
+    """Write the header of a table.
 
     Parameters
     ----------
@@ -41,6 +46,10 @@ def table(stream: IO[str], columns: Sequence[str]) -> Callable[[Rows], None]:
         a text file opened with newline="".
     columns
         the names.
+
+    Returns
+    -------
+    Function that writes rows of as many values.
 
     Raises
     ------

@@ -21,28 +21,94 @@ VALUES = (1.0, 1.0, 1.0, 3.0, 0.2)
 
 
 def slip_field(x: Any, p: Any, sign: Any) -> Any:
-    """x' of the slip."""
+    """The slip, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) position and velocity.
+    p
+        parameters, in the order of `PARAMETERS`.
+    sign
+        not used: the block never overtakes the belt.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     m, k, static, decay, belt = (p[i] for i in range(5))
     return ca.vertcat(x[1], (static / (1 + decay * (belt - x[1])) - k * x[0]) / m)
 
 
 def stick_field(x: Any, p: Any, sign: Any) -> Any:
-    """x' of the stick."""
+    """The stick, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        not used.
+    p
+        parameters, in the order of `PARAMETERS`.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     return ca.vertcat(p[4], 0)
 
 
 def stick_flow(x: Any, duration: Any, p: Any) -> Any:
-    """The stick in closed form."""
+    """The stick in closed form.
+
+    Parameters
+    ----------
+    x
+        (2,) position and velocity at its start.
+    duration
+        its length.
+    p
+        parameters, in the order of `PARAMETERS`.
+
+    Returns
+    -------
+    (2,) position and velocity at its end.
+    """
     return ca.vertcat(x[0] + p[4] * duration, p[4])
 
 
 def slower(x: Any, p: Any, sign: float) -> Any:
-    """The block is not faster than the belt."""
+    """Whether the block is not faster than the belt.
+
+    Parameters
+    ----------
+    x, p
+        (2,) state; parameters.
+    sign
+        not used.
+
+    Returns
+    -------
+    At least 0 where that holds; in units of the belt's velocity.
+    """
     return (p[4] - x[1]) / p[4]
 
 
 def held(x: Any, p: Any, sign: float) -> Any:
-    """The spring pulls no more than static friction holds."""
+    """Whether the spring pulls no more than static friction holds.
+
+    Parameters
+    ----------
+    x, p
+        (2,) state; parameters.
+    sign
+        not used.
+
+    Returns
+    -------
+    At least 0 where that holds; in units of static friction.
+    """
     return 1 - p[1] * x[0] / p[2]
 
 

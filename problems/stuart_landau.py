@@ -27,6 +27,8 @@ With hard excitation (`HARD`), two cycles in place of one:
     r' = (nu - 1) r + b r^3 - c r^5,    theta' = omega;      r^2 = (b -+ sqrt(b^2 - 4 c (1 - nu)))/(2 c),
 
 the smaller one unstable.  They merge at nu = 1 - b^2/(4 c), the smallest nu with a cycle, with r^2 = b/(2 c).
+With shear (`SHEARED`) theta' = omega + shear (r^2 - 1): T = 2 pi/theta', the multiplier is exp(T d r'/dr), and either
+half of the cycle is the other one with the opposite sign (`SHEARED_HALF`).
 
 Why the variants.  On the uniform circle every interval makes the same error by symmetry, and a scheme may be
 better than its order there: the leading error of Radau IIA is a change of radius, which the attraction heals
@@ -40,6 +42,7 @@ derived above.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -49,14 +52,42 @@ from casahunt.hybrid.system import Cycle, Event, Mode, Phase
 
 
 def uniform_field(x: Any, p: Any, sign: Any) -> Any:
-    """The plain oscillator; p = (mu, omega)."""
+    """The plain oscillator, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        mu, omega, perhaps more.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     mu, omega = p[0], p[1]
     growth = mu - (x[0] ** 2 + x[1] ** 2)
     return ca.vertcat(growth * x[0] - omega * x[1], omega * x[0] + growth * x[1])
 
 
 def kepler_field(x: Any, p: Any, sign: Any) -> Any:
-    """The oscillator with shear and an uneven clock; p = (mu, omega, shear, e)."""
+    """The oscillator with shear and an uneven clock, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        mu, omega, shear, e.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     mu, omega, shear, e = p[0], p[1], p[2], p[3]
     growth = mu - (x[0] ** 2 + x[1] ** 2)
     turn = omega - shear * growth
@@ -65,10 +96,45 @@ def kepler_field(x: Any, p: Any, sign: Any) -> Any:
 
 
 def hard_field(x: Any, p: Any, sign: Any) -> Any:
-    """The oscillator with hard excitation; p = (nu, omega, b, c)."""
+    """The oscillator with hard excitation, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        nu, omega, b, c.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
     square = x[0] ** 2 + x[1] ** 2
     growth = p[0] - 1 + p[2] * square - p[3] * square**2
     return ca.vertcat(growth * x[0] - p[1] * x[1], p[1] * x[0] + growth * x[1])
+
+
+def sheared_field(x: Any, p: Any, sign: Any) -> Any:
+    """The oscillator with hard excitation and shear, as CasADi expression.
+
+    Parameters
+    ----------
+    x
+        (2,) state x, y.
+    p
+        nu, omega, b, c, shear.
+    sign
+        not used.
+
+    Returns
+    -------
+    (2,) x'.
+    """
+    square = x[0] ** 2 + x[1] ** 2
+    growth, turn = p[0] - 1 + p[2] * square - p[3] * square**2, p[1] + p[4] * (square - 1)
+    return ca.vertcat(growth * x[0] - turn * x[1], turn * x[0] + growth * x[1])
 
 
 def _crosses_axis(x: Any, duration: Any, p: Any) -> Any:
@@ -95,25 +161,110 @@ TWO_CLOCKS = _cycle(
 HARD = Cycle("oscillator with hard excitation", ("x", "y"), ("nu", "omega", "b", "c"),
              (Phase(Mode("turn", hard_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
 """Two cycles from a fold on, at which nu is smallest."""
+SHEARED = Cycle("sheared oscillator", ("x", "y"), ("nu", "omega", "b", "c", "shear"),
+                (Phase(Mode("turn", sheared_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
+"""The same with a period that depends on the radius."""
+SHEARED_HALF = replace(SHEARED, name="sheared oscillator, half cycle", closure=-np.eye(2), repeats=2)
+"""Half of it."""
 
 
 def period(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
-    """Exact period."""
+    """The exact period.
+
+    Parameters
+    ----------
+    mu, omega, shear, e
+        parameters; only omega matters.
+
+    Returns
+    -------
+    2 pi/omega.
+    """
     return 2 * np.pi / omega
 
 
 def multiplier(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
-    """Exact nontrivial Floquet multiplier."""
+    """The exact nontrivial Floquet multiplier.
+
+    Parameters
+    ----------
+    mu, omega, shear, e
+        parameters; only mu and omega matter.
+
+    Returns
+    -------
+    exp(-4 pi mu/omega).
+    """
     return float(np.exp(-4 * np.pi * mu / omega))
 
 
 def states(times: np.ndarray, mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> np.ndarray:
-    """Exact states (2, m) of `KEPLER` (of `UNIFORM` for e = 0) at times (m,), from (sqrt(mu), 0) at time 0.
+    """Exact states of `KEPLER`, of `UNIFORM` for e = 0.
 
-    0 <= e < 1.
+    Parameters
+    ----------
+    times
+        (m,), from (sqrt(mu), 0) at time 0.
+    mu, omega, shear, e
+        parameters, 0 <= e < 1; shear does not matter.
+
+    Returns
+    -------
+    (2, m).
     """
     mean = omega * np.asarray(times, float)
     theta = mean + e * np.sin(mean)
     for _ in range(20):  # Newton on Kepler's equation; from this start it converges for e up to about 0.9
         theta = theta - (theta - e * np.sin(theta) - mean) / (1 - e * np.cos(theta))
     return np.sqrt(mu) * np.array([np.cos(theta), np.sin(theta)])
+
+
+def sheared_square(nu: float, omega: float, b: float, c: float, shear: float, *, larger: bool = True) -> float:
+    """r^2 of a cycle of `SHEARED`: of the larger, stable one or of the smaller one.
+
+    Parameters
+    ----------
+    nu, omega, b, c, shear
+        the parameters.
+    larger
+        the larger, stable cycle; else the smaller one.
+
+    Returns
+    -------
+    r^2.
+    """
+    return float((b + (1 if larger else -1) * np.sqrt(b**2 - 4 * c * (1 - nu))) / (2 * c))
+
+
+def sheared_period(square: float, nu: float, omega: float, b: float, c: float, shear: float) -> float:
+    """Period of the cycle of `SHEARED` with r^2 = square.
+
+    Parameters
+    ----------
+    square
+        r^2 of the cycle.
+    nu, omega, b, c, shear
+        the parameters.
+
+    Returns
+    -------
+    The period.
+    """
+    return 2 * np.pi / (omega + shear * (square - 1))
+
+
+def sheared_multiplier(square: float, nu: float, omega: float, b: float, c: float, shear: float) -> float:
+    """Nontrivial Floquet multiplier of the cycle of `SHEARED` with r^2 = square.
+
+    Parameters
+    ----------
+    square
+        r^2 of the cycle.
+    nu, omega, b, c, shear
+        the parameters.
+
+    Returns
+    -------
+    The multiplier.
+    """
+    return float(np.exp(sheared_period(square, nu, omega, b, c, shear) * (nu - 1 + 3 * b * square - 5 * c * square**2)))

@@ -44,7 +44,19 @@ class Flow:
         return -(self.kp * x[0] + self.kd * x[1] + self.ki * x[2])
 
     def series(self, x: np.ndarray, sign: float) -> np.ndarray:
-        """(n, ORDER + 1) Taylor coefficients for friction direction `sign`."""
+        """Taylor coefficients of the motion.
+
+        Parameters
+        ----------
+        x
+            (n,) state.
+        sign
+            friction direction, +1 or -1.
+
+        Returns
+        -------
+        (n, ORDER + 1).
+        """
         n = x.size
         a = np.zeros((n, ORDER + 1))
         a[:, 0] = x
@@ -113,10 +125,23 @@ def _root(a: np.ndarray, row: np.ndarray, low: float, high: float) -> float:
 def switch_half_cycle(
     servo: Servo, gain: float, a: float, *, thrown_out: float = math.inf, most_slips: float = math.inf
 ) -> tuple[float, float, list[float]]:
-    """From breakaway at x1 = -a: (stick position reached, half period, slip durations).
+    """The Switch servo from breakaway at x1 = -a until it sticks.
 
-    A motion that turns beyond `thrown_out`, or for the `most_slips`-th time without having stuck, is not followed any
-    further: (its |x1|, nan, slip durations).
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K [V/rad].
+    a
+        stick position [rad], > 0.
+    thrown_out
+        |x1| [rad] of a turning point beyond which the motion is not followed.
+    most_slips
+        turning points without stick after which it is not followed.
+
+    Returns
+    -------
+    Stick position reached [rad], half period [s], slip durations [s]; for a motion that is not followed its |x1| and
+    nan.
     """
     flow = Flow(servo, gain, "switch")
     x = np.array([-a, 0.0, (flow.kp * a - flow.Fs) / flow.ki])
@@ -151,7 +176,21 @@ def switch_half_cycle(
 
 
 def lugre_half_cycle(servo: Servo, gain: float, x: np.ndarray, sign: float = 1.0) -> tuple[np.ndarray, float, float]:
-    """From x1 = 0 in mid-slip to the next x1 = 0: (state, time, max |x1|)."""
+    """The LuGre servo from x1 = 0 in mid-slip to the next x1 = 0.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K [V/rad].
+    x
+        (4,) state.
+    sign
+        that of x2.
+
+    Returns
+    -------
+    (4,) state, time [s], largest |x1| [rad].
+    """
     flow = Flow(servo, gain, "lugre")
     scale = np.array([np.max(np.abs(x[2] * flow.ki / flow.kp)), np.abs(x[1]), np.abs(x[2]), flow.Fs / flow.s0])
     time, largest = 0.0, 0.0
@@ -187,7 +226,19 @@ def lugre_half_cycle(servo: Servo, gain: float, x: np.ndarray, sign: float = 1.0
 
 
 def switch_cycle(servo: Servo, gain: float, guess: float) -> tuple[float, float]:
-    """(amplitude, period) of the symmetric Switch cycle next to `guess`, by the secant method on P(a) = a."""
+    """The symmetric cycle of the Switch servo, by the secant method on P(a) = a.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K [V/rad].
+    guess
+        its stick position [rad], about.
+
+    Returns
+    -------
+    Stick position [rad], which is its amplitude, and period [s].
+    """
     a0, a1 = guess, guess * (1 + 1e-6)
     f0 = switch_half_cycle(servo, gain, a0)[0] - a0
     for _ in range(30):

@@ -18,6 +18,7 @@ from casahunt.design.tune.demands import Demands
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.linear_loop import linear_loop
 from casahunt.views.commands import console
+from problems.taylor import switch_half_cycle
 
 ROOT = Path(__file__).parents[1]
 FILES = {
@@ -131,7 +132,12 @@ def test_ranges_of_times_spare_what_can_be_computed():
     """A lead time that does nothing, no lead time, next to no viscous friction, next to no Coulomb friction."""
     for change in ({"controller.lead_time": 1e-12}, {"friction.viscous": 1e-12}, {"friction.coulomb": 1e-12}):
         assert find_orbit(Servo().replace(**change), "switch", 0.1).status.ok
-    assert find_fold(Servo().replace(**{"controller.lead_time": 0}), "switch").gain > 0
+    alone = Servo().replace(**{"controller.lead_time": 0})
+    fold = find_fold(alone, "switch")
+    a, h = fold.orbit.amplitude, 1e-4
+    inner, there, outer = (switch_half_cycle(alone, fold.gain, x)[0] for x in (a * (1 - h), a, a * (1 + h)))
+    assert there == pytest.approx(a, rel=1e-9)  # by Taylor series: a fixed point of the event map, of slope one
+    assert (outer - inner) / (2 * h * a) == pytest.approx(1, abs=1e-5)
 
 
 def test_library_has_the_same_border():

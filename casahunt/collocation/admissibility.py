@@ -63,7 +63,17 @@ class Verdict:
 
 
 def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
-    """Check all conditions of a converged solution."""
+    """Check whether a converged solution is a motion: all conditions of its phases.
+
+    Parameters
+    ----------
+    t, u, setting
+        the solution: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Verdict: the first condition that is violated, and the intervals on which one is not clear.
+    """
     nodes = t.nodes_of(u) * setting.scale
     durations = t.durations_of(u)
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
@@ -97,7 +107,23 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
 
 
 def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST_JUMP) -> Array:
-    """(N,) True where `feature` jumps by more than `largest` between successive points (N, m, n) of an interval."""
+    """Where a feature of the field jumps between successive points.
+
+    Parameters
+    ----------
+    feature
+        of the mode: a function of states (n, m) and p.
+    points
+        (N, m, n) successive states of each interval.
+    p
+        parameter vector.
+    largest
+        jump that is not taken for one.
+
+    Returns
+    -------
+    (N,) bool.
+    """
     values = np.asarray(feature(points.reshape(-1, points.shape[-1]).T, p), float).reshape(points.shape[:2])
     return np.max(np.abs(np.diff(values, axis=1)), axis=1) > largest
 

@@ -70,7 +70,17 @@ class Estimate:
 
 
 def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
-    """(largest |measured state| over the phase ends, its place among the (P + 1) phase-end nodes)."""
+    """The largest |measured state| over the phase ends.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+
+    Returns
+    -------
+    Its value, scaled, and its place among the (P + 1) phase-end nodes.
+    """
     ends = np.concatenate([[0], t.phase_end])
     values = np.abs(t.nodes_of(u)[ends, t.cycle.measured])
     best = int(np.argmax(values))
@@ -91,7 +101,9 @@ def estimate(
     believed
         first-order estimates up to this get what they overlook added; larger ones only place the next mesh.
 
-    Period and amplitude are those of the full cycle; relative errors do not care.
+    Returns
+    -------
+    Estimate; period and amplitude are those of the full cycle, relative errors do not care.
     """
     fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
     halves = replace(setting, fractions=fractions)

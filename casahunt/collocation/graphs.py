@@ -144,9 +144,20 @@ def graphs(t: Transcription) -> Graphs:
 
 @alone
 def lagrangian_hessian(t: Transcription, g: Graphs | None = None) -> ca.MX:
-    """Upper triangle of the Hessian of nu . residual in z = (u, lambda), on the symbols of `g` (`graphs(t)`).
+    """The Hessian of nu . residual in z = (u, lambda).
 
     Not kept: kept apart from its graphs it would outlive them and speak of symbols that are gone.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    g
+        its graphs, whose symbols are used; default `graphs(t)`.
+
+    Returns
+    -------
+    (size + 1, size + 1) expression, the upper triangle, sparse.
     """
     g = g or graphs(t)
     s = _Symbols(t, g.z, g.data)

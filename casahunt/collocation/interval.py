@@ -33,8 +33,19 @@ _SHARED = (5, 6, 7)  # inputs that are the same on every interval
 def interval_function(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> ca.Function:
     """The function of the module docstring, for one interval.
 
-    Inputs are those of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s], fraction h, sign of
-    the mode, p and its direction dp, scale D (n).  Output: dense (R, R + 3).
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters
+        numbers of states and of parameters.
+    degree, kind
+        collocation scheme.
+
+    Returns
+    -------
+    Function of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s], fraction h, sign of the mode, p and its
+    direction dp, scale D (n).  Output: dense (R, R + 3).
     """
     s, d = scheme(degree, kind), degree
     w, x_next = ca.SX.sym("w", n * (d + 1)), ca.SX.sym("x_next", n)
@@ -64,7 +75,19 @@ def interval_function(field: Field, n: int, parameters: int, degree: int, kind: 
 
 @kept(maxsize=64)
 def point_function(field: Field, n: int, parameters: int) -> ca.Function:
-    """The vector field itself, scaled: (x, sign, p, scale) -> f(D x; p)/D."""
+    """The vector field itself, scaled.
+
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters
+        numbers of states and of parameters.
+
+    Returns
+    -------
+    Function (x, sign, p, scale) -> f(D x; p)/D.
+    """
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
     p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     return ca.Function("field", [x, sign, p, scale], [ca.densify(field(scale * x, p, sign) / scale)])
@@ -72,7 +95,21 @@ def point_function(field: Field, n: int, parameters: int) -> ca.Function:
 
 @alone
 def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Array:
-    """Scaled field (n,) at one scaled state (n,)."""
+    """The scaled field at one scaled state.
+
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    x, sign
+        (n,) the state, scaled; sign of the mode.
+    p, scale
+        parameter vector; (n,) state scale D.
+
+    Returns
+    -------
+    (n,).
+    """
     return np.array(point_function(field, x.size, p.size)(x, sign, p, scale)).ravel()
 
 
@@ -117,7 +154,23 @@ class IntervalMap:
 
 @kept(maxsize=32)
 def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
-    """The compiled map, kept for reuse: the same mesh size of the same system is built once."""
+    """The compiled map, kept for reuse: the same mesh size of the same system is built once.
+
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters
+        numbers of states and of parameters.
+    degree, kind
+        collocation scheme.
+    intervals
+        N.
+
+    Returns
+    -------
+    IntervalMap.
+    """
     return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)
 
 
@@ -149,5 +202,17 @@ class PointMap:
 
 @kept(maxsize=16)
 def point_map(field: Field, n: int, parameters: int) -> PointMap:
-    """The compiled map, kept for reuse."""
+    """The compiled field, kept for reuse.
+
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters
+        numbers of states and of parameters.
+
+    Returns
+    -------
+    PointMap.
+    """
     return PointMap(point_function(field, n, parameters), n)

@@ -141,9 +141,20 @@ def ipopt(
     parameter: float = 0.0,
     largest_move: float = LARGEST_MOVE,
 ) -> Solution:
-    """Solve the square system with IPOPT alone, durations kept positive; the arguments are those of `newton`.
+    """Solve the square system with IPOPT alone, durations kept positive.
 
     The point is judged by what Newton's method would still do there: a step that it does not take.
+
+    Parameters
+    ----------
+    t, u, setting
+        the equations and the starting point.
+    border, parameter, largest_move
+        as in `newton`.
+
+    Returns
+    -------
+    Solution.
     """
     row = t.system.border(parameter=1.0) if border is None else border
     z = np.append(u, parameter)
@@ -183,7 +194,19 @@ class Maximum:
 
 
 def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
-    """Maximise lambda subject to the equations, with IPOPT and the exact Hessian, from a point near the fold."""
+    """Maximise lambda subject to the equations, with IPOPT and the exact Hessian.
+
+    Parameters
+    ----------
+    t, u, setting
+        the equations, and a point near the fold.
+    freedom
+        |lambda| at which it is no longer near.
+
+    Returns
+    -------
+    Maximum.
+    """
     z, multipliers, success, iterations = _run_ipopt(t, "fold", np.append(u, 0.0), setting, np.zeros(0), freedom)
     if not (np.isfinite(z).all() and np.isfinite(multipliers).all()):
         status = Status.NOT_FINITE
@@ -223,12 +246,18 @@ def minimise(
 
     Parameters
     ----------
-    x, objective, rows, jacobian
-        symbol and expressions.
+    x
+        (size,) symbol.
+    objective, rows, jacobian
+        expressions of x: the cost; the equations; their Jacobian, sparse.
     start
-        (x,) first point.
+        (size,) first point.
     bounds, row_bounds
-        (x, 2) and (rows, 2): smallest and largest values.
+        (size, 2) and (rows, 2): smallest and largest values.
+
+    Returns
+    -------
+    Minimum.
     """
     jac_g = ca.Function("jac_g", [x, (none := ca.MX.sym("none", 0))], [rows, jacobian], ["x", "p"], ["g", "jac"])
     problem = {"x": x, "p": none, "f": objective, "g": rows}

@@ -19,7 +19,19 @@ Array = np.ndarray
 
 
 def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
-    """Interval boundaries (N_k + 1,) of each collocated phase, from the (N,) fractions."""
+    """Interval boundaries of each collocated phase.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    fractions
+        (N,) interval lengths as fractions of their phase.
+
+    Returns
+    -------
+    (N_k + 1,) for each phase, from 0 to 1.
+    """
     out = []
     for k, count in enumerate(t.counts):
         if count:
@@ -75,7 +87,19 @@ def transfer(
 
 
 def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transcription, Array, Array]:
-    """(transcription, u, fractions) with every interval cut in two: `transfer` by one fixed matrix."""
+    """A solution with every interval cut in two: `transfer` by one fixed matrix.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+    fractions
+        (N,) interval lengths as fractions of their phase.
+
+    Returns
+    -------
+    Transcription, unknowns and (2 N,) fractions of the finer mesh.
+    """
     fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
     old_nodes = t.nodes_of(u)
     w = np.einsum("hkj,ijn->ihkn", t.scheme.halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
@@ -99,7 +123,23 @@ def _evaluate(t: Transcription, w: Array, breaks: Array, times: Array) -> Array:
 
 
 def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, times: Array) -> Array:
-    """Scaled states (m, n) of a collocated phase at the fractions `times` (m,) of its duration."""
+    """States of a collocated phase.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+    fractions
+        (N,) interval lengths as fractions of their phase.
+    phase
+        its index.
+    times
+        (m,) fractions of its duration.
+
+    Returns
+    -------
+    (m, n), scaled.
+    """
     collocated = [k for k, count in enumerate(t.counts) if count]
     breaks = phase_breaks(t, fractions)[collocated.index(phase)]
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[t.phase_intervals(phase)]
@@ -112,7 +152,21 @@ def halved(breaks: list[Array]) -> list[Array]:
 
 
 def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Array]:
-    """Boundaries with the intervals of the mask `where` (N,) cut in four."""
+    """Boundaries with some intervals cut in four.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    fractions
+        (N,) interval lengths as fractions of their phase.
+    where
+        (N,) bool: the intervals.
+
+    Returns
+    -------
+    Boundaries of each collocated phase, from 0 to 1.
+    """
     out = []
     for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
         chosen = np.flatnonzero(where[t.phase_intervals(k)])
@@ -122,6 +176,16 @@ def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Ar
 
 
 def shape(t: Transcription, u: Array) -> Array:
-    """(N,) last Legendre coefficient of every interval, in units of the state scale."""
+    """The last Legendre coefficient of every interval.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+
+    Returns
+    -------
+    (N,) its absolute value, in units of the state scale.
+    """
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
     return np.max(np.abs(np.einsum("j,ijn->in", t.scheme.last_mode, w)), axis=1)

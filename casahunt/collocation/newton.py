@@ -82,16 +82,19 @@ def newton(
     ----------
     t, u, setting
         the equations and the starting point.
+    border
+        border row (NodeSystem.border) orthogonal to the correction; default holds lambda fixed.
+    parameter
+        lambda at the start; the equations are taken at p + lambda dp.
     max_iterations, largest_move
         when to give up, and how far from u a solution may lie.
     accuracy
-        a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for
-        all digits.
-    border
-        border row (NodeSystem.border) orthogonal to the correction; default holds
-        lambda fixed.
-    parameter
-        lambda at the start; the equations are taken at p + lambda dp.
+        a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for all
+        digits.
+
+    Returns
+    -------
+    Solution, whose status says how it ended.
     """
     row = t.system.border(parameter=1.0) if border is None else border
     start, u, lam = u, u.copy(), parameter
@@ -163,13 +166,41 @@ def _arrived(
 
 
 def size_of_step(t: Transcription, u: Array, du: Array) -> float:
-    """Largest update: states as they are (scaled), durations relative; NaN stays NaN."""
+    """How large an update of the unknowns is: states as they are (scaled), durations relative.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    u, du
+        (size,) unknowns and their update.
+
+    Returns
+    -------
+    The largest; NaN stays NaN.
+    """
     relative = np.abs(du[-t.phases :]) / np.maximum(np.abs(u[-t.phases :]), 1e-300)
     return float(np.maximum(np.abs(du[: -t.phases]).max(), relative.max()))
 
 
 def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
-    """What becomes of u as a solution from `start`; `small`: what is left of the equations is."""
+    """What becomes of a point as a solution.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    start, u
+        (size,) where the solver started, and the point.
+    residual, small
+        what is left of the equations there, and whether that is small.
+    largest_move
+        how far from `start` a solution may lie, in the scaled states of the nodes.
+
+    Returns
+    -------
+    Status.
+    """
     if not np.isfinite(u).all() or not np.isfinite(residual):
         return Status.NOT_FINITE
     if not small:

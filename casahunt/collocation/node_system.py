@@ -77,7 +77,21 @@ class NodeSystem:
         return self._solvers[adjoints]
 
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
-        """A border row: weights of the phase-end nodes (P + 1, n), the durations (P,) and lambda."""
+        """A border row.
+
+        Parameters
+        ----------
+        nodes
+            (P + 1, n) weights of the phase-end nodes; default 0.
+        durations
+            (P,) weights of the durations; default 0.
+        parameter
+            weight of lambda.
+
+        Returns
+        -------
+        ((P + 1) n + P + 1,).
+        """
         E, n, P = self._shape
         return np.concatenate(
             [
@@ -88,7 +102,23 @@ class NodeSystem:
         )
 
     def nonzeros(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
-        """Nonzeros of the matrix, column after column, from the blocks of a Linearisation and a border row."""
+        """The matrix from the blocks of a Linearisation and a border row.
+
+        Parameters
+        ----------
+        maps
+            (E, n, n + 3) condensed maps: residual, A, B, C.
+        closure
+            (n, n) matrix S.
+        events
+            (n + 3, P) values of the events and their derivatives.
+        border
+            of `border`.
+
+        Returns
+        -------
+        Nonzeros, column after column.
+        """
         n = self._shape[1]
         values = np.concatenate(
             [
@@ -103,13 +133,36 @@ class NodeSystem:
         return values[self._order]
 
     def solve(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solution (y,) for one right-hand side."""
+        """Solve the node system.
+
+        Parameters
+        ----------
+        nonzeros
+            of `nonzeros`.
+        rhs
+            (y,) right-hand side.
+
+        Returns
+        -------
+        (y,).
+        """
         return (self._solvers.get(0) or self._solver(0))(nonzeros, rhs)
 
     def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solutions (k, y) of the transposed system for k <= ADJOINTS right-hand sides (k, y).
+        """Solve the transposed node system: the adjoints of linear functionals of y.
 
-        Each is the adjoint of a linear functional of y; the matrix is factorised once for all of them.
+        The matrix is factorised once for all of them.
+
+        Parameters
+        ----------
+        nonzeros
+            of `nonzeros`.
+        rhs
+            (k, y) the functionals, k <= ADJOINTS.
+
+        Returns
+        -------
+        (k, y).
         """
         goals = np.zeros((ADJOINTS, self.size))
         goals[: len(rhs)] = rhs
@@ -147,7 +200,23 @@ class _LinearSolve:
 def node_system(
     elements: int, n: int, phase_of: tuple[int, ...], phase_end: tuple[int, ...], closure: bytes
 ) -> NodeSystem:
-    """The node system of a chain structure, built once."""
+    """The node system of a chain structure, built once.
+
+    Parameters
+    ----------
+    elements, n
+        numbers of elements and of states.
+    phase_of
+        phase of each element.
+    phase_end
+        node at the end of each phase.
+    closure
+        (n, n) matrix S, as bytes.
+
+    Returns
+    -------
+    NodeSystem.
+    """
     return NodeSystem(
         elements, n, np.array(phase_of), np.array(phase_end), np.frombuffer(closure).reshape(n, n)
     )

@@ -86,9 +86,20 @@ class Scheme:
 
 
 def lagrange(nodes: Array, x: Array, gaps: Array | None = None) -> Array:
-    """Matrix (m, k) of the k Lagrange polynomials of `nodes` (k,) evaluated at `x` (m,), exact at the nodes.
+    """Lagrange polynomials, exact at their nodes.
 
-    `gaps` is `gaps_of(nodes)` where it is at hand.
+    Parameters
+    ----------
+    nodes
+        (k,).
+    x
+        (m,) places.
+    gaps
+        `gaps_of(nodes)`, where it is at hand.
+
+    Returns
+    -------
+    (m, k) values.
     """
     ratios = (x[:, None] - nodes)[:, None, :] / (gaps_of(nodes) if gaps is None else gaps)
     own = np.arange(nodes.size)
@@ -121,11 +132,22 @@ def _radau_stages(d: int) -> Array:
 
 @cache
 def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
-    """The collocation scheme of the given degree and kind.
+    """The coefficients of a collocation scheme.
+
+    Parameters
+    ----------
+    degree
+        number of stages, 1..12.
+    kind
+        "gauss" or "radau".
+
+    Returns
+    -------
+    Scheme.
 
     Raises
     ------
-    InputError : degree outside 1..12, or a kind that is not "gauss" or "radau".
+    InputError : another degree or kind.
     """
     if not 1 <= degree <= MAX_DEGREE:
         raise InputError(f"degree = {degree!r}: the collocation degree must lie in 1..{MAX_DEGREE}")

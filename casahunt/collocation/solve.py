@@ -18,7 +18,17 @@ POLISHING, POLISHED = 4, 1e-2
 
 
 def ipopt_then_newton(t: Transcription, u: Array, setting: Setting) -> Solution:
-    """IPOPT from where Newton's method may not converge, and Newton's method from where it arrives."""
+    """IPOPT from where Newton's method may not converge, and Newton's method from where it arrives.
+
+    Parameters
+    ----------
+    t, u, setting
+        the equations and the starting point.
+
+    Returns
+    -------
+    Solution, judged by its distance from `u`.
+    """
     found = ipopt(t, u, setting)
     if found.status not in (Status.CONVERGED, Status.NOT_CONVERGED):
         return found
@@ -39,7 +49,21 @@ def solve(
     parameter: float = 0.0,
     accuracy: float = 0.0,
 ) -> Solution:
-    """Solve with the named solver alone; the arguments are those of `newton`, and IPOPT always goes for all digits."""
+    """Solve with the named solver alone.
+
+    Parameters
+    ----------
+    t, u, setting
+        the equations and the starting point.
+    solver
+        "ipopt" or "newton".
+    border, parameter, accuracy
+        as in `newton`; IPOPT always goes for all digits.
+
+    Returns
+    -------
+    Solution.
+    """
     if solver == "ipopt":
         return ipopt(t, u, setting, border=border, parameter=parameter)
     return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy)

@@ -172,9 +172,20 @@ class Transcription:
         return slice(first, first + self.counts[k])
 
     def pack(self, w: Array, nodes: Array, durations: Array) -> Array:
-        """u from the interval unknowns (N, R), the nodes (E + 1, n) and the durations (P,).
+        """The unknowns from their parts.
 
-        The nodes win over the start nodes inside `w`.
+        Parameters
+        ----------
+        w
+            (N, R) start and stages of the intervals.
+        nodes
+            (E + 1, n); they win over the start nodes inside `w`.
+        durations
+            (P,) [s].
+
+        Returns
+        -------
+        (size,) u.
         """
         u = np.empty(self.size)
         self.intervals_of(u)[:] = w
@@ -185,7 +196,17 @@ class Transcription:
     # Equations ---------------------------------------------------------------------------------------
 
     def linearise(self, u: Array, setting: Setting) -> Linearisation:
-        """Residual and condensed Jacobian at u."""
+        """Residual and condensed Jacobian.
+
+        Parameters
+        ----------
+        u, setting
+            the point: unknowns and setting.
+
+        Returns
+        -------
+        Linearisation; not finite where the iterate is wild.
+        """
         effort.problem(self.intervals)
         with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
             return self._linearise(u, setting)
@@ -240,7 +261,21 @@ class Transcription:
 
 @kept(maxsize=48)
 def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
-    """The transcription of a cycle for these numbers of intervals: built once, kept for reuse."""
+    """The transcription of a cycle: built once, kept for reuse.
+
+    Parameters
+    ----------
+    cycle
+        the cycle.
+    counts
+        intervals of each phase; 0 for a closed-form phase.
+    degree, kind
+        collocation scheme.
+
+    Returns
+    -------
+    Transcription.
+    """
     return Transcription(cycle, counts, degree, kind)
 
 
@@ -291,6 +326,13 @@ class Linearisation:
     def step(self, border: Array, border_value: float = 0.0) -> tuple[Array, Array, float]:
         """One Newton step under a border row.
 
+        Parameters
+        ----------
+        border
+            border row.
+        border_value
+            its value after the step.
+
         Returns
         -------
         (du, dy, dlambda) : update of u (size,), the node-system solution (y,) and the last entry of it.
@@ -320,7 +362,19 @@ class Linearisation:
         return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response))
 
     def expand(self, y: Array, inhomogeneous: float) -> Array:
-        """du (size,) belonging to a node-system solution; `inhomogeneous` multiplies the stage residual."""
+        """The update of all unknowns that belongs to a solution of the node system.
+
+        Parameters
+        ----------
+        y
+            (y,) the solution.
+        inhomogeneous
+            factor of the stage residual: 1 for a step, 0 for a tangent.
+
+        Returns
+        -------
+        (size,) du.
+        """
         t = self.transcription
         E, n, P = t.elements, t.n, t.phases
         nodes = y[: (E + 1) * n].reshape(E + 1, n)

@@ -51,12 +51,34 @@ class Point:
 
 
 def parameter_value(orbit: Orbit, vary: str) -> float:
-    """Value of the parameter `vary` at an orbit."""
+    """Value of a parameter at an orbit.
+
+    Parameters
+    ----------
+    orbit, vary
+        the orbit, and the name of the parameter.
+
+    Returns
+    -------
+    The value.
+    """
     return orbit.problem.value(vary)
 
 
 def secant(before: Orbit, after: Orbit, vary: str) -> Array:
-    """(n + 2,) way from one orbit to the next in (x_0, ln T_1, lambda), in the scale of the first."""
+    """The way from one orbit to the next.
+
+    Parameters
+    ----------
+    before, after
+        the orbits.
+    vary
+        name of the parameter.
+
+    Returns
+    -------
+    (n + 2,) in (x_0, ln T_1, lambda), in the scale of `before`.
+    """
     x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
     here, there = parameter_value(before, vary), parameter_value(after, vary)
     # Where the phases are not the same, T_1 may be another thing.
@@ -65,13 +87,35 @@ def secant(before: Orbit, after: Orbit, vary: str) -> Array:
 
 
 def in_units_of(row: Array, scale: Array, other: Array) -> Array:
-    """A direction (n + 2,) in units of the state scale `scale`, in units of `other`."""
+    """A direction of the curve in other units.
+
+    Parameters
+    ----------
+    row
+        (n + 2,) direction.
+    scale, other
+        (n,) its state scale, and that of the result.
+
+    Returns
+    -------
+    (n + 2,).
+    """
     n = scale.size
     return np.concatenate([row[:n] * scale / other, row[n:]])
 
 
 def cosine(before: Point, after: Point) -> float:
-    """Of the angle between the tangents at two points."""
+    """The angle between the tangents at two points.
+
+    Parameters
+    ----------
+    before, after
+        the points.
+
+    Returns
+    -------
+    Its cosine.
+    """
     carried = in_units_of(before.row, before.setting.scale, after.setting.scale)
     return float(carried @ after.row / np.linalg.norm(carried))
 
@@ -87,13 +131,29 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
         (n + 2,) direction to go on in; the tangent makes an acute angle with it.
     sense
         where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
+
+    Returns
+    -------
+    Point.
     """
     t, u, setting = unknowns_of(orbit)
     return point_at(t, u, setting, orbit.problem.direction(vary), like=like, sense=sense)
 
 
 def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
-    """The curve at two successive orbits, oriented from the first to the second."""
+    """The curve at two successive orbits, oriented from the first to the second.
+
+    Parameters
+    ----------
+    before, after
+        the orbits.
+    vary
+        name of the parameter.
+
+    Returns
+    -------
+    Points at both.
+    """
     way = secant(before, after, vary)
     there = in_units_of(way, before.scale, after.scale)
     return curve_point(before, vary, like=way), curve_point(after, vary, like=there)
@@ -109,9 +169,24 @@ def point_at(
     sense: float = 1.0,
     lin: Linearisation | None = None,
 ) -> Point:
-    """The curve at u, in the parameter of the unit vector `direction` (np,).
+    """The curve at a solution, with its tangent.
 
-    `lin` is the linearisation there where the corrector has left one, along setting.dp.
+    Parameters
+    ----------
+    t, u, setting
+        the solution: transcription, unknowns, setting.
+    direction
+        (np,) unit vector of the parameter.
+    like
+        (n + 2,) direction to go on in; the tangent makes an acute angle with it.
+    sense
+        where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
+    lin
+        the linearisation there where the corrector has left one, along setting.dp.
+
+    Returns
+    -------
+    Point.
     """
     index = int(np.argmax(direction))
     here = setting.p[index]
@@ -162,7 +237,19 @@ def _divided(t: Transcription, u: Array, factor: Array) -> Array:
 
 
 def predict(point: Point, ds: float) -> tuple[Array, float]:
-    """(u, lambda) a length ds further on; durations are multiplied, so that they stay positive."""
+    """Predict a point further on; durations are multiplied, so that they stay positive.
+
+    Parameters
+    ----------
+    point
+        where the prediction is made.
+    ds
+        how far on, in arclength.
+
+    Returns
+    -------
+    (size,) u, and lambda.
+    """
     t, P = point.t, point.t.phases
     change = _change(point, ds)
     u = point.u + change[:-1]
@@ -180,9 +267,22 @@ def _change(point: Point, ds: float) -> Array:
 
 
 def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
-    """`point` with a predictor that passes through what was found a length ds further on, at lambda = `lam`.
+    """A point whose predictor passes through what was found further on.
 
-    The coefficient of the highest power takes up the defect; `point` itself where the mesh is another one.
+    The coefficient of the highest power takes up the defect.
+
+    Parameters
+    ----------
+    point
+        the point.
+    ds
+        how far on, in arclength.
+    solved, lam
+        what was found there, and its lambda.
+
+    Returns
+    -------
+    Point; `point` itself where the mesh is another one.
     """
     same = solved.t == point.t and np.array_equal(solved.setting.fractions, point.setting.fractions)
     if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
@@ -197,11 +297,23 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
 
 
 def bend(before: Point, after: Point, value: float, *, side: float = -1.0) -> Array | None:
-    """(2, size + 1) coefficients c of u + s u' + s^2 c_0 + s^3 c_1, the cubic through `before` and `after`.
+    """The cubic u + s u' + s^2 c_0 + s^3 c_1 through two points.
 
-    s is measured along the tangent of `after`, as the corrector measures it: `before` lies at
-    s = tangent . (y_before - y_after), which must have the sign `side`.  `value` is the parameter at `before`.  None
-    where the phases are not the same, or the curve turns too much.
+    s is measured along the tangent of `after`, as the corrector measures it: `before` lies at s = tangent . (y_before -
+    y_after).
+
+    Parameters
+    ----------
+    before, after
+        the points.
+    value
+        the parameter at `before`.
+    side
+        the sign that s must have at `before`.
+
+    Returns
+    -------
+    (2, size + 1) coefficients c; None where the phases are not the same, or the curve turns too much.
     """
     t = after.t
     if before.t.cycle != t.cycle:

@@ -8,8 +8,10 @@ Two ways that share nothing but the collocation equations:
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
   work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
 
-`confirmed` does both, the second on the halved mesh too, and refuses where they disagree.  An extended system
-(J v = 0, |v| = 1) serves as a third opinion in the tests.
+`confirmed` does both, the second on the halved mesh too, and refuses where they disagree.  What a coarse mesh does to
+the place of the fold along the branch, no estimate at a point of the branch can see; the second optimum does, and the
+errors of the result are not less than the distance to it.  An extended system (J v = 0, |v| = 1) serves as a third
+opinion in the tests.
 """
 
 from __future__ import annotations
@@ -74,13 +76,38 @@ class Fold(Generic[AnyOrbit]):
 
 
 def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
-    """Whether the parameter has a maximum between two successive orbits of a walk."""
+    """Whether the parameter has a maximum between two successive orbits of a walk.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    vary
+        name of the parameter.
+
+    Returns
+    -------
+    True where d lambda/d s changes sign from plus.
+    """
     here, there = ends(before, after, vary)
     return FOLD.value(before, here) > 0 >= FOLD.value(after, there)
 
 
 def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
     """The fold between two orbits, by the first of `WAYS` that leads there.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    vary
+        name of the parameter.
+    options
+        tolerance and method of the orbit.
+
+    Returns
+    -------
+    SpecialPoint, not yet confirmed.
 
     Raises
     ------
@@ -133,6 +160,8 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
             break
         moved = setting.moved(best.parameter)
         error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
+        if not np.isfinite(error.error):  # no duration moves
+            break
         if error.error <= options.tol and judge(t, best.u, moved).admissible:
             lin = t.linearise(best.u, moved)
             by = _maximiser(options)
@@ -159,6 +188,19 @@ def _along(orbit: Orbit, vary: str, sense: float = 1.0) -> tuple[Transcription, 
 def next_fold(orbit: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
     """The fold right above an orbit, from that orbit alone: where natural continuation ends.
 
+    Parameters
+    ----------
+    orbit
+        below the fold.
+    vary
+        name of the parameter.
+    options
+        tolerance and method of the orbit.
+
+    Returns
+    -------
+    SpecialPoint, confirmed.
+
     Raises
     ------
     NoOrbit : the largest parameter next to the orbit is not found, or not confirmed.
@@ -181,9 +223,16 @@ def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> 
 def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float | None = None) -> Any:
     """A located fold, checked against the optimisation problem on its mesh and on the mesh with halved intervals.
 
-    What a coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see;
-    the second optimum does, and the errors of the orbit of the result are not less than the distance to it.  The fold
-    is of the class that its problem names.
+    Parameters
+    ----------
+    special, vary
+        the fold, and the name of the parameter.
+    options, began
+        `tol` bounds the relative errors; time.perf_counter() when the search began, default: now.
+
+    Returns
+    -------
+    Fold, of the class that its problem names.
 
     Raises
     ------
@@ -234,6 +283,20 @@ def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, bega
 
 def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:
     """A located fold at which the parameter is smallest, checked against the optimisation problem on its mesh.
+
+    Parameters
+    ----------
+    special
+        the fold.
+    vary
+        name of the parameter.
+    options
+        `tol` bounds the relative error of the parameter.
+
+    Returns
+    -------
+    Fold, of the class that its problem names; its multipliers are those of the maximum of -lambda, with the sign
+    turned.
 
     Raises
     ------

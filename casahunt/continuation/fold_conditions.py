@@ -32,10 +32,19 @@ from ..compiled import kept
 
 @kept(maxsize=8)
 def fold_conditions(t: Transcription, free: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
-    """Functions of (q, z = (u, lambda), n, data, S): the equations, and their sparse Jacobian in (q, z, n).
+    """The conditions of a fold as functions of parameters, and their sparse Jacobian.
 
-    `free` are the numbers of the parameters that q stands for.  `data` is that of collocation/graphs.py, `data_of`;
-    those parameters in it are overruled by q.
+    Parameters
+    ----------
+    t
+        transcription of the cycle.
+    free
+        indices of the k parameters that q stands for, by their logarithms.
+
+    Returns
+    -------
+    Functions of (q, z = (u, lambda), n, data, S): the equations, and their Jacobian in (q, z, n).  `data` is that of
+    collocation/graphs.py, `data_of`; the free parameters in it are overruled by q.
     """
     g = graphs(t)
     parts = ca.Function("parts", [g.z, g.data], [g.residual, g.jacobian])

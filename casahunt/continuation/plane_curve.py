@@ -68,11 +68,33 @@ class Chart(Protocol):
         ...
 
     def value(self, s: float, m: float) -> Reading | str:
-        """phi, or a sentence about why there is none."""
+        """Read phi at a place.
+
+        Parameters
+        ----------
+        s, m
+            the place.
+
+        Returns
+        -------
+        phi, or a sentence about why there is none.
+        """
         ...
 
     def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
-        """The chart of a place found on the curve, s oriented as here, or a sentence about why it is none."""
+        """The chart of a place found on the curve, s oriented as here.
+
+        Parameters
+        ----------
+        s, m
+            the place.
+        reading
+            what was read there.
+
+        Returns
+        -------
+        Chart, or a sentence about why it is none.
+        """
         ...
 
 
@@ -93,7 +115,19 @@ class Place:
 
 
 def tangent_at(chart: Chart, like: Array) -> Array:
-    """(2,) unit tangent that makes an acute angle with `like`; `like` itself where the gradient vanishes."""
+    """The unit tangent of the curve at the origin of a chart.
+
+    Parameters
+    ----------
+    chart
+        with the gradient of phi.
+    like
+        (2,) unit vector with which it is to make an acute angle.
+
+    Returns
+    -------
+    (2,) along s and c; `like` itself where the gradient vanishes.
+    """
     phi_s, phi_c = chart.gradient
     length = float(np.hypot(phi_s, phi_c))
     if not length > 0:
@@ -118,10 +152,10 @@ def follow(
     most
         give up after so many places.
 
-    Returns
-    -------
-    Iterator of places; one where the curve turns back is yielded at its place among the others.  The generator's
-    return value is "" where a bound was reached, or the sentence that says why it ended.
+    Yields
+    ------
+    Place; those where the curve turns back are among them.  The generator returns "" where a bound was reached, or the
+    sentence that says why it ended.
     """
     last = Place(chart, tangent_at(chart, np.array([0.0, sense])))
     yield last

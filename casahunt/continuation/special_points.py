@@ -128,9 +128,22 @@ GRAZING_WIDTH = 1e-7
 
 
 def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
-    """The orbit with the meaning in words, its parameter in as many digits as are known.
+    """An orbit with its meaning in words, its parameter in as many digits as are known.
 
-    `error` is the relative error of the parameter, where it is known better than from the orbit itself.
+    Parameters
+    ----------
+    monitor
+        what is special about it.
+    orbit
+        the orbit.
+    vary
+        name of the parameter.
+    error
+        relative error of the parameter, where it is known better than from the orbit itself.
+
+    Returns
+    -------
+    SpecialPoint.
     """
     value = to_error(parameter_value(orbit, vary), error or orbit.parameter_error or orbit.error_estimate)
     meaning = monitor.meaning.format(name=vary, value=float(value), beyond=orbit.problem.beyond_a_fold)
@@ -140,7 +153,23 @@ def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0
 def crossings(
     before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: tuple[Monitor, ...], options: Options
 ) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:
-    """The special points between two successive orbits of a walk, and those that are there and were not located."""
+    """The special points between two successive orbits of a walk.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    vary
+        name of the parameter.
+    monitors
+        the kinds that are looked for.
+    options
+        tolerance and method of the orbits.
+
+    Returns
+    -------
+    Special points in the order of the walk, and those that are there and were not located.
+    """
     found, missed = [], []
     start: Point | None = None
     end: Point | None = None
@@ -171,10 +200,25 @@ def crossings(
 
 
 def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
-    """The orbit between two at which `monitor` vanishes, or None where the steps there do not converge.
+    """The orbit between two at which a monitor vanishes.
 
-    Steps start at the orbit where `monitor` is smaller, which is as a rule the closer one, along its tangent; where
-    they fail, at the other.
+    Steps start at the orbit where it is smaller, which is as a rule the closer one, along its tangent; where they fail,
+    at the other.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    monitor
+        which changes sign between them.
+    vary
+        name of the parameter.
+    options
+        tolerance and method of the orbit.
+
+    Returns
+    -------
+    The orbit; None where the steps there do not converge.
     """
     start, end = ends(before, after, vary)
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
@@ -286,5 +330,17 @@ def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: O
 
 
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
-    """A monitor of the user's own: the points where `function(orbit)` changes sign."""
+    """A monitor of the user's own.
+
+    Parameters
+    ----------
+    name
+        kind of the special points.
+    function
+        of an orbit; they are where it changes sign.
+
+    Returns
+    -------
+    Monitor.
+    """
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")

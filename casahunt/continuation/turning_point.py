@@ -37,7 +37,19 @@ lambda does not change any more and the slope is nothing but rounding."""
 
 
 def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
-    """The largest lambda next to u by Newton's method, as `ipopt.maximise_parameter` by IPOPT."""
+    """The largest lambda next to an orbit by Newton's method, as `ipopt.maximise_parameter` by IPOPT.
+
+    Parameters
+    ----------
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+    freedom
+        |lambda| at which it is no longer next to the orbit.
+
+    Returns
+    -------
+    Maximum; where none is found, its status is NOT_CONVERGED, and u is what it was.
+    """
     row = _along(t, u, setting)
     iterations = 0
     for first in FIRST_STEPS:

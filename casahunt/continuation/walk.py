@@ -79,9 +79,9 @@ def walk(
     max_points
         give up after so many.
 
-    Returns
-    -------
-    Iterator of converged orbits.  The generator's return value is the sentence that says why it ended.
+    Yields
+    ------
+    Converged orbit.  The generator returns the sentence that says why it ended.
 
     Raises
     ------
@@ -153,6 +153,19 @@ def step_along(
 ) -> tuple[AnyOrbit, Solved, bool] | str:
     """One corrected step of length ds from `point`, the curve at the orbit `last`.
 
+    Parameters
+    ----------
+    point, last
+        a point of the curve, and the orbit there.
+    vary
+        name of the parameter.
+    ds
+        length of the step.
+    low, high
+        range of the parameter; a step beyond lands on the bound.
+    options
+        tolerance and method of the orbit.
+
     Returns
     -------
     (orbit, solved, whether a bound of [low, high] is reached), or a sentence about what went wrong.
@@ -182,24 +195,27 @@ def step_along(
 
 
 def walk_naturally(
-    start: AnyOrbit,
-    *,
-    vary: str | None = None,
-    low: float,
-    high: float,
-    sense: float = 1.0,
-    options: Options | None = None,
-    first_step: float = FIRST_STEP,
-    largest_step: float | None = None,
+    start: AnyOrbit, *, vary: str | None = None, low: float, high: float, sense: float = 1.0,
+    options: Options | None = None, first_step: float = FIRST_STEP, largest_step: float | None = None,
     max_points: int = 2000,
-) -> Generator[AnyOrbit, None, str]:
+) -> Generator[AnyOrbit, None, str]:  # fmt: skip
     """Orbits at prescribed parameter values, warm-started, until the range or the branch ends.
-
-    The arguments are those of `walk`; steps are relative changes of the parameter.  At a fold no smaller
-    step helps and the generator returns the sentence that says so.
 
     Next to a fold at lambda_f the unit tangent has (dlambda/ds)^2 proportional to lambda_f - lambda: two points tell
     how far it is, and no step goes further than most of the way.
+
+    Parameters
+    ----------
+    start, vary, low, high, sense, options, first_step, largest_step, max_points
+        as in `walk`; steps are relative changes of the parameter.
+
+    Yields
+    ------
+    Converged orbit.  At a fold no smaller step helps, and the generator returns the sentence that says so.
+
+    Raises
+    ------
+    InputError : unknown parameter name.
     """
     vary = _varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
@@ -269,6 +285,23 @@ def corrected(
     """The corrector from a predicted point, across changes of the phase sequence.
 
     In turn: the phase sequences that the problem expects there; and, on short steps only, with its last resorts.
+
+    Parameters
+    ----------
+    point
+        from which the prediction was made.
+    u, lam
+        predicted unknowns and lambda.
+    problem, options
+        the problem at `point`, and the tolerance.
+    ds
+        length of the step.
+    border
+        (n + 2,) weights under which lambda is free; None holds it at `lam`.
+
+    Returns
+    -------
+    Solved.
     """
     start = (point.t, u, point.setting.moved(lam))
     solved: Solved | None = None

@@ -61,22 +61,22 @@ def diagram(
 
     Parameters
     ----------
-    servo, model, options
-        the problem and the tolerance.
+    servo, model
+        the problem.
+    start
+        gain [V/rad] at which the stable branch is entered and the unstable one is left.
+    options, monitors
+        tolerance and method of the orbits; special points to be located.
     largest_step
         of the walk, in arclength; of natural continuation, in relative change of the gain.
-    start
-        gain at which the stable branch is entered and the unstable one is left.
-    monitors
-        special points to be located.
     natural
         natural continuation in the gain: the stable branch, up to the fold.
     begun
         the points of the same diagram that are there already, in order: it goes on behind them.
 
-    Returns
-    -------
-    Iterator; its return value is the sentence that says why the branch ends.
+    Yields
+    ------
+    DiagramPoint, those of `begun` left out; the generator returns the sentence that says why the branch ends.
 
     Raises
     ------
@@ -132,7 +132,19 @@ def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
 
 
 def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
-    """Run a diagram to its end."""
+    """Run a diagram to its end.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    points
+        its `diagram`.
+
+    Returns
+    -------
+    Branch, with the sentence that says why it ends.
+    """
     orbits: list[HuntingOrbit] = []
     special: list[SpecialPoint[HuntingOrbit]] = []
     missed: list[Missed] = []

@@ -64,7 +64,20 @@ class Task:
 
 
 def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, out: Path) -> Branch:
-    """Write the points so far; returns them as a branch.
+    """Write the points so far (npz and csv).
+
+    Parameters
+    ----------
+    task, model
+        the problem.
+    points, ended
+        the points, and why they end.
+    out
+        folder.
+
+    Returns
+    -------
+    The points as a branch.
 
     Raises
     ------
@@ -86,7 +99,18 @@ def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, o
 
 
 def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]:
-    """The points that an earlier run of the same task has left in `out`, none where it has left none, and why they end.
+    """The points that an earlier run of the same task has left.
+
+    Parameters
+    ----------
+    task, model
+        the problem.
+    out
+        folder.
+
+    Returns
+    -------
+    Points, none where there is no file, and why they end.
 
     Raises
     ------
@@ -124,7 +148,19 @@ def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> Di
 
 
 def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
-    """One row of the CSV file, in the order of `CSV_COLUMNS`."""
+    """One row of the CSV file.
+
+    Parameters
+    ----------
+    orbit
+        of the point.
+    special
+        kind of the special point; "" for none.
+
+    Returns
+    -------
+    Values in the order of `CSV_COLUMNS`.
+    """
     multipliers = orbit.multipliers
     trusted = multipliers.trusted
     return [

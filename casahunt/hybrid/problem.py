@@ -74,11 +74,36 @@ class Problem(ABC):
 
     @abstractmethod
     def with_value(self, name: str, value: float) -> Self:
-        """The problem with one parameter changed.  Raises InputError where it cannot have that value."""
+        """The problem with one parameter changed.
+
+        Parameters
+        ----------
+        name, value
+            one of `names`, and its value.
+
+        Returns
+        -------
+        The problem.
+
+        Raises
+        ------
+        InputError : it cannot have that value.
+        """
 
     @abstractmethod
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """The cycle with these phases, `repeats` of which make up the period.
+        """The cycle with these phases.
+
+        Parameters
+        ----------
+        signature
+            the phases, (mode, event) each.
+        repeats
+            how often they are passed, mirrored by the closure, in a period.
+
+        Returns
+        -------
+        Cycle.
 
         Raises
         ------
@@ -100,18 +125,49 @@ class Problem(ABC):
         return dp
 
     def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:
-        """Starting points for other phase sequences, most promising first, where `phase` has stopped being a motion.
+        """Starting points for other phase sequences, where one has stopped being a motion.
 
-        `soft` allows last resorts that converge everywhere, but slowly.
+        Parameters
+        ----------
+        t, u, setting
+            the orbit: transcription, unknowns, setting.
+        phase
+            index of the phase that is none any more.
+        soft
+            also last resorts that converge everywhere, but slowly.
+
+        Returns
+        -------
+        Starting points, most promising first.
         """
         return []
 
     def remarch(self, t: Any, u: Array, setting: Any) -> Any | None:
-        """The phases that the motion from the start of u really has, as a starting point; None where unknown."""
+        """The phases that the motion from the start of an orbit really has.
+
+        Parameters
+        ----------
+        t, u, setting
+            the orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where unknown.
+        """
         return None
 
     def expected(self, t: Any, u: Array, setting: Any) -> list[Any]:
-        """Starting points to try, in turn, from a predicted point of a branch, before any last resort."""
+        """Starting points to try from a predicted point of a branch, before any last resort.
+
+        Parameters
+        ----------
+        t, u, setting
+            the point: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting points, in turn.
+        """
         return [(t, u, setting)]
 
 
@@ -159,12 +215,40 @@ class FixedSequence(Problem):
         return np.array(self.values, float)
 
     def with_value(self, name: str, value: float) -> FixedSequence:
-        """The same cycle at another p."""
+        """The same cycle at another p.
+
+        Parameters
+        ----------
+        name, value
+            a parameter of the cycle, and its value.
+
+        Returns
+        -------
+        FixedSequence.
+
+        Raises
+        ------
+        ValueError : no such parameter.
+        """
         at = self.names.index(name)
         return replace(self, values=(*self.values[:at], float(value), *self.values[at + 1 :]))
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """Its cycle.  Raises ValueError for another sequence."""
+        """Its cycle.
+
+        Parameters
+        ----------
+        signature, repeats
+            those of the cycle.
+
+        Returns
+        -------
+        Cycle.
+
+        Raises
+        ------
+        ValueError : another sequence.
+        """
         if (signature, repeats) != (self.posed.signature, self.posed.repeats):
             raise ValueError(f"{self.title} has no cycle with the phases {signature} ({repeats} times)")
         return self.posed

@@ -97,12 +97,31 @@ class Bracket:
         return x if self.holds(x) else self.middle
 
     def newton(self, x: float, f: float, slope: float) -> float:
-        """x - f/slope where that is inside, else the middle."""
+        """Newton's step, where that is inside.
+
+        Parameters
+        ----------
+        x, f, slope
+            a place, f there and f'.
+
+        Returns
+        -------
+        x - f/slope; the middle where that is outside.
+        """
         step = x - f / slope if slope else math.inf
         return step if self.holds(step) else self.middle
 
     def told(self, x: float, f: float) -> Bracket:
-        """The bracket with the end where f has this sign moved to x.
+        """The bracket with one end moved.
+
+        Parameters
+        ----------
+        x, f
+            a place inside, and f there.
+
+        Returns
+        -------
+        Bracket; the end where f has this sign is at x.
 
         Raises
         ------
@@ -147,7 +166,16 @@ class Search:
         return x if self.bracket.holds(x) else self.bracket.middle
 
     def told(self, x: float, f: float) -> Search:
-        """What to ask next after f(x) = f; NaN and infinity are failures.
+        """What to ask next, after a place was told.
+
+        Parameters
+        ----------
+        x, f
+            the place, and f there; NaN and infinity are failures.
+
+        Returns
+        -------
+        Search.
 
         Raises
         ------
@@ -175,19 +203,23 @@ def inverse_interpolation(seen: Sequence[tuple[float, float]]) -> float:
 def boundary(
     beyond: Callable[[float], bool], low: float, high: float, *, width: float = 0.0, rounds: int = 2000
 ) -> tuple[float, float]:
-    """(last place before, first place beyond) the boundary of a condition that holds at `high` and not at `low`.
+    """The boundary of a condition that holds at one end of a range and not at the other.
 
     Parameters
     ----------
     beyond
-        the condition, monotone in the coordinate; a place where it cannot be told counts as the caller answers.
-        It is not asked at the ends.
+        the condition, monotone in the coordinate; a place where it cannot be told counts as the caller answers. It is
+        not asked at the ends.
     low, high
-        ends; `low` may be the larger one.
+        ends, where it does not hold and where it does; `low` may be the larger one.
     width
         to stop at; 0 for neighbouring floating-point numbers.
     rounds
         halvings after which to stop at any width.
+
+    Returns
+    -------
+    Last place before the boundary, first place beyond it.
     """
     for _ in range(rounds):
         middle = (low + high) / 2
@@ -200,9 +232,23 @@ def boundary(
 def secant(
     f: Callable[[float], float], x0: float, x1: float, *, tolerance: float, rounds: int = 50
 ) -> tuple[float, float]:
-    """(x, f(x)) after secant steps from x0 and x1, exact after one where f is linear.
+    """Secant steps to a root, exact after one where f is linear.
 
-    |f(x)| > `tolerance`, or NaN, tells that there was no root within reach: f is flat, fails, or needs more `rounds`.
+    Parameters
+    ----------
+    f
+        the function.
+    x0, x1
+        places where it begins.
+    tolerance
+        of |f|, to stop at.
+    rounds
+        steps after which it gives up.
+
+    Returns
+    -------
+    x and f(x); |f(x)| > `tolerance`, or NaN, tells that there was no root within reach: f is flat, fails, or needs more
+    `rounds`.
     """
     f0, f1 = f(x0), f(x1)
     for _ in range(rounds):

@@ -84,14 +84,14 @@ def march(
     ----------
     system, mode
         the hybrid system and the mode that it starts in.
-    until
-        called with every finished segment; True ends the march.
-    degree, kind
-        collocation scheme.
     x, p
         (n,) initial state; parameter vector.
-    scale, tol
-        (n,) size of the states; bound on the last Legendre coefficient of each interval, relative to it.
+    scale
+        (n,) size of the states.
+    until
+        called with every finished segment; True ends the march.
+    tol, degree, kind
+        bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
     max_time, max_intervals
         [s], stop there; give up beyond.
 

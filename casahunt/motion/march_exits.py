@@ -67,7 +67,19 @@ def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _
 
 
 def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
-    """(duration, exit, state there) of the first exit of a mode in closed form, or None."""
+    """The first exit of a mode in closed form.
+
+    Parameters
+    ----------
+    mode, exits
+        the mode and its exits.
+    x, p
+        (n,) state at its start; parameter vector.
+
+    Returns
+    -------
+    Duration [s], exit, (n,) state there; None where no exit is met.
+    """
     motion = _flow_map(mode, exits, x.size, p.size)
     best: tuple[float, Exit] | None = None
     for i, way_out in enumerate(exits):
@@ -85,7 +97,21 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
 
 
 def hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:
-    """Whether the field has a feature that jumps between two points of the interval."""
+    """Whether the field has a feature that jumps between two points of the interval.
+
+    Parameters
+    ----------
+    feature
+        of the mode; None: it has none.
+    start, stages, end
+        (n,), (d n,), (n,) states of the interval, in units of the scale.
+    scale, p
+        (n,) size of the states; parameter vector.
+
+    Returns
+    -------
+    True where it hides from the collocation polynomial.
+    """
     if feature is None:
         return False
     points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * scale
@@ -101,10 +127,27 @@ def _watch_matrix(degree: int, kind: Kind) -> Array:
 def first_crossing(
     exits: tuple[Exit, ...], stepper: Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
 ) -> tuple[Exit, float] | None:
-    """The exit whose event is beyond zero earliest, with the watched local time (0..1] where it is.
+    """The exit whose event is beyond zero earliest in an interval.
 
-    `ahead` is a state just after `start` on the first interval of a mode, which starts on its last event:
-    it tells the side of that zero on which the mode begins.
+    Parameters
+    ----------
+    exits
+        of the mode.
+    stepper
+        whose interval it is.
+    start, stages, end
+        (n,), (d n,), (n,) states of the interval, in units of the scale.
+    ahead
+        (n,) state just after `start` on the first interval of a mode, which starts on its last event: it tells the side
+        of that zero on which the mode begins; None on the others.
+
+    Returns
+    -------
+    The exit, with the watched local time (0..1] where it is; None where no event is beyond zero.
+
+    Raises
+    ------
+    TooLong : the polynomial may have strayed across zero: only a shorter interval can tell.
     """
     p = stepper.p
     s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
@@ -135,7 +178,25 @@ def first_crossing(
 def locate(
     way_out: Exit, beyond: float, stepper: Stepper, start: Array, stages: Array, h: float
 ) -> tuple[float, Array, Array] | None:
-    """(length, stages, end) of the interval at whose end the event vanishes, or None where none is found."""
+    """Shorten an interval until it ends on an event.
+
+    Parameters
+    ----------
+    way_out
+        the exit.
+    beyond
+        watched local time (0..1] at which its event is beyond zero.
+    stepper
+        whose interval it is.
+    start, stages
+        (n,), (d n,) states of the interval, in units of the scale.
+    h
+        its length [s].
+
+    Returns
+    -------
+    Length [s], (d n,) stages and (n,) end of the interval at whose end the event vanishes; None where none is found.
+    """
     s = stepper.scheme
 
     def value(state: Array) -> float:

@@ -71,7 +71,21 @@ class Stepper:
 
 
 def predict(s: Scheme, previous: tuple[Array, float] | None, start: Array, h: float) -> Array:
-    """Stages extrapolated from the previous interval; constant where that reaches too far."""
+    """Stages extrapolated from the previous interval; constant where that reaches too far.
+
+    Parameters
+    ----------
+    s
+        the scheme.
+    previous
+        ((d + 1) n,) start and stages of the previous interval, and its length [s]; None: there is none.
+    start, h
+        (n,) start and length [s] of the new one.
+
+    Returns
+    -------
+    (d n,) stages.
+    """
     d, n = s.degree, start.size
     if not reaches(previous, h):
         return np.tile(start, d)
@@ -81,10 +95,34 @@ def predict(s: Scheme, previous: tuple[Array, float] | None, start: Array, h: fl
 
 
 def reaches(previous: tuple[Array, float] | None, h: float) -> bool:
-    """Whether the previous interval may be extrapolated to one of length h."""
+    """Whether the previous interval may be extrapolated to one of another length.
+
+    Parameters
+    ----------
+    previous
+        ((d + 1) n,) its start and stages, and its length [s]; None: there is none.
+    h
+        the other length [s].
+
+    Returns
+    -------
+    False where it is too long.
+    """
     return previous is not None and h <= EXTRAPOLATED * previous[1]
 
 
 def last_mode(s: Scheme, start: Array, stages: Array) -> float:
-    """The largest last Legendre coefficient of the states."""
+    """The largest last Legendre coefficient of the states.
+
+    Parameters
+    ----------
+    s
+        the scheme.
+    start, stages
+        (n,), (d n,) states of the interval.
+
+    Returns
+    -------
+    Its absolute value, in the units of the states.
+    """
     return float(np.max(np.abs(s.last_mode @ np.concatenate([start, stages]).reshape(s.degree + 1, -1))))

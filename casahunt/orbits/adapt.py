@@ -97,18 +97,20 @@ def solve_adaptively(
     ----------
     problem
         whose cycle it is, and whose phase sequences are sought where one stops being a motion.
-    options
-        tolerance.
-    start
-        transcription, unknowns and setting.
+    start, options
+        transcription, unknowns and setting; tolerance.
     solver
         for the first solve of `auto`, which takes Newton after that, and the other one where the first fails at a fixed
         parameter.  A solver named in `options` makes all the solves, alone.
     border
-        weights (n + 2,) of the first node, of ln T_1 and of lambda; the correction is orthogonal to them and
-        lambda is free.  None holds lambda at zero.
+        weights (n + 2,) of the first node, of ln T_1 and of lambda; the correction is orthogonal to them and lambda is
+        free.  None holds lambda at zero.
     soft
         allow last resorts among the phase sequences (Problem.next_sequence).
+
+    Returns
+    -------
+    Solved, whose status says how it ended.
 
     Raises
     ------
@@ -239,6 +241,17 @@ def remeshed(start: Start, options: Options) -> Start:
 
     A march solves the equations of every interval; the estimate of what each is to blame for does not need the
     closure to hold.
+
+    Parameters
+    ----------
+    start
+        the marched motion: transcription, unknowns, setting.
+    options
+        tolerance.
+
+    Returns
+    -------
+    The same on another mesh; as it is where its own does.
     """
     t, u, setting = start
     e = estimate(t, u, setting, believed=0.0)
@@ -261,7 +274,19 @@ def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
-    """The border row of the node system with weights (n + 2,) on (x_0, ln T_1, lambda); see continuation/curve.py."""
+    """The border row of the node system with weights on the first node, on ln T_1 and on lambda.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+    weights
+        (n + 2,), see continuation/curve.py.
+
+    Returns
+    -------
+    Border row (NodeSystem.border).
+    """
     nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
     nodes[0] = weights[: t.n]
     durations[0] = weights[t.n] / t.durations_of(u)[0]
@@ -301,7 +326,29 @@ def _first_converging(task: _Task, starts: list[Start], known: _Root) -> _Root |
 
 
 def finished(solved: Solved, problem: Problem, options: Options, began: float, what: str) -> Any:
-    """The orbit of a converged `Solved`, or NoOrbit with the advice."""
+    """The orbit of a converged solution.
+
+    Parameters
+    ----------
+    solved
+        the solution.
+    problem
+        with the parameters at which the equations were solved.
+    options
+        with which it was solved.
+    began
+        time.perf_counter() at that time.
+    what
+        what was to be computed, for the message.
+
+    Returns
+    -------
+    Orbit, of the class that the problem names.
+
+    Raises
+    ------
+    NoOrbit : it has not converged; the message says what to do.
+    """
     if not solved.status.ok or solved.estimate is None:
         alone = "" if options.solver == "auto" else f"; {options.solver} worked alone, the solver auto tries both"
         at = f"{problem.principal} {problem.value(problem.principal):g}"
@@ -311,7 +358,23 @@ def finished(solved: Solved, problem: Problem, options: Options, began: float, w
 
 
 def refined(orbit: AnyOrbit, options: Options) -> AnyOrbit:
-    """The same orbit to another tolerance.  Raises NoOrbit where it is not reached."""
+    """The same orbit to another tolerance.
+
+    Parameters
+    ----------
+    orbit
+        the orbit.
+    options
+        the tolerance.
+
+    Returns
+    -------
+    The orbit.
+
+    Raises
+    ------
+    NoOrbit : the tolerance is not reached.
+    """
     began = time.perf_counter()
     solved = solve_adaptively(orbit.problem, unknowns_of(orbit), options, solver="newton")
     return finished(solved, orbit.problem, options, began, "the cycle")

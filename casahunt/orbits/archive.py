@@ -12,6 +12,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +23,7 @@ from ..collocation.scheme import scheme
 from ..errors import InputError, Status
 from ..files import whole
 from ..hybrid.problem import Problem
+from ..hybrid.system import Cycle
 from .orbit import Arc, Orbit
 
 Array = np.ndarray
@@ -53,7 +55,19 @@ class Writer:
 
 
 def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
-    """One orbit as JSON can say it, its arrays with the `writer`."""
+    """One orbit as JSON can say it.
+
+    Parameters
+    ----------
+    orbit
+        the orbit.
+    writer
+        keeps its arrays.
+
+    Returns
+    -------
+    Numbers, texts, lists and tables; of each array its shape and its place among the numbers of the writer.
+    """
     return {
         **orbit.problem.record(),
         "half": orbit.half,
@@ -86,13 +100,43 @@ def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
 
 
 def save_orbit(orbit: Orbit, path: str | Path) -> None:
-    """Write an orbit to `path` (npz).  Raises InputError where that is not possible, OSError where the disk is full."""
+    """Write an orbit (npz).
+
+    Parameters
+    ----------
+    orbit
+        the orbit.
+    path
+        the file.
+
+    Raises
+    ------
+    InputError : there can be no file at `path`, or the orbit holds NaN or infinity.
+    OSError : the disk is full.
+    """
     writer = Writer()
     write(path, "orbit", {"orbit": orbit_record(orbit, writer)}, writer)
 
 
 def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) -> None:
-    """Write a file of this schema.  Raises InputError, OSError as `save_orbit`."""
+    """Write a file of this schema.
+
+    Parameters
+    ----------
+    path
+        the file.
+    kind
+        what it holds: "orbit" or "branch".
+    content
+        metadata besides those of the schema.
+    writer
+        keeps the arrays.
+
+    Raises
+    ------
+    InputError : there can be no file at `path`, or NaN or infinity is to be written.
+    OSError : the disk is full.
+    """
     path = Path(path)
     metadata = {
         "schema": SCHEMA,
@@ -118,6 +162,17 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
 def load_orbit(path: str | Path, pose: Pose) -> Any:
     """Read an orbit of one kind of problem, written by `save_orbit`.
 
+    Parameters
+    ----------
+    path
+        the file.
+    pose
+        poses the problem again, from its record.
+
+    Returns
+    -------
+    Orbit, of the class that its problem names.
+
     Raises
     ------
     InputError : anything else, saying what is wrong.
@@ -127,7 +182,23 @@ def load_orbit(path: str | Path, pose: Pose) -> Any:
 
 
 def checked(path: str | Path, build: Callable[[], T]) -> T:
-    """What `build` makes of a file's content, or InputError where it does not fit."""
+    """Build something from a file's content.
+
+    Parameters
+    ----------
+    path
+        the file, for the message.
+    build
+        builds it; any exception of wrong content is taken for damage.
+
+    Returns
+    -------
+    What `build` returns.
+
+    Raises
+    ------
+    InputError : the content does not fit.
+    """
     try:
         return build()
     except KeyError as error:
@@ -138,7 +209,23 @@ def checked(path: str | Path, build: Callable[[], T]) -> T:
 
 
 def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
-    """(metadata, numbers) of a file.  Raises InputError for what is none of this schema and kind, or damaged."""
+    """Read a file of this schema.
+
+    Parameters
+    ----------
+    path
+        the file.
+    kind
+        what it must hold: "orbit" or "branch".
+
+    Returns
+    -------
+    Metadata, and (m,) the numbers of all arrays, finite.
+
+    Raises
+    ------
+    InputError : no such file, none of this schema, version and kind, or damaged.
+    """
     name = repr(str(path))
     try:
         content = Path(path).read_bytes()
@@ -190,18 +277,38 @@ def _article(kind: object) -> str:
     return f"{'an' if str(kind)[:1] in 'aeiou' else 'a'} {kind}"
 
 
-def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
-    """The orbit of a record.  Raises KeyError, ValueError and such where it is none."""
-    def take(place: dict[str, Any], *shape: int) -> Array:
-        """The array at a place; -1 in `shape` stands for any length."""
-        at, found = place["at"], place["shape"]
-        if len(found) != len(shape) or any(n < 1 or m not in (-1, n) for n, m in zip(found, shape, strict=True)):
-            raise ValueError(f"an array has the shape {found}")
-        size = int(np.prod(found))
-        if not 0 <= at <= numbers.size - size:
-            raise ValueError(f"{numbers.size} numbers are not enough")
-        return numbers[at : at + size].reshape(found).copy()
+def _taken(numbers: Array, place: dict[str, Any], *shape: int) -> Array:
+    """The array at a place among the numbers; -1 in `shape` stands for any length."""
+    at, found = place["at"], place["shape"]
+    if len(found) != len(shape) or any(n < 1 or m not in (-1, n) for n, m in zip(found, shape, strict=True)):
+        raise ValueError(f"an array has the shape {found}")
+    size = int(np.prod(found))
+    if not 0 <= at <= numbers.size - size:
+        raise ValueError(f"{numbers.size} numbers are not enough")
+    return numbers[at : at + size].reshape(found).copy()
 
+
+def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
+    """The orbit of a record.
+
+    Parameters
+    ----------
+    record
+        of `orbit_record`.
+    numbers
+        (m,) the numbers of all arrays.
+    pose
+        poses the problem again, from its record.
+
+    Returns
+    -------
+    Orbit, of the class that its problem names.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError : the record is none, or does not fit its numbers; see `checked`.
+    """
+    take = partial(_taken, numbers)
     problem, repeats = pose(record), 2 if record["half"] else 1
     cycle = problem.cycle(tuple((a["mode"], a["event"]) for a in record["arcs"]), repeats)
     n, degree, kind = len(cycle.states), int(record["degree"]), record["scheme"]
@@ -234,6 +341,12 @@ def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
         wall_s=float(record["wall_s"]),
         scale=take(record["scale"], n),
     )
+    _check(orbit, cycle)
+    return orbit
+
+
+def _check(orbit: Orbit, cycle: Cycle) -> None:
+    """Whether an orbit that was read is one of its cycle."""
     if orbit.solver not in ("ipopt", "newton"):
         raise ValueError(f"the solver {orbit.solver!r} is unknown")
     if cycle.signature != orbit.signature:
@@ -244,4 +357,3 @@ def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
     period = cycle.repeats * sum(a.duration for a in orbit.arcs)
     if not abs(period - orbit.period) <= 1e-9 * period:
         raise ValueError("the durations of the arcs do not add up to the period")
-    return orbit

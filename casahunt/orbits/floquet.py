@@ -99,12 +99,34 @@ class MapChain:
 
 
 def saltation(f_before: Array, f_after: Array, h_x: Array) -> Array:
-    """Saltation matrix (n, n) of an event with gradient h_x where the field jumps from f_before to f_after."""
+    """Saltation matrix of an event where the field jumps.
+
+    Parameters
+    ----------
+    f_before, f_after
+        (n,) x' before and after the event.
+    h_x
+        (n,) gradient of the event.
+
+    Returns
+    -------
+    (n, n).
+    """
     return np.eye(f_before.size) + np.outer(f_after - f_before, h_x) / float(h_x @ f_before)
 
 
 def collocation_chain(t: Transcription, u: Array, setting: Setting) -> MapChain:
-    """The period map from the condensed collocation blocks, states scaled."""
+    """The period map from the condensed collocation blocks.
+
+    Parameters
+    ----------
+    t, u, setting
+        a solution: transcription, unknowns, setting.
+
+    Returns
+    -------
+    MapChain, states scaled.
+    """
     lin = t.linearise(u, setting)
     nodes = t.nodes_of(u)
     starts = np.concatenate([[0], t.phase_end[:-1]])
@@ -122,6 +144,17 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
     An independent second route: explicit Runge-Kutta (`erk`) where the mode is not stiff, `rosenbrock`
     where it is.  The orbit gives the states at which phases start and their durations, and states inside a phase where
     disturbances have grown by `GROWTH` since the last one: no integrator follows an orbit that repels it by 1e14.
+
+    Parameters
+    ----------
+    t, u, setting
+        a solution: transcription, unknowns, setting.
+    tol
+        relative tolerance of the integrators.
+
+    Returns
+    -------
+    MapChain, states scaled.
 
     Raises
     ------
@@ -272,7 +305,19 @@ def _cut(values: Array, exponent: int) -> Array:
 
 
 def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
-    """The multipliers of a period map in factors; `repeats` of it make up the period."""
+    """The multipliers of a period map in factors.
+
+    Parameters
+    ----------
+    chain
+        the map.
+    repeats
+        how many of it make up the period.
+
+    Returns
+    -------
+    Multipliers.
+    """
     bases = [_complement(f) for f in chain.flows]
     transversal = [
         after.T @ factor @ before for before, factor, after in zip(bases, chain.factors, bases[1:], strict=False)
@@ -312,5 +357,15 @@ def _trivial(full: Array, others: Array) -> complex:
 
 
 def multipliers(t: Transcription, u: Array, setting: Setting) -> Multipliers:
-    """The Floquet multipliers of a converged solution, from its collocation blocks."""
+    """The Floquet multipliers of a converged solution, from its collocation blocks.
+
+    Parameters
+    ----------
+    t, u, setting
+        the solution: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Multipliers.
+    """
     return chain_multipliers(collocation_chain(t, u, setting), t.cycle.repeats)

@@ -185,9 +185,18 @@ NEXT_TO_FOLD = 0.02
 def refined_multipliers(
     t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton"
 ) -> tuple[floquet.Multipliers, tuple[Transcription, Array, Setting]]:
-    """Multipliers on a mesh made for them, and the orbit there: finer than the orbit's, until the trivial one is 1.
+    """Multipliers on a mesh made for them: finer than the orbit's, until the trivial one is 1.
 
-    They depend on the whole linearised flow, which converges later than period and amplitude.
+    Parameters
+    ----------
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+    solver
+        for the finer meshes.
+
+    Returns
+    -------
+    Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
     """
     e = estimate(t, u, setting)
     best: floquet.Multipliers | None = None
@@ -278,9 +287,20 @@ class Solved:
 
 
 def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
-    """The orbit of a solution with an estimate, of the class that its problem names.
+    """The orbit of a solution with an estimate.
 
-    `problem` has the parameters at which the equations were solved.
+    Parameters
+    ----------
+    solved
+        the solution.
+    problem
+        with the parameters at which the equations were solved.
+    wall_s
+        time that it took [s].
+
+    Returns
+    -------
+    Orbit, of the class that the problem names.
     """
     t, solution, setting, error = solved.t, solved.solution, solved.setting, solved.estimate
     assert error is not None

@@ -48,6 +48,10 @@ def from_segments(
         parameters and their direction.
     degree, kind
         the scheme that the march had.
+
+    Returns
+    -------
+    Starting point.
     """
     n = len(cycle.states)
     counts, w, nodes, fractions, durations = [], [], [], [], []
@@ -69,18 +73,56 @@ def from_segments(
 
 
 def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:
-    """The same unknowns for another cycle with as many phases, collocated where those of `t` are."""
+    """The same unknowns for another cycle.
+
+    Parameters
+    ----------
+    cycle
+        with as many phases, collocated where those of `t` are.
+    t, u, setting
+        the orbit at hand: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Starting point.
+    """
     return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
 
 
 def breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
-    """(N + 1,) interval boundaries of one collocated phase."""
+    """Interval boundaries of one collocated phase.
+
+    Parameters
+    ----------
+    t, setting
+        transcription and setting of the orbit.
+    phase
+        index of the phase.
+
+    Returns
+    -------
+    (N + 1,) from 0 to 1.
+    """
     collocated = [k for k, count in enumerate(t.counts) if count]
     return phase_breaks(t, setting.fractions)[collocated.index(phase)]
 
 
 def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0.0, b: float = 1.0) -> Piece:
-    """The part a..b (fractions) of a collocated phase, from its own polynomials."""
+    """A part of a collocated phase, from its own polynomials.
+
+    Parameters
+    ----------
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+    phase
+        index of the phase.
+    a, b
+        ends of the part, as fractions of the phase.
+
+    Returns
+    -------
+    Breaks of the part in 0..1, start and stages (N, R) of its intervals, its duration [s].
+    """
     breaks = breaks_of(t, setting, phase)
     inner = breaks[(breaks > a + 1e-3 * (b - a)) & (breaks < b - 1e-3 * (b - a))]
     part = np.concatenate([[a], inner, [b]])
@@ -91,7 +133,23 @@ def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0
 
 
 def assembled(cycle: Cycle, t: Transcription, setting: Setting, pieces: list[Piece], end: Array) -> Start:
-    """Unknowns of `cycle` from the pieces of its phases, all of them collocated, and the (n,) last node."""
+    """The unknowns of a cycle from the pieces of its phases, all of them collocated.
+
+    Parameters
+    ----------
+    cycle
+        the cycle.
+    t, setting
+        of the orbit that the pieces are from.
+    pieces
+        one for each phase of `cycle`.
+    end
+        (n,) the last node, scaled.
+
+    Returns
+    -------
+    Starting point.
+    """
     new = transcribe(cycle, tuple(len(w) for _, w, _ in pieces), t.degree, t.kind)
     w = np.vstack([w for _, w, _ in pieces])
     nodes = np.vstack([w[:, : t.n], end[None]])
@@ -101,7 +159,21 @@ def assembled(cycle: Cycle, t: Transcription, setting: Setting, pieces: list[Pie
 
 
 def cut(cycle: Cycle, t: Transcription, u: Array, setting: Setting, cuts: Mapping[int, Array]) -> Start:
-    """Phases cut at the given fractions (by number of the phase); the polynomials stay what they are."""
+    """Cut phases; the polynomials stay what they are.
+
+    Parameters
+    ----------
+    cycle
+        with the phases after the cuts.
+    t, u, setting
+        the orbit at hand: transcription, unknowns, setting.
+    cuts
+        by index of the phase, the fractions of it at which it is cut, rising.
+
+    Returns
+    -------
+    Starting point.
+    """
     pieces = []
     for k in range(t.phases):
         edges = np.concatenate([[0.0], cuts.get(k, np.zeros(0)), [1.0]])
@@ -110,7 +182,21 @@ def cut(cycle: Cycle, t: Transcription, u: Array, setting: Setting, cuts: Mappin
 
 
 def merged(cycle: Cycle, t: Transcription, u: Array, setting: Setting, vanishing: Sequence[int]) -> Start:
-    """The phases `vanishing` taken out, each with its two neighbours joined to one phase."""
+    """Take phases out, each with its two neighbours joined to one phase.
+
+    Parameters
+    ----------
+    cycle
+        with the phases that are left.
+    t, u, setting
+        the orbit at hand: transcription, unknowns, setting.
+    vanishing
+        indices of the phases to be taken out.
+
+    Returns
+    -------
+    Starting point.
+    """
     durations = t.durations_of(u)
     pieces = []
     j = 0

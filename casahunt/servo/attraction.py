@@ -122,6 +122,10 @@ def first_stick(servo: Servo, gain: float, states: Array) -> FirstStick:
     states
         (3, m) initial x1 [rad], x2 [rad/s], x3 [rad s].  At x2 = 0 a state with |m| <= Fs is stuck.
 
+    Returns
+    -------
+    FirstStick; position 0 for a motion that creeps to the set point, nan for one that does not come to stick.
+
     Raises
     ------
     InputError : gain not a finite number > 0, or states not (3, m) finite numbers.
@@ -134,7 +138,7 @@ def first_stick(servo: Servo, gain: float, states: Array) -> FirstStick:
 
 
 def swing(servo: Servo, gain: float, a: Array) -> Array:
-    """The event map P(a) (m,) [rad] of the Switch servo at stick positions a; nan where no stick was reached.
+    """The event map P(a) of the Switch servo at many stick positions.
 
     Parameters
     ----------
@@ -142,6 +146,10 @@ def swing(servo: Servo, gain: float, a: Array) -> Array:
         the servo; gain > 0.
     a
         (m,) [rad], > 0.
+
+    Returns
+    -------
+    (m,) the next stick positions [rad], with sign; nan where no stick was reached.
 
     Raises
     ------
@@ -164,6 +172,10 @@ def attraction(unstable: HuntingOrbit, stable: HuntingOrbit, states: Array) -> A
         the two Switch cycles at one gain (`find_orbit`).
     states
         (3, m) initial x1 [rad], x2 [rad/s], x3 [rad s].
+
+    Returns
+    -------
+    Attraction; a state of which neither is decided after `MOST_SWINGS` swings is in none of the two sets.
 
     Raises
     ------

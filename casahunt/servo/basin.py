@@ -106,12 +106,16 @@ def basin(
     Parameters
     ----------
     servo, model, gain
-        the problem.
+        the problem; gain K > 0 [V/rad].
     options
         tolerance of the two cycles.
     offset
-        relative distance from the border at which the two motions start, between 1e-6 and 0.5; the outer one starts
-        at most half-way to the outer cycle.
+        relative distance from the border at which the two motions start, between 1e-6 and 0.5; the outer one starts at
+        most half-way to the outer cycle.
+
+    Returns
+    -------
+    Basin: both cycles, their stick positions [rad] and the two motions; without an outer cycle, why there is none.
 
     Raises
     ------
@@ -188,6 +192,14 @@ def follow(
         whether the outer cycle is stable, so that a motion next to it has arrived.
     swings
         after which it is undecided.
+
+    Returns
+    -------
+    Trial: the stick positions [rad] and what has become of the motion.
+
+    Raises
+    ------
+    InputError : a not > 0.
     """
     a = require("a", a, above=0)
     start, positions, outcome = a, [a], "undecided"

@@ -80,6 +80,10 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
     servo, model, gain, options
         the problem, checked by `check_problem`, and the method.
 
+    Returns
+    -------
+    Met; its orbit is None where no motion led to one.
+
     Raises
     ------
     NoOrbit : one was met, and could not be computed.
@@ -89,7 +93,21 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
 
 
 def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[HuntingOrbit | None, Scan]:
-    """(the cycle next to the inner fixed point of the event map or None, the scan); arguments as `stable_at`."""
+    """The hunting cycle next to the inner fixed point of the event map.
+
+    Parameters
+    ----------
+    servo, model, gain, options
+        the problem, checked by `check_problem`, and the method.
+
+    Returns
+    -------
+    (the cycle, None where the scan has no inner fixed point; the scan).
+
+    Raises
+    ------
+    NoOrbit : the map has the fixed point, but the cycle could not be computed.
+    """
     seen = scan(model, servo, gain, want_lower=True)
     if seen.lower is None:
         return None, seen
@@ -222,36 +240,74 @@ def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
 
 
 def check_problem(servo: Servo, model: Model, gain: float) -> None:
-    """Raise InputError for an unknown model or a gain not positive, NoOrbit with a scan for pure Coulomb friction.
+    """Refuse what is no problem, and pure Coulomb friction with what a scan shows.
 
-    Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.
+    Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.  Of a bristle
+    the proof for rigid friction proves nothing either: where a scan shows no cycle of it, none was found.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K [V/rad].
+
+    Raises
+    ------
+    InputError : unknown model, or a gain that is not a finite number > 0.
+    NoOrbit : there is provably no cycle; or a scan of a bristle shows none, and none was found.
     """
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     if servo.friction.static > servo.friction.coulomb:
         return
-    at_any = no_cycle(servo, model)
-    why = at_any or no_cycle(servo, model, gain)
-    if why:
-        where = "any gain" if at_any else f"gain {gain:g} or above"
+    if why := no_cycle(servo, model, gain):
+        where = "any gain" if no_cycle(servo, model) else f"gain {gain:g} or above"
         seen = scan(model, servo, gain).sentence()
         raise NoOrbit(f"no hunting limit cycle of the {model} servo at {where}: {why}; at gain {gain:g}, {seen}")
+    if why := no_cycle(servo, "switch", gain):
+        bristles = scan(model, servo, gain)
+        if bristles.upper is None:
+            raise NoOrbit(
+                f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
+                f"there is none: in the limit of stiff bristles there is none, because {why}, and with these bristles, "
+                f"{bristles.sentence()}",
+                Status.NOT_FOUND,
+            )
 
 
 def check_hunts(servo: Servo, model: Model) -> None:
-    """Raise NoOrbit for a servo that is proved to have no cycle at any gain."""
+    """Refuse a servo that is proved to have no cycle at any gain.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+
+    Raises
+    ------
+    NoOrbit : there is such a proof (denial.py).
+    """
     why = no_cycle(servo, model)
     if why:
         raise NoOrbit(f"no hunting limit cycle of the {model} servo at any gain: {why}")
 
 
 def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
-    """Raise InputError where a time in which the servo moves is more than `SPREAD` times the controller's, or less.
+    """Refuse a servo that moves in times too far from those of its controller.
 
     Too fast may be the drop of the friction, J vs/(Fs - Fc), viscous friction, J/sigma2, and the LuGre bristle,
     sqrt(J/sigma0), J/sigma1 and Fc/(sigma0 vs); too slow the drop, the bristle, and at a gain the controller itself,
-    sqrt(J/kp) and (kd + sigma2)/kp.  Without a gain the largest one that hunts is looked for, where both controller
-    times act.
+    sqrt(J/kp) and (kd + sigma2)/kp.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    gain
+        K [V/rad]; nan: the largest one that hunts is looked for, where both controller times act.
+
+    Raises
+    ------
+    InputError : one of these times is more than `SPREAD` times tau_d + tau_i, or less than that part of it.
     """
     J, f, c = servo.inertia, servo.friction, servo.controller
     both, fast, slow = {}, {}, {}
@@ -279,6 +335,16 @@ def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
 
 
 def stiff_at(servo: Servo, gain: float) -> bool:
-    """The controller's damping acts so fast, in J/(kd + sigma2), that no motion can be computed."""
+    """Whether the controller's damping acts so fast that no motion can be computed.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K [V/rad].
+
+    Returns
+    -------
+    True where J/(kd + sigma2) is less than 1/`SPREAD` of tau_d + tau_i.
+    """
     c, (_, kd, _) = servo.controller, servo.torque_gains(gain)
     return SPREAD * servo.inertia < (kd + servo.friction.viscous) * c.reset_time

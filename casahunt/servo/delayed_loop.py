@@ -69,9 +69,22 @@ class Margins:
 
 
 def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
-    """ln |L|^2 at omega = exp(y), for numbers, arrays and expressions.
+    """ln |L|^2 at omega = exp(y), for numbers, arrays and CasADi expressions.
 
-    k is ln K, q are ln (tau_d, tau_i) or ln (kp', ki', kd').
+    Parameters
+    ----------
+    J, cm, sigma2
+        inertia [kg m2], motor gain [N m/V], viscous friction [N m s/rad].
+    k
+        ln K, K in V/rad.
+    q
+        ln (tau_d, tau_i), times in s, or ln (kp', ki', kd').
+    y
+        ln omega, omega in rad/s; decides what comes back.
+
+    Returns
+    -------
+    ln |L|^2, of the kind and shape of `y`.
     """
     exp, log, *_ = _functions_of(y)
     w = exp(2 * y)
@@ -84,7 +97,23 @@ def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
 
 
 def phase(J, sigma2, D, q, y):  # type: ignore[no-untyped-def]
-    """phi [rad] at omega = exp(y), for numbers, arrays and expressions."""
+    """The phase phi = arg L + pi at omega = exp(y), for numbers, arrays and CasADi expressions.
+
+    Parameters
+    ----------
+    J, sigma2
+        inertia [kg m2], viscous friction [N m s/rad].
+    D
+        delay [s], half a sample time included.
+    q
+        ln (tau_d, tau_i), times in s.
+    y
+        ln omega, omega in rad/s; decides what comes back.
+
+    Returns
+    -------
+    phi [rad], of the kind and shape of `y`.
+    """
     exp, _, atan, atan2 = _functions_of(y)
     omega = exp(y)
     if _by_gains(q):
@@ -126,12 +155,18 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
 
     Parameters
     ----------
-    servo
-        the servo.
-    gain
-        controller gain K > 0.
+    servo, gain
+        the loop; gain K > 0 [V/rad].
     level
-        > 0.
+        magnitude > 0.
+
+    Returns
+    -------
+    omega [rad/s].
+
+    Raises
+    ------
+    InputError : gain not a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
     if isinstance(servo.controller, Pid):
@@ -150,6 +185,10 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
         the loop.
     delay
         D [s], >= 0, half a sample time included.
+
+    Returns
+    -------
+    Margins; of an unstable loop the factors are nan.
 
     Raises
     ------

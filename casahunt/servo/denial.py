@@ -16,8 +16,19 @@ complex.  Without a drop of friction, s = 0, that is the loop's stability withou
 theorem of Bisoffi et al.; where that loop is unstable, motions far out grow and near the set point they settle, and
 an unstable cycle parts the two.
 
-LuGre friction is no function of v.  Its cycles are denied only without a drop, as those of the servo that it has in the
-limit of a stiff bristle.
+LuGre friction is no function of v.  Without a drop its bristle goes z' = v h with h = 1 - sgn(v) z/zc, zc = Fc/sigma0,
+where h' = -|v| h/zc between two stops, and |z| <= zc on a cycle, so 0 <= h <= 2.  By parts, over a period,
+
+    int z' v   = int v^2 h                    int z'' v  = -1/(2 zc) int |v|^3 h
+    int z' v'  = 1/(2 zc) int |v|^3 h         int z'' v' = A - B/3,     A = int v'^2 h,   B = 1/zc^2 int v^4 h,
+
+and B^2 <= 9 A B by Cauchy and Schwarz, so that A - B/3 >= -2 A >= -4 int v'^2.  The torque balance, differentiated,
+times v' + v ki/kp, with F = sigma0 z + sigma1 z' + sigma2 v, then leaves no solution but v = 0 where
+
+    (kd + sigma2 - 4 sigma1) kp/ki > J      and      sigma1 <= sigma0 kp/ki
+
+This is sufficient, and far from necessary: the bristle of Table 1 is damped too strongly.  What then holds in the limit
+of a stiff bristle is said to hold there, and no more (cold_start.py).
 """
 
 from __future__ import annotations
@@ -29,21 +40,33 @@ from .servo import Servo
 
 
 def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
-    """Why the servo has no limit cycle at a gain nor above it, as a clause; "" where that is not proved.
+    """Why the servo has no limit cycle at a gain nor above it.
 
     Parameters
     ----------
-    servo, model, gain
-        the problem; gain 0: at any gain.
+    servo, model
+        the problem.
+    gain
+        K [V/rad]; 0: at any gain.
+
+    Returns
+    -------
+    A clause that says why; "" where that is not proved.
     """
     f, c = servo.friction, servo.controller
-    drop = f.static > f.coulomb
-    if drop and model != "switch":
+    drop, reset = f.static > f.coulomb, c.reset_time
+    if model == "lugre" and (drop or f.damping > f.stiffness * reset):
         return ""
     steepest = math.sqrt(2 / math.e) * (f.static - f.coulomb) / f.stribeck_velocity if drop else 0.0
+    taken = 4 * f.damping if model == "lugre" else steepest
     derivative = gain * servo.motor_gain * c.shape[1]
-    if not (derivative + f.viscous - steepest) * c.reset_time > servo.inertia:
+    if not (derivative + f.viscous - taken) * reset > servo.inertia:
         return ""
+    if model == "lugre":
+        return (
+            "static equals Coulomb friction, and the damping of the bristle is so much smaller than viscous friction "
+            "and the controller's that over a period the bristle takes more energy than it gives"
+        )
     if not drop:
         return (
             "static equals Coulomb friction, and without a drop in the friction curve the integral action cannot "

@@ -107,11 +107,19 @@ def member(servo: Servo, gain: float, q: float, alpha: float) -> Array:
     Parameters
     ----------
     servo, gain
-        the problem.
+        the problem; gain K > 0 [V/rad].
     q
         bristle deflection [rad], |q| <= Fs/sigma0.
     alpha
         weight of the side x2 > 0, in [0, 1].
+
+    Returns
+    -------
+    (4, 4) matrix A in x1, x2, x3, z.
+
+    Raises
+    ------
+    InputError : q or alpha out of range.
     """
     f = servo.friction
     require("q", q, at_least=-f.static / f.stiffness, at_most=f.static / f.stiffness)
@@ -128,7 +136,19 @@ def member(servo: Servo, gain: float, q: float, alpha: float) -> Array:
 
 
 def cubic(servo: Servo, gain: float, c: Array) -> Array:
-    """(m, 4) coefficients of the cubic factor of det(s - A) J for the values c (m,) of the module docstring."""
+    """The cubic factor of det(s - A) J of members of the generalised Jacobian.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+    c
+        (m,) slopes of the module docstring.
+
+    Returns
+    -------
+    (m, 4) coefficients, highest power first.
+    """
     f = servo.friction
     kp, kd, ki = servo.torque_gains(gain)
     c = np.atleast_1d(np.asarray(c, float))
@@ -139,7 +159,17 @@ def cubic(servo: Servo, gain: float, c: Array) -> Array:
 
 
 def threshold(servo: Servo, gain: float) -> float:
-    """The c below which a member is unstable: root of (kd + sigma2 + sigma1 c)(kp + sigma0 c) = J ki, or 0."""
+    """The c below which a member is unstable.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    The positive root of (kd + sigma2 + sigma1 c)(kp + sigma0 c) = J ki; 0 where no c >= 0 is unstable.
+    """
     f = servo.friction
     kp, kd, ki = servo.torque_gains(gain)
     D = kd + f.viscous
@@ -157,7 +187,11 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     Parameters
     ----------
     servo, model, gain
-        the problem; gain > 0.
+        the problem; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    Equilibria; the grid (POSITIONS, SLOPES) of the Jacobian is empty for the Switch servo.
 
     Raises
     ------

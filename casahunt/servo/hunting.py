@@ -99,7 +99,19 @@ def _symbols(p: Any) -> _Symbols:
 
 
 def motor_torque(x: Any, p: Any) -> Any:
-    """m = -(kp x1 + kd x2 + ki x3) [N m], for CasADi symbols or numbers."""
+    """The torque of the motor, m = -(kp x1 + kd x2 + ki x3), for CasADi symbols or numbers.
+
+    Parameters
+    ----------
+    x
+        (n,) state x1 [rad], x2 [rad/s], x3 [rad s] (and z, which it does not feel).
+    p
+        servo.PARAMETERS.
+
+    Returns
+    -------
+    m [N m].
+    """
     q = _symbols(p)
     return -(q.kp * x[0] + q.kd * x[1] + q.ki * x[2])
 
@@ -109,24 +121,78 @@ def motor_torque(x: Any, p: Any) -> Any:
 
 
 def switch_slip(x: Any, p: Any, sign: Any) -> Any:
-    """Slip of the Switch servo with friction direction `sign`."""
+    """Slip of the Switch servo with friction direction `sign`.
+
+    Parameters
+    ----------
+    x
+        (3,) state x1 [rad], x2 [rad/s], x3 [rad s].
+    p
+        servo.PARAMETERS.
+    sign
+        +1 or -1, that of x2.
+
+    Returns
+    -------
+    (3,) x'.
+    """
     q = _symbols(p)
     F = sign * stribeck(x[1], q.Fs, q.Fc, q.vs) + q.sigma2 * x[1]
     return ca.vertcat(x[1], (motor_torque(x, p) - F) / q.J, x[0])
 
 
 def switch_stick(x: Any, p: Any, sign: Any) -> Any:
-    """Stick of the Switch servo: only the integrator moves."""
+    """Stick of the Switch servo: only the integrator moves.
+
+    Parameters
+    ----------
+    x
+        (3,) state x1 [rad], x2 [rad/s], x3 [rad s].
+    p, sign
+        not used: a stick has no parameters and no direction.
+
+    Returns
+    -------
+    (3,) x' = (0, 0, x1).
+    """
     return ca.vertcat(0, 0, x[0])
 
 
 def switch_stick_flow(x: Any, duration: Any, p: Any) -> Any:
-    """Closed form of the stick mode."""
+    """Closed form of the stick mode.
+
+    Parameters
+    ----------
+    x
+        (3,) state at the start of the stick.
+    duration
+        its length [s].
+    p
+        not used.
+
+    Returns
+    -------
+    (3,) state at its end.
+    """
     return ca.vertcat(x[0], x[1], x[2] + duration * x[0])
 
 
 def lugre_slide(x: Any, p: Any, sign: Any) -> Any:
-    """LuGre servo with |x2| = sign x2; sign = 0 takes |x2| as it is."""
+    """Motion of the LuGre servo.
+
+    Parameters
+    ----------
+    x
+        (4,) state x1 [rad], x2 [rad/s], x3 [rad s], z [rad].
+    p
+        servo.PARAMETERS.
+    sign
+        that of x2: |x2| = sign x2; 0 takes |x2| as it is.
+
+    Returns
+    -------
+    (4,) x'.
+    """
     q = _symbols(p)
     speed = ca.if_else(sign == 0, ca.fabs(x[1]), sign * x[1])
     rate = bristle_rate(x[1], speed, x[3], stribeck(x[1], q.Fs, q.Fc, q.vs), q.sigma0)
@@ -184,12 +250,36 @@ def _after_stop(x: np.ndarray, p: np.ndarray) -> str:
 
 
 def slips_back(x: np.ndarray, p: np.ndarray) -> bool:
-    """Whether the Switch servo, stopped at x, is reversed at once by more torque than static friction holds."""
+    """Whether the Switch servo, stopped at x, is reversed at once by more torque than static friction holds.
+
+    Parameters
+    ----------
+    x
+        (3,) state with x2 = 0.
+    p
+        servo.PARAMETERS.
+
+    Returns
+    -------
+    False where it sticks.
+    """
     return _after_stop(x, p) != "stick"
 
 
 def reversal_strength(x: Any, p: Any) -> Any:
-    """Net torque J x2' / Fs of the LuGre servo at x2 = 0; its sign is that of the motion to come."""
+    """How strongly the LuGre servo is driven through x2 = 0.
+
+    Parameters
+    ----------
+    x
+        (4,) state with x2 = 0.
+    p
+        servo.PARAMETERS.
+
+    Returns
+    -------
+    Net torque J x2' / Fs; its sign is that of the motion to come.
+    """
     q = _symbols(p)
     return (motor_torque(x, p) - (q.sigma0 * x[3] + q.sigma1 * x[1])) / q.Fs
 
@@ -252,10 +342,20 @@ def mirrored(signature: Signature) -> Signature:
 
 
 def softened(signature: Signature, k: int) -> Signature | None:
-    """The LuGre phase sequence with |x2| as it is in phase k; None where there is nothing to soften.
+    """The LuGre phase sequence with |x2| as it is in one phase.
 
-    For a phase that holds reversals so weak and so close to touching zero that no phase boundary can be
-    put on them.
+    For a phase that holds reversals so weak and so close to touching zero that no phase boundary can be put on them.
+
+    Parameters
+    ----------
+    signature
+        phase sequence.
+    k
+        index of the phase.
+
+    Returns
+    -------
+    The sequence; None where there is nothing to soften.
     """
     mode, event = signature[k]
     if mode not in ("slide+", "slide-"):
@@ -280,6 +380,10 @@ def hunting_cycle(
         by x(T) = x(0).
     parameters
         servo.PARAMETERS or servo.PID_PARAMETERS.
+
+    Returns
+    -------
+    Cycle of half a period (`repeats` 2) or of a whole one (1).
     """
     system = SYSTEMS[model]
     n = len(system.states)

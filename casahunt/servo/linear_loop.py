@@ -130,14 +130,20 @@ def lowest_stable_gain(servo: Servo) -> float:
 
 
 def characteristic_polynomial(servo: Servo, gain: float) -> Array:
-    """(4,) coefficients J, kd + sigma2, kp, ki of chi(s), highest power first.
+    """The characteristic polynomial chi(s) = J s^3 + (kd + sigma2) s^2 + kp s + ki.
 
     Parameters
     ----------
-    servo
-        the servo.
-    gain
-        controller gain K > 0.
+    servo, gain
+        the loop; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    (4,) coefficients, highest power first.
+
+    Raises
+    ------
+    InputError : gain not a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
     kp, kd, ki = servo.torque_gains(gain)
@@ -151,19 +157,53 @@ def stable(servo: Servo, gain: float) -> bool:
 
 
 def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
-    """C(j omega) [V/rad] at the frequencies (m,) [rad/s]."""
+    """Frequency response C(j omega) of the controller.
+
+    Parameters
+    ----------
+    servo, gain
+        the controller; gain K [V/rad].
+    frequencies
+        (m,) omega [rad/s].
+
+    Returns
+    -------
+    (m,) complex [V/rad].
+    """
     return servo.controller.response(gain, 1j * np.asarray(frequencies))
 
 
 def loop_response(servo: Servo, gain: float, frequencies: Array) -> Array:
-    """L(j omega) at the frequencies (m,) [rad/s]."""
+    """Frequency response L(j omega) of the open loop.
+
+    Parameters
+    ----------
+    servo, gain
+        the loop; gain K [V/rad].
+    frequencies
+        (m,) omega [rad/s].
+
+    Returns
+    -------
+    (m,) complex.
+    """
     s = 1j * np.asarray(frequencies)
     plant = servo.motor_gain / (s * (servo.inertia * s + servo.friction.viscous))
     return controller_response(servo, gain, frequencies) * plant
 
 
 def loop_polynomials(servo: Servo, gain: float) -> tuple[Array, Array]:
-    """Numerator and denominator of L(s), highest power first."""
+    """The open loop L(s) as a quotient of polynomials.
+
+    Parameters
+    ----------
+    servo, gain
+        the loop; gain K [V/rad].
+
+    Returns
+    -------
+    Coefficients of numerator and denominator, highest power first.
+    """
     numerator, factor = servo.controller.polynomials
     denominator = factor * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
     return np.trim_zeros(gain * servo.motor_gain * numerator, "f"), denominator
@@ -174,10 +214,12 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
 
     Parameters
     ----------
-    servo
-        the servo.
-    gain
-        controller gain K.
+    servo, gain
+        the loop; gain K [V/rad].
+
+    Returns
+    -------
+    LinearLoop; poles [1/s] by falling real part.
 
     Raises
     ------
@@ -205,12 +247,16 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
 
 
 def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
-    """All frequencies with |L(j omega)| = 1, by increasing frequency, with their phase margins [deg].
+    """All frequencies with |L(j omega)| = 1.
 
     Parameters
     ----------
     numerator, denominator
-        of L(s), highest power first.
+        coefficients of L(s), highest power first.
+
+    Returns
+    -------
+    Crossovers by increasing frequency [rad/s], with their phase margins [deg].
 
     Raises
     ------
@@ -226,12 +272,16 @@ def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[fl
 
 
 def phase_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
-    """All frequencies with L(j omega) real and negative, by increasing frequency, with the factors 1/|L|.
+    """All frequencies with L(j omega) real and negative.
 
     Parameters
     ----------
     numerator, denominator
-        of L(s), highest power first.
+        coefficients of L(s), highest power first.
+
+    Returns
+    -------
+    Crossovers by increasing frequency [rad/s], with the factors 1/|L|.
 
     Raises
     ------

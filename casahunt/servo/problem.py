@@ -117,13 +117,43 @@ class Hunting(Problem):
         return {"model": self.model, "servo": flatten(self.servo), "gain": self.gain}
 
     def with_value(self, name: str, value: float) -> Hunting:
-        """With one parameter of `names` changed.  Raises InputError where a servo cannot have that value."""
+        """The problem with one parameter changed.
+
+        Parameters
+        ----------
+        name, value
+            name in `names`, and its value.
+
+        Returns
+        -------
+        Hunting.
+
+        Raises
+        ------
+        InputError : a servo cannot have that value.
+        """
         if name == "gain":
             return replace(self, gain=value)
         return replace(self, servo=self.servo.replace(**{name: value}))
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """The hunting cycle with these phases; two mirrored halves of them where `repeats` = 1."""
+        """The hunting cycle with these phases.
+
+        Parameters
+        ----------
+        signature
+            phase sequence: of half a period, or of a whole one.
+        repeats
+            2: half a cycle, closed by its mirror image; 1: both mirrored halves.
+
+        Returns
+        -------
+        Cycle.
+
+        Raises
+        ------
+        ValueError : a phase that the model does not have.
+        """
         modes = SYSTEMS[self.model].modes
         if any(mode not in modes for mode, _ in signature):
             raise ValueError(f"{self.title} has no cycle with the phases {signature}")
@@ -132,15 +162,49 @@ class Hunting(Problem):
         return hunting_cycle(self.model, signature, half=half, parameters=self.names)
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
-        """See sequences.next_sequence."""
+        """Starting points for other phase sequences: see `sequences.next_sequence`.
+
+        Parameters
+        ----------
+        t, u, setting
+            an orbit that is no motion any more: transcription, unknowns, setting.
+        phase
+            index of the phase that fails.
+        soft
+            also last resorts that converge everywhere, but slowly.
+
+        Returns
+        -------
+        Starting points, most promising first.
+        """
         return next_sequence(self.model, t, u, setting, phase, soft=soft)
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """See sequences.remarch."""
+        """The phases that the motion really has: see `sequences.remarch`.
+
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where the motion could not be followed.
+        """
         return remarch(self.model, t, u, setting)
 
     def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
-        """The sequence at hand, unsplit phases given their sign again; and without a pair about to vanish."""
+        """Starting points at a predicted point of a branch.
+
+        Parameters
+        ----------
+        t, u, setting
+            the predicted point: transcription, unknowns, setting.
+
+        Returns
+        -------
+        The sequence at hand, unsplit phases given their sign again; then without a pair about to vanish.
+        """
         start = (t, u, setting)
         starts = [harden(self.model, *start) or start, merge_vanishing(self.model, *start)]
         return [candidate for candidate in starts if candidate is not None]

@@ -40,9 +40,22 @@ def half_signature(t: Transcription) -> Signature:
 def next_sequence(
     model: Model, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool
 ) -> list[Start]:
-    """Starting points for other phase sequences, most promising first; `phase` is where this one fails.
+    """Starting points for other phase sequences where one has stopped being a motion.
 
-    `soft` allows phases with the kink unsplit, the last resort: they converge everywhere, but slowly.
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+    phase
+        index of the phase where the sequence fails.
+    soft
+        also phases with the kink unsplit, the last resort: they converge everywhere, but slowly.
+
+    Returns
+    -------
+    Starting points, most promising first.
     """
     if model == "switch":
         start = remarch(model, t, u, setting)
@@ -63,6 +76,23 @@ def from_half_cycle(
 
     A march that starts with negative velocity is mirrored first, so that every cycle starts its phase
     sequence with the positive slip.
+
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    segments
+        the march of half a cycle.
+    p, dp
+        parameter vector, and the direction in which a free parameter moves.
+    degree, kind
+        collocation scheme.
+    half
+        a half cycle; False for a full one, with the mirror image of the march.
+
+    Returns
+    -------
+    Starting point.
     """
     signature = tuple((s.mode, s.event) for s in segments)
     sign = 1.0
@@ -76,7 +106,19 @@ def from_half_cycle(
 
 
 def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
-    """The phases that the motion from the start of u really has in half a cycle."""
+    """The phases that the motion from the start of u really has in half a cycle.
+
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Starting point; None where the march fails or comes to rest.
+    """
     x = t.nodes_of(u)[0] * setting.scale
     try:
         segments = march(
@@ -95,7 +137,21 @@ def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start
 def split_reversals(
     model: Model, t: Transcription, u: Array, setting: Setting, phase: int
 ) -> Start | None:
-    """Phase boundaries where x2 changes sign inside a slide; the polynomials stay what they are."""
+    """Phase boundaries where x2 changes sign inside a slide; the polynomials stay what they are.
+
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+    phase
+        index of the slide.
+
+    Returns
+    -------
+    Starting point; None where the phase is no slide, or x2 does not change sign an even number of times in it.
+    """
     half = half_signature(t)
     length = len(half)
     mode, event = half[phase % length]
@@ -142,7 +198,19 @@ def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> A
 
 
 def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
-    """Take out the shortest inner slide with its two reversals: three phases become one; or a Switch stick."""
+    """Take out the shortest inner slide with its two reversals: three phases become one; or a Switch stick.
+
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Starting point; None where no phase is short enough to be taken out.
+    """
     if model == "switch":
         return _without_stick(t, u, setting)
     half = half_signature(t)
@@ -173,14 +241,40 @@ def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None
 
 
 def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
-    """The same unknowns for the sequence with the kink left unsplit in `phase` (hunting.softened)."""
+    """The same unknowns for the sequence with the kink left unsplit in `phase` (hunting.softened).
+
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+    phase
+        index of the phase.
+
+    Returns
+    -------
+    Starting point; None where the phase is no slide.
+    """
     half = half_signature(t)
     softer = softened(half, phase % len(half))
     return None if softer is None else relabelled(_like(model, t, softer), t, u, setting)
 
 
 def harden(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
-    """The same unknowns with every unsplit phase given the sign that x2 mostly has in it."""
+    """The same unknowns with every unsplit phase given the sign that x2 mostly has in it.
+
+    Parameters
+    ----------
+    model
+        "switch" or "lugre".
+    t, u, setting
+        the orbit: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Starting point; None where no phase is unsplit.
+    """
     half = half_signature(t)
     if all(mode != "slide" for mode, _ in half):
         return None

@@ -163,7 +163,23 @@ def unflatten(values: Mapping[str, float]) -> Servo:
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """The tables of a TOML file; InputError, beginning with `what`, where it cannot be read."""
+    """The tables of a TOML file.
+
+    Parameters
+    ----------
+    path
+        the file.
+    what
+        the beginning of a refusal: what the file is.
+
+    Returns
+    -------
+    Tables by name.
+
+    Raises
+    ------
+    InputError : no such file, not readable, or not valid TOML.
+    """
     try:
         with Path(path).open("rb") as stream:
             return tomllib.load(stream)
@@ -226,7 +242,18 @@ def dump(servo: Servo) -> str:
 
 
 def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
-    """Apply ``section.key=value`` texts, as the command line's --set gives them.
+    """Apply texts as the command line's --set gives them.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    assignments
+        ``section.key=value`` texts.
+
+    Returns
+    -------
+    Servo with these values.
 
     Raises
     ------

@@ -33,17 +33,55 @@ _ETA, _ALPHA = -2, -1
 
 
 def parameters(servo: Servo, gain: float) -> np.ndarray:
-    """The parameter vector of a servo at a gain, and servo.STICK_BAND."""
+    """The parameter vector of the servo with a stick band.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K [V/rad].
+
+    Returns
+    -------
+    `Servo.names`, then servo.STICK_BAND: eta [rad/s] and alpha [1/s].
+    """
     return np.append(servo.parameters(gain), [servo.friction.stick_band, servo.friction.stick_rate])
 
 
 def band_stick(x: Any, p: Any, sign: Any) -> Any:
-    """In the band with |m| <= Fs: the velocity dies out at the rate alpha."""
+    """In the band with |m| <= Fs: the velocity dies out at the rate alpha.
+
+    Parameters
+    ----------
+    x
+        (3,) state with |x2| <= eta.
+    p
+        parameters as `parameters` gives them.
+    sign
+        not used.
+
+    Returns
+    -------
+    (3,) x'.
+    """
     return ca.vertcat(x[1], -p[_ALPHA] * x[1], x[0])
 
 
 def band_transition(x: Any, p: Any, sign: Any) -> Any:
-    """In the band with sign m > Fs: static friction is overcome."""
+    """In the band with sign m > Fs: static friction is overcome.
+
+    Parameters
+    ----------
+    x
+        (3,) state with |x2| <= eta.
+    p
+        parameters as `parameters` gives them.
+    sign
+        that of the motor torque m.
+
+    Returns
+    -------
+    (3,) x'.
+    """
     return ca.vertcat(x[1], (motor_torque(x, p) - sign * p[_FS]) / p[_J], x[0])
 
 
@@ -56,13 +94,37 @@ def _below(x: Any, duration: Any, p: Any) -> Any:
 
 
 def mode_in_band(x: np.ndarray, p: np.ndarray) -> str:
-    """The mode at |x2| <= eta."""
+    """The mode at |x2| <= eta.
+
+    Parameters
+    ----------
+    x
+        (3,) state.
+    p
+        parameters as `parameters` gives them.
+
+    Returns
+    -------
+    "stick", "transition+" or "transition-".
+    """
     m = float(motor_torque(x, p))
     return "stick" if abs(m) <= p[_FS] else ("transition+" if m > 0 else "transition-")
 
 
 def mode_of(x: np.ndarray, p: np.ndarray) -> str:
-    """The mode at any state."""
+    """The mode at any state.
+
+    Parameters
+    ----------
+    x
+        (3,) state.
+    p
+        parameters as `parameters` gives them.
+
+    Returns
+    -------
+    "slip+" or "slip-" outside the band, else as `mode_in_band`.
+    """
     if abs(x[1]) > p[_ETA]:
         return "slip+" if x[1] > 0 else "slip-"
     return mode_in_band(x, p)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from casahunt.collocation.ipopt import _ipopt_solver, ipopt
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, Transcription, transcribe
 from casahunt.errors import Status
-from casahunt.hybrid.system import Cycle, Signature
+from casahunt.hybrid.system import Cycle, Event, Signature
 from casahunt.orbits.floquet import multipliers
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.hunting import SWITCH_HALF, hunting_cycle
@@ -164,8 +166,11 @@ SCALES = {3: [0.02, 0.1, 0.05], 4: [0.02, 0.1, 0.05, 2e-5]}
 def case(name: str) -> tuple[Transcription, Setting, Array]:
     """A transcription, a setting with a parameter direction, and a random point: no solution of anything."""
     rng = np.random.default_rng(7)
-    if name == "two fields":
+    if name in ("two fields", "two timed fields"):
         cycle, counts, p = sl.TWO_CLOCKS, (3, 2), np.array(P_KEPLER)
+        if name == "two timed fields":
+            timed = Event("timed", lambda x, T, p: x[1] - p[1] * T * x[0])
+            cycle = replace(cycle, phases=tuple(replace(phase, end=timed) for phase in cycle.phases))
         scale, dp = np.array([0.5, 0.7]), np.array([0.3, 1.0, -0.5, 0.2])
     else:
         cycle, counts = SERVO_CYCLES[name]
@@ -179,7 +184,7 @@ def case(name: str) -> tuple[Transcription, Setting, Array]:
     return t, Setting(fractions, p, scale, dp), u
 
 
-CASES = [*SERVO_CYCLES, "two fields"]
+CASES = [*SERVO_CYCLES, "two fields", "two timed fields"]
 
 
 def evaluated(t: Transcription, setting: Setting, u: Array, lam: float, nu: Array, *expressions: ca.MX) -> list[Array]:

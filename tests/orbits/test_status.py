@@ -135,7 +135,6 @@ def test_bad_input_is_one_sentence(call, words):
     [
         ("switch", 0.9, 0.53),
         ("switch", 0.1, 0.44),
-        ("lugre", 0.1, 0.44),
         pytest.param("lugre", 0.9, 0.53, marks=pytest.mark.slow),  # test_find denies LuGre cycles by the same fold
     ],
 )

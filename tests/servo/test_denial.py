@@ -13,7 +13,7 @@ from casahunt.collocation.scheme import scheme
 from casahunt.servo import cold_start, find_fold
 from casahunt.servo import find_orbit as find
 from casahunt.servo.denial import no_cycle
-from casahunt.servo.event_map.scan import Scan
+from casahunt.servo.event_map.scan import Scan, scan
 from casahunt.servo.linear_loop import routh_hurwitz_gain
 from problems import table1
 from problems.taylor import switch_half_cycle
@@ -29,6 +29,8 @@ RISING = Servo().replace(
 )  # fmt: skip
 # Pure Coulomb friction, and a loop that is unstable without it below gain 0.032.
 COULOMB = Servo().replace(**{"friction.static": 0.44, "friction.viscous": 0.0})
+# Without a drop, and a loop that is stable without friction; its bristle is soft, strongly damped, and drives it.
+SOFT = COULOMB.replace(**{"friction.viscous": 0.02, "friction.stiffness": 19.7, "friction.damping": 55.0})
 
 
 def reached(servo: Servo, gain: float, part: float) -> float:
@@ -105,6 +107,110 @@ def test_pure_coulomb_friction_and_an_unstable_loop():
     with pytest.raises(NoOrbit, match="at gain 0.0353 or above: static equals .*Bisoffi.* scanned stick") as refused:
         find_orbit(COULOMB, "switch", 0.0353)
     assert refused.value.status is None
+
+
+def turns(servo: Servo, gain: float, a: float, until: float) -> np.ndarray:
+    """|x1| where the LuGre servo turns, from rest at x1 = a with a relaxed bristle, by Runge-Kutta's classical rule."""
+    (kp, kd, ki), f, h = servo.torque_gains(gain), servo.friction, 2e-4
+
+    def rates(x1, x2, x3, z):
+        slip = x2 - f.stiffness * abs(x2) * z / f.coulomb
+        friction = f.stiffness * z + f.damping * slip + f.viscous * x2
+        return x2, (-(kp * x1 + kd * x2 + ki * x3) - friction) / servo.inertia, x1, slip
+
+    x, found = (a, 0.0, -kp * a / ki, 0.0), []
+    for _ in range(round(until / h)):
+        k1 = rates(*x)
+        k2 = rates(*(q + h / 2 * k for q, k in zip(x, k1, strict=True)))
+        k3 = rates(*(q + h / 2 * k for q, k in zip(x, k2, strict=True)))
+        k4 = rates(*(q + h * k for q, k in zip(x, k3, strict=True)))
+        was, x = x[1], tuple(
+            q + h / 6 * (a + 2 * b + 2 * c + d) for q, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)
+        )  # fmt: skip
+        found += [abs(x[0])] if was * x[1] < 0 else []
+    return np.array(found)
+
+
+def test_a_bristle_hunts_where_rigid_friction_does_not():
+    """One motion grows, another shrinks, to the same swings: a stable cycle, denied by no theorem on rigid friction.
+
+    A turn is seen up to a step late, when the servo has moved h^2/2 times its acceleration of 400 rad/s^2: 8e-6 rad.
+    """
+    gain = 0.0425
+    assert "Bisoffi" in no_cycle(SOFT, "switch", gain) and no_cycle(SOFT, "lugre", gain) == ""
+    inside, outside = turns(SOFT, gain, 0.3, 40.0), turns(SOFT, gain, 100.0, 40.0)
+    assert inside[0] < 1 and 25 < outside[0]
+    assert inside[-2:] == pytest.approx(outside[-1], abs=1e-5)
+    assert cold_start.check_problem(SOFT, "lugre", gain) is None  # its scan has met the cycle: it is sought
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_bristle_without_a_drop_gives_and_takes(seed):
+    """The four integrals of the proof and its bound, for random speeds, by the trapezoidal rule on z itself.
+
+    The rule is of second order where |v| has its corners: (2 pi/40000)^2 = 2.5e-8 times the slopes there, up to 40.  A
+    period slides many times zc, so that z is periodic from the second one on.
+    """
+    rng = np.random.default_rng(seed)
+    n, zc = 40000, 0.05
+    t = np.linspace(0, 2 * np.pi, n + 1)
+    k = np.arange(1, 5)[:, None]
+    c, s = rng.normal(size=(2, 4, 1)) / k
+    v = np.sum(c * np.cos(k * t) + s * np.sin(k * t), axis=0)
+    a = np.sum(k * (s * np.cos(k * t) - c * np.sin(k * t)), axis=0)
+    slid = np.concatenate([[0], np.cumsum((np.abs(v[1:]) + np.abs(v[:-1])) / 2) * t[1]])
+    z = np.zeros(2 * n + 1)
+    fade = np.tile(np.exp(-np.diff(slid) / zc), 2)
+    side = np.tile(np.sign(v[1:] + v[:-1]), 2)
+    for i in range(2 * n):  # exact while |v| slides: z -> sgn(v) zc
+        z[i + 1] = side[i] * zc + (z[i] - side[i] * zc) * fade[i]
+    z = z[n:]
+
+    def over_a_period(f):
+        return float(np.sum(f[1:] + f[:-1])) * t[1] / 2
+
+    rate = v - np.abs(v) * z / zc
+    rate_rate = a - (np.sign(v) * a * z + np.abs(v) * rate) / zc
+    h = 1 - np.sign(v) * z / zc
+    A, B = over_a_period(a**2 * h), over_a_period(v**4 * h) / zc**2
+    assert h.min() >= -1e-12 and h.max() <= 2
+    third = over_a_period(np.abs(v) ** 3 * h) / (2 * zc)
+    assert over_a_period(rate * v) == pytest.approx(over_a_period(v**2 * h), abs=1e-6)
+    assert over_a_period(rate * a) == pytest.approx(third, abs=1e-6)
+    assert over_a_period(rate_rate * v) == pytest.approx(-third, abs=1e-6)
+    assert over_a_period(rate_rate * a) == pytest.approx(A - B / 3, abs=1e-6)
+    assert -4 * over_a_period(a**2) <= -2 * A <= A - B / 3
+
+
+def test_where_the_proof_for_a_bristle_begins():
+    """(kd + sigma2 - 4 sigma1) (tau_i + tau_d) = J, with sigma1 <= sigma0 (tau_i + tau_d); all settle above."""
+    light = COULOMB.replace(**{"friction.damping": 0.05})
+    c = light.controller
+    times = c.integral_time + c.lead_time
+    gain = (light.inertia / times + 4 * light.friction.damping) / (light.motor_gain * c.lead_time)
+    assert no_cycle(light, "lugre", gain * (1 - 1e-6)) == "" != no_cycle(light, "switch", gain * (1 - 1e-6))
+    assert "takes more energy than it gives" in no_cycle(light, "lugre", gain * (1 + 1e-6))
+    for stiffness, proved in ((0.05 / times * (1 - 1e-6), False), (0.05 / times * (1 + 1e-6), True)):
+        assert bool(no_cycle(light.replace(**{"friction.stiffness": stiffness}), "lugre", 2 * gain)) == proved
+    seen = scan("lugre", light, 1.01 * gain)
+    assert seen.upper is None and seen.conclusive and seen.best < 1
+    with pytest.raises(NoOrbit, match="no hunting limit cycle of the lugre servo at gain .* or above") as refused:
+        find_orbit(light, "lugre", 1.01 * gain)
+    assert refused.value.status is None
+
+
+@pytest.mark.parametrize("failed", [False, True])
+def test_the_bristle_of_table1_without_a_drop_is_not_found(monkeypatch, failed):
+    """Its damping lies beyond the proof: what is said rests on the limit and on a scan, however little that saw."""
+    servo = Servo().replace(**{"friction.static": 0.44})
+    if failed:
+        nothing = Scan(1.0, 2.0, math.nan, math.nan, None, None, (1.0,) * 8, 0)
+        monkeypatch.setattr(cold_start, "scan", lambda *_: nothing)
+    saw = "none of 8 motions" if failed else "scanned stick positions"
+    for ask in (lambda: find_orbit(servo, "lugre", 0.1), lambda: find_fold.find_fold(servo, "lugre")):
+        with pytest.raises(NoOrbit, match=f"found at gain .* not prove .* in the limit of stiff .*{saw}") as refused:
+            ask()
+        assert refused.value.status is Status.NOT_FOUND
 
 
 @pytest.mark.parametrize("scanned", [True, False])

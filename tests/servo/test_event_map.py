@@ -24,19 +24,19 @@ STABLE = {row["K"]: row for row in table1.REFERENCE["switch"]["stable"]}
 
 @pytest.mark.parametrize(("gain", "a"), [(0.04, 0.05), (0.1, 0.0003478), (0.1, 0.01), (0.61, 0.0015), (0.02, 3.0)])
 def test_map_against_taylor(gain, a):
-    """P to a few roundings of the start times the slope; P' by a central difference of the Taylor engine."""
+    """P to a few roundings of the start times the slope; P' and the duration's by differences of the Taylor engine."""
     p = map_at(Servo(), gain, a)
     h = 1e-5 if gain > 0.6 else 1e-4
     exact = switch_half_cycle(Servo(), gain, a)[0]
     noise = 20 * rounding(Servo(), gain, a) * (1 + abs(p.slope) * a / abs(exact))
     assert p.position == pytest.approx(exact, rel=max(noise, 3e-12))
 
-    def difference(step: float) -> float:
-        up, down = (switch_half_cycle(Servo(), gain, a * (1 + s))[0] for s in (step, -step))
+    def difference(step: float) -> np.ndarray:
+        up, down = (np.array(switch_half_cycle(Servo(), gain, a * (1 + s))[:2]) for s in (step, -step))
         return (up - down) / (2 * a * step)
 
     richardson = (4 * difference(h) - difference(2 * h)) / 3
-    assert p.slope == pytest.approx(richardson, rel=2e-5)
+    np.testing.assert_allclose([p.slope, p.duration_slope], richardson, rtol=2e-5)
     gains = [map_at(Servo(), gain * (1 + s), a).position for s in (1e-5, -1e-5)]
     assert p.gain_slope == pytest.approx((gains[0] - gains[1]) / (2e-5 * gain), rel=1e-5)
 

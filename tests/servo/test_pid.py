@@ -323,7 +323,7 @@ def test_wrong_controllers_are_one_sentence(text, said, tmp_path, capsys):
     [
         (Servo(), ["controller.kp=1"], "controller.kp: must come with controller.ki and controller.kd"),
         (COMPLEX, ["controller.lead_time=1"], "controller.lead_time: must come with controller.integral_time"),
-        (COMPLEX, ["controller.kp=1", "controller.lead_time=1", "controller.integral_time=1"], "must not be given both"),
+        (COMPLEX, [f"controller.{key}=1" for key in ("kp", "lead_time", "integral_time")], "must not be given both"),
     ],
 )
 def test_one_form_at_a_time(servo, changes, said):
@@ -333,7 +333,7 @@ def test_one_form_at_a_time(servo, changes, said):
 
 
 def test_commands_take_gains(capsys):
-    words = [word for key, value in (("kp", 1), ("ki", 6), ("kd", 0.15)) for word in ("--set", f"controller.{key}={value}")]
+    words = ["--set", "controller.kp=1", "--set", "controller.ki=6", "--set", "controller.kd=0.15"]
     assert cli.main(["fold", "--json", *words]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["gain"] == pytest.approx(find_fold(COMPLEX, "switch").gain, rel=1e-6)

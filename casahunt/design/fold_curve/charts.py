@@ -86,7 +86,19 @@ class Chart:
         return LARGEST_S, min(self.problem.spacing, LARGEST_CHANGE / max(abs(self.steepness), 1e-9))
 
     def value(self, s: float, m: float) -> Reading | str:
-        """phi and the orbit at (s, m), or a sentence that says why there is none."""
+        """Read phi at a place of the surface.
+
+        Parameters
+        ----------
+        s
+            arclength from the fold, along the branch.
+        m
+            place of q from that of the fold.
+
+        Returns
+        -------
+        phi and the orbit there, or a sentence that says why there is none.
+        """
         began = time.perf_counter()
         problem, t = self.problem, self.point.t
         q = problem.axis.value(self.position + m)
@@ -115,7 +127,19 @@ class Chart:
         return Reading(float(curve_point(orbit, "gain", like=like).row[-1]), orbit)
 
     def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
-        """The chart of the fold that was read at (s, m), or a sentence that says why there is none."""
+        """The chart of the fold that was read at a place of the surface.
+
+        Parameters
+        ----------
+        s, m
+            the place, as in `value`.
+        reading
+            what was read there.
+
+        Returns
+        -------
+        Chart, or a sentence that says why there is none.
+        """
         chart: Chart | str = chart_of(self.problem, reading.data, self.position + m, like=self)
         if isinstance(chart, str):
             return chart
@@ -130,7 +154,23 @@ class Chart:
 
 
 def chart_of(problem: Problem, orbit: HuntingOrbit, position: float, *, like: Chart | None) -> Chart | str:
-    """The chart of a fold, with slope, gradient and tilt, or a sentence."""
+    """The chart of a fold, with slope, gradient and tilt.
+
+    Parameters
+    ----------
+    problem
+        the curve that is asked for.
+    orbit
+        at the fold.
+    position
+        place of the second parameter in its range.
+    like
+        chart before this one, in whose direction the branch is followed.
+
+    Returns
+    -------
+    Chart, or a sentence that says why there is none.
+    """
     row = None if like is None else in_units_of(like.point.row, like.point.setting.scale, orbit.scale)
     bare = Chart(problem, orbit, curve_point(orbit, "gain", like=row), position)
     beside = [bare.value(sign * DIFFERENCE, 0.0) for sign in (1, -1)]

@@ -149,7 +149,16 @@ def _fading(found: Sequence[FoldPoint], chart: Chart, goal: Servo) -> tuple[str,
 
 
 def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
-    """Whether a parameter can run over a range.
+    """Refuse a range that a parameter cannot run over.
+
+    Parameters
+    ----------
+    servo
+        all other values.
+    vary
+        name of the parameter (sensitivity.NAMES).
+    start, end
+        its range.
 
     Raises
     ------

@@ -22,7 +22,16 @@ _NUMBERS = ("value", "gain", "slope", "error_estimate", "curvature", "turns")
 
 
 def save_curve(curve: FoldCurve, path: Path, settings: Mapping[str, Any]) -> None:
-    """Write a fold curve (npz) with the settings it was computed with, by their names on the command line.
+    """Write a fold curve (npz) with the settings it was computed with.
+
+    Parameters
+    ----------
+    curve
+        the curve.
+    path
+        the file.
+    settings
+        by their names on the command line.
 
     Raises
     ------
@@ -38,7 +47,12 @@ def save_curve(curve: FoldCurve, path: Path, settings: Mapping[str, Any]) -> Non
 
 
 def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
-    """(curve, settings) that `save_curve` has written.  Raises InputError for anything else."""
+    """(curve, settings) that `save_curve` has written.
+
+    Raises
+    ------
+    InputError : the file is missing or damaged, or holds something else.
+    """
     branch, run = load_branch(path), load_run(path)
     try:
         points = tuple(
@@ -56,7 +70,20 @@ def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
 
 
 def begun(path: Path, servo: Servo, model: Model, settings: Mapping[str, Any]) -> FoldCurve | None:
-    """The curve of an earlier run of the same task, or what there is of it; None where there is no file.
+    """The curve of an earlier run of the same task.
+
+    Parameters
+    ----------
+    path
+        the file.
+    servo, model
+        the problem.
+    settings
+        by their names on the command line.
+
+    Returns
+    -------
+    The curve, or what there is of it; None where there is no file.
 
     Raises
     ------

@@ -132,7 +132,19 @@ class FoldCurve:
 
 
 def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
-    """(q, K) of the cubic through the points of a curve with their exact slopes, `samples` for each gap."""
+    """The cubic through the points of a curve with their exact slopes.
+
+    Parameters
+    ----------
+    curve
+        its points.
+    samples
+        values for each gap between two points.
+
+    Returns
+    -------
+    q, and K [V/rad] there.
+    """
     q, K, slope = curve.values, curve.gains, curve.slopes
     if len(q) < 2:
         return q, K
@@ -146,8 +158,18 @@ def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
 def as_found(points: Sequence[FoldPoint], start: float) -> list[FoldPoint]:
     """The points of a part of a curve in the order in which they were found, up to the last that is no cusp.
 
-    `start` is where the range begins; a curve may have been followed from its other end.  At a cusp the second
-    parameter has no direction to go on in.
+    A curve may have been followed from its other end.  At a cusp the second parameter has no direction to go on in.
+
+    Parameters
+    ----------
+    points
+        by the second parameter.
+    start
+        where its range begins.
+
+    Returns
+    -------
+    The points.
     """
     found = list(points if points and points[0].value == start else points[::-1])
     while len(found) > 1 and found[-1].turns:

@@ -136,6 +136,10 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
     time_unit, position_unit
         units of the columns, a name or a number of s or rad; None: as the header states, or s and rad.
 
+    Returns
+    -------
+    Record, in s and rad.
+
     Raises
     ------
     InputError : no such file, not text, no samples, a missing column, an unknown unit, a cell that is no finite number,

@@ -62,7 +62,19 @@ class Marks:
 
 
 def level_of(grid: Grid, period: float) -> Array:
-    """Mean over one period round each point of the grid (n,), between and beyond those a straight line."""
+    """Mean over one period round each point of the grid, between and beyond those a straight line.
+
+    Parameters
+    ----------
+    grid
+        the record.
+    period
+        [s].
+
+    Returns
+    -------
+    (n,) level [rad].
+    """
     t, step = grid.times, grid.step
     total = np.concatenate([[0.0], np.cumsum(grid.values)]) * step
     gaps = np.concatenate([[0.0], np.cumsum(~grid.covered)])
@@ -80,6 +92,17 @@ def extended(t: Array, where: Array, values: Array) -> Array:
     """Straight lines between the points; beyond them the median of the slopes between any two goes on.
 
     The median (Theil and Sen), because a transient at the start must not tilt the end.
+
+    Parameters
+    ----------
+    t
+        (n,) times at which the lines are asked for.
+    where, values
+        (k,) rising times and the values there.
+
+    Returns
+    -------
+    (n,).
     """
     slope = 0.0
     if where.size > 2:
@@ -96,7 +119,21 @@ def noise_of(values: Array) -> float:
 
 
 def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None:
-    """Divide the record (times, values) of this period; None where there are no two marks."""
+    """Divide a record into periods.
+
+    Parameters
+    ----------
+    times, values
+        (m,) samples [s], [rad].
+    grid
+        the same on an even grid.
+    period
+        its period [s].
+
+    Returns
+    -------
+    Marks; None where there are no two.
+    """
     level = level_of(grid, period)
     r = grid.values - level
     width = max(1, round(period / grid.step))
@@ -129,7 +166,19 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
 
 
 def means_between(times: Array, values: Array, marks: Array, whole: Array) -> tuple[Array, Array]:
-    """Middle times of the whole periods and the means over time of the values there."""
+    """Means over time of the whole periods.
+
+    Parameters
+    ----------
+    times, values
+        (m,) samples [s], [rad].
+    marks, whole
+        (k,) times that divide the record [s]; (k - 1,) bool.
+
+    Returns
+    -------
+    Middle times of the whole periods [s], and the means there [rad].
+    """
     integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
     mean = np.diff(np.interp(marks, times, integral))[whole] / np.diff(marks)[whole]
     return ((marks[1:] + marks[:-1]) / 2)[whole], mean

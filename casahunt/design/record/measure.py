@@ -141,6 +141,10 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     start
         leave out what comes before this time [s], such as a transient.
 
+    Returns
+    -------
+    Measurement; without an oscillation its numbers are nan, and its `reason` says why.
+
     Raises
     ------
     InputError : too few samples, or fewer than `FEWEST_PERIODS` whole periods of an oscillation.

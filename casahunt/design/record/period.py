@@ -77,7 +77,17 @@ def usual_distance(times: Array) -> float:
 
 
 def gridded(times: Array, values: Array) -> Grid:
-    """The samples (m,) on an even grid."""
+    """The samples on an even grid.
+
+    Parameters
+    ----------
+    times, values
+        (m,) samples [s], [rad].
+
+    Returns
+    -------
+    Grid.
+    """
     n = int(np.clip(4 * times.size, *EVEN_POINTS))
     span = float(times[-1] - times[0])
     even = times[0] + span * (np.arange(n) + 0.5) / n
@@ -151,7 +161,19 @@ def _thinned(values: Array, covered: Array, step: float, block: int) -> tuple[Ar
 
 
 def moving_mean(values: Array, covered: Array, width: int) -> Array:
-    """Mean (n,) of the covered values within `width` points round each, at the ends of those that there are."""
+    """Mean of the covered values round each point, at the ends of those that there are.
+
+    Parameters
+    ----------
+    values, covered
+        (n,) values on an even grid; bool, False in gaps.
+    width
+        points that are averaged.
+
+    Returns
+    -------
+    (n,).
+    """
     n = values.size
     total = np.concatenate([[0.0], np.cumsum(np.where(covered, values, 0.0))])
     count = np.concatenate([[0], np.cumsum(covered)])
@@ -161,7 +183,17 @@ def moving_mean(values: Array, covered: Array, width: int) -> Array:
 
 
 def unlikeness(values: Array, covered: Array) -> Array:
-    """U at the lags 0, 1, 2 ... of the grid; nan where there are too few pairs."""
+    """U of the module docstring.
+
+    Parameters
+    ----------
+    values, covered
+        (n,) values on an even grid; bool, False in gaps.
+
+    Returns
+    -------
+    U at the lags 0, 1, 2 ... of the grid; nan where there are too few pairs.
+    """
     n = values.size
     lags = int(LONGEST * n)
     size = 1 << (n + lags - 1).bit_length()

@@ -93,6 +93,10 @@ def unit_of(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     what
         what states it, for the message.
 
+    Returns
+    -------
+    Unit.
+
     Raises
     ------
     InputError : neither a known name nor a finite number > 0.
@@ -128,7 +132,7 @@ def split_header(cell: str) -> tuple[list[str], str | None]:
 
 
 def stated_unit(quantity: Quantity, cell: str, *, what: str) -> Unit | None:
-    """The unit in a column's header; None where it states none.
+    """The unit in a column's header.
 
     Parameters
     ----------
@@ -138,6 +142,10 @@ def stated_unit(quantity: Quantity, cell: str, *, what: str) -> Unit | None:
         the header.
     what
         the file, for the message.
+
+    Returns
+    -------
+    Unit; None where the header states none.
 
     Raises
     ------

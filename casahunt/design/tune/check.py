@@ -129,12 +129,14 @@ def verified(
 
     Parameters
     ----------
-    answer
-        of the search.
-    model, demands, uncertainty, options
-        the problem.
+    answer, model, demands, uncertainty, options
+        the answer of the search, and the problem; no uncertainty: the answer's servo alone.
     tell
         takes sentences that say where the verification is.
+
+    Returns
+    -------
+    Verification: what was computed, what stands against the answer, and what could not be verified.
     """
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
     unverified: list[str] = []
@@ -149,7 +151,7 @@ def verified(
 
     nominal = again(servo)
     fold = nominal if worst == servo else again(worst)
-    checked = None if uncertainty is None else check_set(answer, model, demands, uncertainty, options, tell)
+    checked = None if uncertainty is None else _check_set(answer, model, demands, uncertainty, options, tell)
     largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
     margin = gain / largest - 1 if largest else math.inf
     kept = margin >= demands.margin - 10 * options.tol
@@ -199,7 +201,7 @@ def _simulated(
 # The set
 
 
-def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Array) -> Array:
+def _points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Array) -> Array:
     """(m, k) points of a box: its corners in the coordinates `varied`, drawn where there are more, then samples."""
     low, high = box
     random = np.random.default_rng(np.random.SeedSequence(1))
@@ -214,7 +216,7 @@ def points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arra
     return np.concatenate([rows, low + (high - low) * random.random((samples, low.size))])
 
 
-def check_set(
+def _check_set(
     answer: Answer,
     model: Model,
     demands: Demands,
@@ -226,7 +228,7 @@ def check_set(
     names, (low, high) = uncertainty.parameters, uncertainty.box(answer.servo)
     varied = np.array([name not in IRRELEVANT[model] for name in names]) & (high > low)
     servos, rows = [], []
-    for q in points_of((low, high), CORNERS[model], SAMPLES[model], varied):
+    for q in _points_of((low, high), CORNERS[model], SAMPLES[model], varied):
         try:
             servos.append(answer.servo.replace(**{name: float(v) for name, v in zip(names, q, strict=True)}))
         except InputError:  # static below Coulomb friction: no servo
@@ -274,7 +276,7 @@ def _loops(
             named[name] = servo.replace(**corners[name])
         loop_like = np.array([n in ("servo.inertia", "friction.viscous", "servo.motor_gain") or "controller" in n
                               for n in names])  # fmt: skip
-        for q in points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, loop_like & (high > low)):
+        for q in _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, loop_like & (high > low)):
             values = {n: float(v) for n, v, used in zip(names, q, loop_like, strict=True) if used}
             others.append(servo.replace(**values))
     loops = {name: margins(each, gain, delay=lag) for name, each in named.items()}
@@ -282,11 +284,11 @@ def _loops(
         f"the linear loop of the {'servo with the least ' if name in DEMANDS else ''}{name}"
         f"{' friction' if name == 'worst' else ''} misses the margins: {_margins_said(loop)}"
         for name, loop in loops.items()
-        if not keeps(loop, demands)
+        if not _keeps(loop, demands)
     ]
     for other in others:
         found = margins(other, gain, delay=lag)
-        if not keeps(found, demands):
+        if not _keeps(found, demands):
             where = _different(other, servo)
             missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {where}")
             break
@@ -304,7 +306,7 @@ def _different(servo: Servo, other: Servo) -> str:
     return ", ".join(f"{key} = {a[key]:.6g}" for key in a if a[key] != b[key])
 
 
-def keeps(loop: Margins, demands: Demands) -> bool:
+def _keeps(loop: Margins, demands: Demands) -> bool:
     """Whether a loop has the margins asked for, to `SLACK`."""
     return (
         loop.stable
@@ -327,10 +329,20 @@ def _margins_said(loop: Margins) -> str:
 
 
 def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None] = silent) -> tuple[str, Seen]:
-    """What the event map says, and whether that is "clear": every motion sticks nearer to the set point.
+    """What the event map says of a servo.
 
-    "cycle": a fixed point, or a motion that goes farther out; "open": a motion that does not come to stick, or a part
-    of the range that was not resolved.
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+    tell
+        takes sentences that say where the scan is.
+
+    Returns
+    -------
+    A sentence, and what it shows: "clear", every motion sticks nearer to the set point; "cycle", a fixed point, or a
+    motion that goes farther out; "open", a motion that does not come to stick, or a part of the range that was not
+    resolved.
     """
     if model == "switch":
         found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))

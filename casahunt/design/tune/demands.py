@@ -79,7 +79,20 @@ class Demands:
 def check_bounds(
     servo: Servo, free: Sequence[str], bounds: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[float, float]]:
-    """The bounds of the free numbers of the controller, and of the gain where given, all checked.
+    """The bounds of what is tuned, all checked.
+
+    Parameters
+    ----------
+    servo
+        its controller is where the search starts.
+    free
+        the numbers of the controller to be tuned.
+    bounds
+        (low, high) by name; K in V/rad, times in s.
+
+    Returns
+    -------
+    (low, high) of every free number, by default `FREE_FACTOR` to both sides, and of the gain where given.
 
     Raises
     ------
@@ -115,7 +128,19 @@ def check_bounds(
 
 
 def cost_of(cost: str, servo: Servo, gain: float) -> float:
-    """The cost in the unit of `COSTS`; inf for the settling of an unstable loop."""
+    """The cost in the unit of `COSTS`; inf for the settling of an unstable loop.
+
+    Parameters
+    ----------
+    cost
+        one of `COSTS`.
+    servo, gain
+        the loop; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    In the unit of `COSTS`; inf for the settling of an unstable loop.
+    """
     if cost == "gain":
         return gain
     if cost == "high-frequency":
@@ -131,11 +156,37 @@ def controller_said(servo: Servo) -> str:
 
 
 def log_numbers(servo: Servo) -> Array:
-    """Logarithms of the controller's numbers: (2,) of tau_d, tau_i, or (3,) of kp, ki, kd."""
+    """Logarithms of the controller's numbers.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    (2,) of tau_d, tau_i [s], or (3,) of kp, ki, kd.
+    """
     values = flatten(servo)
     return np.log([values[name] for name in servo.controller_names])
 
 
 def with_numbers(servo: Servo, q: Array) -> Servo:
-    """The servo with the controller numbers exp(q)."""
+    """The servo with other controller numbers.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    q
+        their logarithms, as `log_numbers` gives them.
+
+    Returns
+    -------
+    Servo.
+
+    Raises
+    ------
+    InputError : a number that a controller cannot have.
+    """
     return servo.replace(**{name: float(value) for name, value in zip(servo.controller_names, np.exp(q), strict=True)})

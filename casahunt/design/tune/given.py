@@ -106,7 +106,19 @@ class Given:
     # One gain
 
     def gains(self, needed: float, servo: Servo) -> tuple[float, float]:
-        """Bounds of the gain: as given, or wide around what is needed."""
+        """Bounds of the gain.
+
+        Parameters
+        ----------
+        needed
+            (1 + margin) times the worst fold gain [V/rad]; 0 where nothing hunts.
+        servo
+            the servo at the times in question.
+
+        Returns
+        -------
+        (low, high) [V/rad]: as given, or wide around what is needed.
+        """
         if "gain" in self.limits:
             return self.limits["gain"]
         base = needed or (1 + self.demands.margin) * integral_gain(servo)
@@ -197,7 +209,19 @@ class Given:
         return worst
 
     def join(self, worst: WorstCase, q: Array) -> bool:
-        """Whether the worst servo is a new one."""
+        """Keep the worst servo at some times.
+
+        Parameters
+        ----------
+        worst
+            the worst servo.
+        q
+            (2,) ln of the times there [s].
+
+        Returns
+        -------
+        Whether it is a new one.
+        """
         self.folds.setdefault(worst.servo, worst.fold)
         own = worst.servo
         if self.free:
@@ -208,7 +232,19 @@ class Given:
         return True
 
     def cut(self, q: Array, gain: float) -> bool:
-        """Add the worst loops at a point to those that constrain the problem; whether there are new ones."""
+        """Add the worst loops at a point to those that constrain the problem.
+
+        Parameters
+        ----------
+        q
+            (2,) ln of the times [s].
+        gain
+            K > 0 [V/rad].
+
+        Returns
+        -------
+        Whether there are new ones.
+        """
         new = False
         for name in DEMANDS:
             for box in self.boxes(q):
@@ -277,7 +313,19 @@ class Given:
         return Outlook(q, float(missed[i]), float(gains[i]), math.inf)
 
     def nearest(self, q: Array, worst: WorstCase) -> Nearest:
-        """These times for a refusal."""
+        """What a refusal says of these times.
+
+        Parameters
+        ----------
+        q
+            (2,) ln of the times [s].
+        worst
+            the worst servo there.
+
+        Returns
+        -------
+        Nearest.
+        """
         servo = self.at(q)
         needed = (1 + self.demands.margin) * worst.gain
         bounds, span = self.limits.get("gain"), self.gains(needed, servo)
@@ -285,7 +333,19 @@ class Given:
 
 
 def fastest(servo: Servo, low: float, high: float) -> float:
-    """The gain of fastest settling between two: the best of a row of gains, polished by golden section."""
+    """The gain of fastest settling between two: the best of a row of gains, polished by golden section.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    low, high
+        gains [V/rad].
+
+    Returns
+    -------
+    K [V/rad].
+    """
 
     def settling(gain: float) -> float:
         return cost_of("settling", servo, gain)
@@ -315,7 +375,21 @@ def _distance(a: Servo, b: Servo) -> float:
 
 
 def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
-    """The fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm."""
+    """The fold of a servo, from nothing.
+
+    Parameters
+    ----------
+    servo, model, options
+        the problem and its tolerance.
+
+    Returns
+    -------
+    The fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm.
+
+    Raises
+    ------
+    NoOrbit : it was not computed.
+    """
     try:
         return find_fold(servo, model, options=options)
     except NoOrbit as error:

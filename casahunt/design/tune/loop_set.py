@@ -85,16 +85,20 @@ class WorstLoop:
 
 
 def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float) -> LoopBox:
-    """The loops of a servo with some parameters in intervals; names that the loop does not depend on are left out.
+    """The loops of a servo with some parameters in intervals.
 
     Parameters
     ----------
     servo
         the values of what is certain.
     bounds
-        (low, high) by parameter name.
+        (low, high) by parameter name; names that the loop does not depend on are left out.
     lag
         D [s], half a sample time included.
+
+    Returns
+    -------
+    LoopBox.
     """
     own = flatten(servo)
     names = ("servo.inertia", "friction.viscous", *servo.controller_names, "servo.motor_gain")
@@ -110,9 +114,13 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     box
         the loops.
     gain
-        K > 0.
+        K > 0 [V/rad].
     factors
         (lowest, highest) g.
+
+    Returns
+    -------
+    WorstLoop.
     """
     ends = math.log(gain * factors[0] * box.low[-1]), math.log(gain * factors[1] * box.high[-1])
     low, high = np.append(box.low[:-1], ends[0]), np.append(box.high[:-1], ends[1])
@@ -184,7 +192,21 @@ class LoopDemands:
 
 
 def shortfall(boxes: Sequence[LoopBox], demands: LoopDemands, gain: float, name: str) -> tuple[float, WorstLoop]:
-    """(by how much the demand is missed [rad], negative where it is kept; the worst loop)."""
+    """By how much a demand is missed at a gain.
+
+    Parameters
+    ----------
+    boxes, demands
+        the loops, and the margins asked for.
+    gain
+        K > 0 [V/rad].
+    name
+        which of `DEMANDS`.
+
+    Returns
+    -------
+    Phase missed [rad], negative where the demand is kept, and the worst loop.
+    """
     found = min((worst(box, gain, demands.factors(name)) for box in boxes), key=lambda loop: loop.phase)
     return demands.least(name) - found.phase, found
 
@@ -259,9 +281,18 @@ def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array
 
 
 def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: str) -> Intervals:
-    """The gains that keep a demand: intervals within the table, 0 and inf where they go on beyond it.
+    """The gains that keep a demand.
 
     The table says where to look; ends, and intervals that fit between its gains, come from `worst`.
+
+    Parameters
+    ----------
+    boxes, demands, table, name
+        the loops, the margins asked for, by how much they are missed, and which of `DEMANDS`.
+
+    Returns
+    -------
+    Intervals [V/rad] within the table, rising; 0 and inf where they go on beyond it.
     """
 
     def missed(gain: float) -> float:
@@ -281,7 +312,7 @@ def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: 
             if missed(best) > 0:
                 continue
         outer = float(gains[a]), float(gains[b])
-        low, high = (k if missed(k) <= 0 else edge(missed, best, k) for k in outer)
+        low, high = (k if missed(k) <= 0 else _edge(missed, best, k) for k in outer)
         found.append((0.0 if low == gains[0] else low, math.inf if high == gains[last] else high))
     return found
 
@@ -313,15 +344,10 @@ def _least(missed: Callable[[float], float], low: float, high: float) -> float:
     return math.exp(c if fc <= fd else d)
 
 
-def edge(missed: Callable[[float], float], kept: float, broken: float) -> float:
+def _edge(missed: Callable[[float], float], kept: float, broken: float) -> float:
     """The gain next to a demand's limit where it is still kept, between one that keeps it and one that breaks it.
 
-    Parameters
-    ----------
-    missed
-        gain -> by how much the demand is missed; at most 0 where it is kept.
-    kept, broken
-        gains.
+    `missed` of a gain is at most 0 where the demand is kept.
     """
     a, b = math.log(kept), math.log(broken)
     fa, fb = missed(kept), missed(broken)

@@ -92,7 +92,23 @@ class Search:
         return answer or self._refuse_times()
 
     def again(self, q: Array, points: list[Array]) -> Answer:
-        """The answer at the times of an answer, or anew, now that points of the set are known that hunt more."""
+        """The answer at the times of an answer, or anew, now that points of the set are known that hunt more.
+
+        Parameters
+        ----------
+        q
+            (2,) ln of the times [s].
+        points
+            (k,) parameter values each.
+
+        Returns
+        -------
+        Answer.
+
+        Raises
+        ------
+        NoOrbit : the task cannot be met, or nothing was found; or a fold was not computed.
+        """
         self.given.points += points
         answer, worst = self.given.answer(q)
         if answer is None and not self.given.free:

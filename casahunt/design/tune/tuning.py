@@ -110,13 +110,15 @@ def tune(
         numbers of the controller to be tuned besides the gain: "lead_time", "integral_time", or of a controller by
         gains up to two of "kp", "ki", "kd".
     bounds
-        (low, high) of "gain" and of free times; a free time may double or halve by default.
-    cost
-        one of `COSTS`.
-    options
-        tolerance of every fold.
+        (low, high) of "gain" [V/rad] and of free times [s]; a free time may double or halve by default.
+    cost, options
+        one of `COSTS`; tolerance of every fold.
     report
         called, often, with a sentence that says where the computation is.
+
+    Returns
+    -------
+    Tuning: the controller, the folds and loops that bound it, and its verification.
 
     Raises
     ------
@@ -129,9 +131,6 @@ def tune(
     demands, options = demands or Demands(), options or Options()
     free = tuple(dict.fromkeys(free))
     limits = check_bounds(servo, free, bounds or {})
-    for name in servo.controller_names:
-        if flatten(servo)[name] == 0:
-            raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")
     _check_set(servo, uncertainty, free)
     given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
     search = Search(given)
@@ -177,6 +176,9 @@ def _tuning(search: Search, answer: Answer, verification: Verification, began: f
 
 
 def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
+    for name in servo.controller_names:
+        if flatten(servo)[name] == 0:
+            raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")
     for name in uncertainty.parameters if uncertainty is not None else ():
         if name.removeprefix("controller.") in free:
             raise InputError(f"free {name.removeprefix('controller.')}: must be left out, it is in the uncertainty set")

@@ -18,18 +18,37 @@ from .set import Array, Uncertainty, values_of
 
 
 def linear_interval(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
-    """The fold gain by linearisation about the servo of `fold`.
+    """The fold gain by linearisation about the servo of a fold.
+
+    Parameters
+    ----------
+    fold
+        where it is linearised.
+    uncertainty
+        of the same servo.
 
     Returns
     -------
-    (low, high) of the linear function over intervals; (mean, std) for a covariance.  `linear_range` is
-    (low, high), `linear_moments` (mean, std) of either.
+    (low, high) [V/rad] of the linear function over intervals (`linear_range`); (mean, std) for a covariance
+    (`linear_moments`).
     """
     return (linear_range if uncertainty.covariance is None else linear_moments)(fold, uncertainty)
 
 
 def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
-    """(low, high): extremes over the intervals; mean -+ sigmas std for a covariance."""
+    """Range of the linearised fold gain.
+
+    Parameters
+    ----------
+    fold
+        where it is linearised.
+    uncertainty
+        of the same servo.
+
+    Returns
+    -------
+    (low, high) [V/rad]: extremes over the intervals; mean -+ sigmas std for a covariance.
+    """
     if uncertainty.covariance is not None:
         mean, std = linear_moments(fold, uncertainty)
         return mean - uncertainty.sigmas * std, mean + uncertainty.sigmas * std
@@ -39,7 +58,19 @@ def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, fl
 
 
 def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
-    """(mean, std) of the linear function, with uniform distributions on intervals."""
+    """Moments of the linearised fold gain, with uniform distributions on intervals.
+
+    Parameters
+    ----------
+    fold
+        where it is linearised.
+    uncertainty
+        of the same servo.
+
+    Returns
+    -------
+    (mean, standard deviation) [V/rad].
+    """
     g, servo = gradient(fold, uncertainty.parameters), fold.orbit.servo
     if uncertainty.covariance is not None:
         return fold.gain, float(np.sqrt(max(g @ uncertainty.covariance @ g, 0.0)))
@@ -49,11 +80,37 @@ def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, 
 
 
 def linear_gains(fold: HuntingFold, names: Sequence[str], rows: Array) -> Array:
-    """(n,) linearised fold gains at parameter values (n, k)."""
+    """Linearised fold gains.
+
+    Parameters
+    ----------
+    fold
+        where it is linearised.
+    names
+        the k parameters.
+    rows
+        (n, k) their values.
+
+    Returns
+    -------
+    (n,) [V/rad].
+    """
     return fold.gain + (rows - values_of(fold.orbit.servo, names)) @ gradient(fold, names)
 
 
 def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
-    """(k,) dK/dq at the servo of `fold`."""
+    """The gradient dK/dq of the fold gain.
+
+    Parameters
+    ----------
+    fold
+        where it is taken.
+    names
+        the k parameters.
+
+    Returns
+    -------
+    (k,) [V/rad] per unit of each parameter.
+    """
     derivatives = fold_sensitivities(fold).derivatives
     return np.array([derivatives[name] for name in names], dtype=float)

@@ -44,7 +44,20 @@ class Task:
 
 
 def work(task: Task, report: Callable[[int], None] | None = None) -> list[tuple[float, str]]:
-    """(fold gain, "" or what went wrong) of every row; a function of the task alone, whoever runs it."""
+    """The fold gains of a task; a function of the task alone, whoever runs it.
+
+    Parameters
+    ----------
+    task
+        servos by the rows of their parameters.
+    report
+        called after every row with the number of rows done.
+
+    Returns
+    -------
+    Of every row the fold gain [V/rad], 0 where the servo cannot hunt, nan where it was not computed; and "" or what
+    went wrong.
+    """
     results = []
     for q, expected in zip(task.rows, task.expected, strict=True):
         try:
@@ -58,7 +71,20 @@ def work(task: Task, report: Callable[[int], None] | None = None) -> list[tuple[
 
 
 def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> HuntingFold | None:
-    """The fold of a servo whose gain is about `expected` (nan: unknown); None where the servo cannot hunt.
+    """The fold of a servo whose gain is about known.
+
+    Parameters
+    ----------
+    servo, model
+        the problem.
+    expected
+        its fold gain [V/rad], about; nan: unknown.
+    options
+        tolerance of the fold.
+
+    Returns
+    -------
+    The fold; None where the servo cannot hunt.
 
     Raises
     ------
@@ -101,7 +127,19 @@ class Prediction:
 
 
 def prediction(servo: Servo, fold: HuntingFold | None, names: Sequence[str]) -> Prediction:
-    """The gains to be expected, from the fold of `servo`; nan everywhere where there is none."""
+    """The gains to be expected of servos near one.
+
+    Parameters
+    ----------
+    servo, fold
+        that servo and its fold; None: nothing is expected.
+    names
+        the k parameters that differ.
+
+    Returns
+    -------
+    Prediction: (n, k) parameter values -> (n,) gains [V/rad], nan without a fold.
+    """
     q = values_of(servo, names)
     if fold is None:
         return Prediction(float("nan"), q, np.zeros(q.size))
@@ -110,7 +148,19 @@ def prediction(servo: Servo, fold: HuntingFold | None, names: Sequence[str]) -> 
 
 
 def nominal_fold(servo: Servo, model: Model, options: Options, fold: HuntingFold | None) -> HuntingFold | None:
-    """The servo's own fold, computed where it is not given; None where it cannot hunt or was not computed."""
+    """The servo's own fold, computed where it is not given.
+
+    Parameters
+    ----------
+    servo, model, options
+        the problem and its tolerance.
+    fold
+        the fold, where known.
+
+    Returns
+    -------
+    The fold; None where it cannot hunt or was not computed.
+    """
     if fold is not None:
         return fold
     try:

@@ -119,13 +119,35 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
 
 
 def values_of(servo: Servo, names: Iterable[str]) -> Array:
-    """(k,) values of the named parameters."""
+    """Values of parameters of a servo.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    names
+        k names `section.key`.
+
+    Returns
+    -------
+    (k,) in the units of the servo.
+    """
     values = flatten(servo)
     return np.array([values[known("parameter", name, servo.names)] for name in names])
 
 
 def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
-    """Raise InputError where a bound is out of its parameter's range, or static < Coulomb friction all over the box."""
+    """Refuse a box that is no servo's.
+
+    Parameters
+    ----------
+    servo, uncertainty
+        the servo, and its parameters as they may be.
+
+    Raises
+    ------
+    InputError : a bound is out of its parameter's range, or static < Coulomb friction all over the box.
+    """
     names = uncertainty.parameters
     low, high = uncertainty.box(servo)
     # Each bound on its own, with the friction that leaves it the most room: static high, Coulomb low.
@@ -142,5 +164,21 @@ def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
 
 
 def servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
-    """The servo with the values q (k,).  Raises InputError where they are none of a servo."""
+    """The servo with other values of some parameters.
+
+    Parameters
+    ----------
+    servo
+        all other values.
+    names, q
+        k names, and (k,) their values.
+
+    Returns
+    -------
+    Servo.
+
+    Raises
+    ------
+    InputError : the values are none of a servo.
+    """
     return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})

@@ -46,7 +46,21 @@ class Summary:
 
 
 def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
-    """Compare the linear answer with samples and worst corner, each at the same parameter values."""
+    """Compare the linear answer with samples and worst corner, each at the same parameter values.
+
+    Parameters
+    ----------
+    fold
+        of the nominal servo, where the gain is linearised.
+    uncertainty
+        of its parameters.
+    samples, worst
+        what was solved.
+
+    Returns
+    -------
+    Summary, with a sentence that says whether the linear answer misleads.
+    """
     names = uncertainty.parameters
     ok = samples.computed
     linear = linear_gains(fold, names, samples.parameters)

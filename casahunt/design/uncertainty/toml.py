@@ -25,6 +25,17 @@ def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
     Either a table [interval] with ``"friction.static" = [0.52, 0.54]``, or ``"2%"`` of the servo's value to both
     sides; or a table [covariance] with names, matrix and perhaps sigmas.
 
+    Parameters
+    ----------
+    path
+        the file.
+    servo
+        whose parameters they are; per cents are of its values.
+
+    Returns
+    -------
+    Uncertainty.
+
     Raises
     ------
     InputError : missing file, broken TOML, unknown key, or what `Uncertainty` refuses.

@@ -25,7 +25,17 @@ CUBIC_PLACES = 33
 
 
 def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
-    """The motion half-way is where the cubic has it, and the cubics keep off P = a."""
+    """Whether the motion half-way is where the cubic has it, and the cubics keep off P = a.
+
+    Parameters
+    ----------
+    left, middle, right
+        the event map at three stick positions, in rising order.
+
+    Returns
+    -------
+    False also where the motion half-way was not computed, or P - a changes sign.
+    """
     if not math.isfinite(middle.position) or not middle.excess * left.excess > 0:
         return False
     expected, nearest = foretold(left, right)
@@ -35,7 +45,17 @@ def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
 
 
 def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
-    """(4,) coefficients, in t from 0 to 1 along log a, of the cubic through P/a - 1 and its slopes."""
+    """The cubic through P/a - 1 and its slopes at two stick positions.
+
+    Parameters
+    ----------
+    left, right
+        the event map there.
+
+    Returns
+    -------
+    (4,) coefficients, highest power first, in t from 0 to 1 along log a.
+    """
     width = math.log(right.start / left.start)
     y0, y1 = left.excess, right.excess
     s0 = width * (left.slope - 1 - y0)  # d(P/a)/d log a = P' - P/a
@@ -44,7 +64,17 @@ def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
 
 
 def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
-    """(P/a - 1 half-way, smallest |P/a - 1| between) by the cubic; 0 for the latter where its sign changes."""
+    """What the cubic says of the stick positions between two.
+
+    Parameters
+    ----------
+    left, right
+        the event map there.
+
+    Returns
+    -------
+    P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
+    """
     c = hermite(left, right)
     t = np.linspace(0, 1, CUBIC_PLACES)
     values = np.polyval(c, t)
@@ -53,7 +83,17 @@ def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
 
 
 def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
-    """Close to P = a, but a narrow interval whose two halves both stay on one side, with room to spare."""
+    """Whether P keeps to one side of a narrow interval close to P = a, with room to spare.
+
+    Parameters
+    ----------
+    left, middle, right
+        the event map at the ends and half-way.
+
+    Returns
+    -------
+    True where the cubics of both halves stay off P = a by a tenth of what they vary.
+    """
     for a, b in ((left, middle), (middle, right)):
         c = hermite(a, b)
         values = np.polyval(c, np.linspace(0, 1, CUBIC_PLACES))
@@ -64,7 +104,17 @@ def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
 
 
 def cubic_is_good(left: MapPoint, right: MapPoint) -> bool:
-    """Both slopes are of the size of the step, so that P is no jump here."""
+    """Both slopes are of the size of the step, so that P is no jump here.
+
+    Parameters
+    ----------
+    left, right
+        the event map at two stick positions.
+
+    Returns
+    -------
+    False where the step of P is much larger than the slopes explain.
+    """
     step = abs(right.position - left.position)
     by_slope = max(abs(left.slope), abs(right.slope)) * (right.start - left.start)
     return by_slope > STEEP * step

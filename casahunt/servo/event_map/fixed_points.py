@@ -138,7 +138,17 @@ class FixedPoints:
 
 
 def default_range(servo: Servo, gain: float) -> tuple[float, float]:
-    """The stick positions [rad] that a scan looks at by default: 1e-4 to 20 times Fs/kp."""
+    """The stick positions that a scan looks at by default: 1e-4 to 20 times Fs/kp.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K [V/rad].
+
+    Returns
+    -------
+    Lowest and highest stick position [rad].
+    """
     kp, _, _ = servo.torque_gains(gain)
     unit = servo.friction.static / kp
     return SCAN_LOW * unit, SCAN_HIGH * unit
@@ -188,22 +198,22 @@ def fixed_points(
 ) -> FixedPoints:
     """All fixed points P(a) = a between two stick positions, or the evidence that there is none.
 
-    A logarithmic grid is halved wherever the motion half-way is not foretold by the cubic through its two
-    neighbours and their slopes, where that cubic comes close to P = a, and where P - a changes sign, down to
-    a fixed point or a jump.  A pair of fixed points, or a jump and back, that fits between two motions without
-    disturbing either their values, their slopes or the motion half-way can be missed: that is the limit of
-    every scan.
+    What fits between two motions of the halved grid without disturbing them can be missed: the limit of every scan.
 
     Parameters
     ----------
     servo, gain
-        the problem.
+        the problem; gain K > 0 [V/rad].
     low, high
         range [rad]; default `default_range`.
     points
         size of the grid, at least 2.
     report
         called after every motion with the number of motions so far and the stick position [rad] of this one.
+
+    Returns
+    -------
+    FixedPoints: fixed points by amplitude, jumps, and where the range was not resolved or a motion failed.
 
     Raises
     ------

@@ -73,11 +73,15 @@ def half_cycle(
     Parameters
     ----------
     model, servo, gain
-        the problem.
+        the problem; gain K > 0 [V/rad].
     a
         stick position [rad], > 0.
     tol, degree, kind
         of the march; defaults per model.
+
+    Returns
+    -------
+    HalfCycle.
 
     Raises
     ------
@@ -90,7 +94,19 @@ def half_cycle(
 
 
 def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
-    """Expected size of the states (n,) in a motion of amplitude a."""
+    """Expected size of the states in a motion.
+
+    Parameters
+    ----------
+    model, servo, gain
+        the problem; gain K > 0 [V/rad].
+    a
+        amplitude of the motion [rad], > 0.
+
+    Returns
+    -------
+    (n,) in the units of the states.
+    """
     kp, kd, ki = servo.torque_gains(gain)
     f = servo.friction
     rate = min(np.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))

@@ -113,10 +113,14 @@ def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -
     Parameters
     ----------
     model, servo, gain
-        the problem.
+        the problem; gain K > 0 [V/rad].
     want_lower
         look for the unstable fixed point too: the one next inside the stable one, or where there is no stable one the
         outermost.
+
+    Returns
+    -------
+    Scan: the fixed points that were met, None for those that were not, and the largest |P(a)|/a.
     """
     kp, _, _ = servo.torque_gains(gain)
     unit = servo.friction.static / kp
@@ -174,12 +178,25 @@ def _inwards(
 
 
 def near_stable(model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None) -> HalfCycle | None:
-    """A half cycle close to a stable fixed point next to a, or None; a short cut that replaces no scan.
+    """A half cycle close to a stable fixed point; a short cut that replaces no scan.
 
     Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.  The
     fixed point is taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so
     steeply that the next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a, and
     crosses it nowhere.
+
+    Parameters
+    ----------
+    model, servo, gain
+        the problem; gain K > 0 [V/rad].
+    a
+        stick position next to it [rad], > 0.
+    close
+        |log P/a| at which it is close enough; default per model.
+
+    Returns
+    -------
+    HalfCycle with the slope of log P/a; None where it is no quick case.
     """
     close = close or CONVERGING[model]
     x, previous = float(np.log(a)), None

@@ -93,14 +93,16 @@ def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, deg
 
     Parameters
     ----------
-    servo
-        the servo.
-    gain
-        controller gain K > 0.
+    servo, gain
+        the problem; gain K > 0 [V/rad].
     a
         stick position [rad], > 0.
     tol, degree
         of the march; by default as tight as rounding allows.
+
+    Returns
+    -------
+    MapPoint; nan and a note where the motion does not come to stick.
 
     Raises
     ------
@@ -194,12 +196,20 @@ def _sensitivities(
 
 
 def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:
-    """Measured relative errors of P(a) and P'(a): against another scheme on other intervals.
+    """Measured errors of the event map: against another scheme on other intervals.
 
     Parameters
     ----------
     servo, gain, a
         as in `map_at`.
+
+    Returns
+    -------
+    Relative errors of P(a) and of P'(a).
+
+    Raises
+    ------
+    InputError, MarchFailure : as `map_at`.
     """
     best = map_at(servo, gain, a)
     other = map_at(servo, gain, a, tol=CHECK_TOLERANCE, degree=CHECK_DEGREE)
@@ -207,6 +217,18 @@ def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:
 
 
 def rounding(servo: Servo, gain: float, a: float) -> float:
-    """Relative precision to which the state at breakaway holds a: eps max(1, Fs/(kp a))."""
+    """Relative precision to which the state at breakaway holds a.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+    a
+        stick position [rad], > 0.
+
+    Returns
+    -------
+    eps max(1, Fs/(kp a)).
+    """
     kp, _, _ = servo.torque_gains(gain)
     return EPS * max(1.0, servo.friction.static / (kp * a))

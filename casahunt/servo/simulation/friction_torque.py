@@ -26,7 +26,7 @@ Array = np.ndarray
 
 
 def friction_torque(trajectory: Trajectory, times: Array) -> Array:
-    """The friction torque F (m,) [N m] at times of a motion.
+    """The friction torque F in a motion.
 
     Parameters
     ----------
@@ -34,6 +34,10 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
         the motion.
     times
         (m,) [s], between 0 and the end of the motion.
+
+    Returns
+    -------
+    (m,) [N m].
 
     Raises
     ------
@@ -62,7 +66,7 @@ def _rates(mode: Mode, x: Array, p: Array) -> Array:
 
 @alone
 def sliding_torque(friction: Friction, v: Array) -> Array:
-    """Friction torque (m,) [N m] of steady sliding, g(v) sgn(v) + sigma2 v: the same for both models.
+    """Friction torque of steady sliding, g(v) sgn(v) + sigma2 v: the same for both models.
 
     Parameters
     ----------
@@ -70,6 +74,10 @@ def sliding_torque(friction: Friction, v: Array) -> Array:
         the friction parameters.
     v
         (m,) velocities [rad/s]; at v = 0 the value is 0, although all of [-Fs, Fs] is possible there.
+
+    Returns
+    -------
+    (m,) [N m].
     """
     v = np.asarray(v, float).ravel()
     g = np.array(stribeck(v, friction.static, friction.coulomb, friction.stribeck_velocity), float).ravel()

@@ -102,7 +102,19 @@ class Cycle:
 
 
 def escapes(servo: Servo, model: Model, gain: float, x: Array) -> bool:
-    """The motion from x grows without bound, whatever the friction does."""
+    """Whether the motion from x grows without bound, whatever the friction does.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+    x
+        (n,) state.
+
+    Returns
+    -------
+    False where that is not certain.
+    """
     kp, kd, ki = servo.torque_gains(gain)
     J, f = servo.inertia, servo.friction
     A = np.array([[0, 1, 0], [-kp / J, -(kd + f.viscous) / J, -ki / J], [1, 0, 0]])
@@ -145,7 +157,17 @@ def _band_position(servo: Servo, gain: float, b: float) -> float:
 
 
 def linear_range(servo: Servo, model: Model, gain: float) -> float:
-    """Stick position [rad] below which the drop of the friction is not felt in a slip."""
+    """The range of stick positions in which the drop of the friction is not felt in a slip.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    Its upper end [rad].
+    """
     kp, kd, _ = servo.torque_gains(gain)
     f = servo.friction
     rate = min(math.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
@@ -155,7 +177,21 @@ def linear_range(servo: Servo, model: Model, gain: float) -> float:
 
 
 def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: bool = False) -> Ahead:
-    """Whether every stick position up to a > 0 [rad] is followed by a smaller one."""
+    """Whether every stick position up to one is followed by a smaller one.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+    a
+        that stick position [rad], > 0.
+    regularised
+        Switch friction with the report's stick band instead of an exact stick.
+
+    Returns
+    -------
+    Ahead; where it does not hold, or is not resolved, the words say so.
+    """
     swing, exact = _swing(servo, model, gain, regularised), model == "switch" and not regularised
     limit = 1.0 if exact else 1 - MARGIN
     seen: dict[float, tuple[float, float]] = {}
@@ -220,9 +256,22 @@ def _between(ends: tuple[tuple[float, float], tuple[float, float]], width: float
 
 
 def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Array:
-    """Swings of the LuGre servo from a state on a cycle of `period` [s], pushed off it by `NUDGE`; none where it fails.
+    """Swings of the LuGre servo from a state on a cycle, pushed off it by `NUDGE`.
 
     Whether a cycle draws motions cannot be seen from a motion that has been on it from the start.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+    x, mode
+        (4,) state on the cycle, and the mode there.
+    period
+        of the cycle [s].
+
+    Returns
+    -------
+    Largest |x1| [rad] of each swing, the first two left out; none where the march fails.
     """
     size = float(np.abs(x[0]))
     scale = np.maximum(state_scale("lugre", servo, gain, max(size, 1e-3 * servo.friction.static)), np.abs(x))
@@ -245,7 +294,19 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
 
 
 def cycle_near(servo: Servo, gain: float, a: float, error: float) -> Cycle | None:
-    """The cycle of the Switch servo that attracts every stick position within `error` of a, or None."""
+    """The cycle of the Switch servo that attracts every stick position near one.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+    a, error
+        the stick position and what near means [rad].
+
+    Returns
+    -------
+    Cycle; None where there is none, or its motions were not computed.
+    """
     try:
         found = _cycle(servo, gain, a, error, 1)
         return found if found is not None else _cycle(servo, gain, a, error, 2)

@@ -31,9 +31,20 @@ ABOVE = 20.0
 
 
 def limit_of(swings: Array, error: float) -> tuple[float, float, float] | None:
-    """(limit, its error, ratio of differences) of swings [rad] known to `error`; None where convergence is not certain.
+    """The limit that swings converge to.
 
     Newton's step on the latest differences that stand clear enough of the error, with the later swings for a check.
+
+    Parameters
+    ----------
+    swings
+        (m,) [rad], in order of time.
+    error
+        to which they are known [rad].
+
+    Returns
+    -------
+    Limit [rad], its error [rad], ratio of successive differences; None where convergence is not certain.
     """
     A = np.asarray(swings, float)
     d = np.diff(A)
@@ -67,6 +78,18 @@ def _newton(A: Array, d: Array, k: int, error: float) -> tuple[float, float, flo
 
 
 def limit_of_sides(swings: Array, error: float) -> tuple[float, float, float] | None:
-    """The same for a cycle whose two sides differ: each side by itself; the limit is that of the last swing's side."""
+    """The limit of the swings of a cycle whose two sides differ: each side by itself.
+
+    Parameters
+    ----------
+    swings
+        (m,) [rad], in order of time.
+    error
+        to which they are known [rad].
+
+    Returns
+    -------
+    As `limit_of`, for the side of the last swing; None where one of the sides has no certain limit.
+    """
     here, there = limit_of(swings[::-1][::2][::-1], error), limit_of(swings[::-1][1::2][::-1], error)
     return here if here is not None and there is not None else None

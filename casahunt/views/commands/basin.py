@@ -10,7 +10,8 @@ from ...checks import error_text, known, to_error
 from ...orbits.adapt import Options
 from ...servo.basin import OFFSET, Basin, Trial, basin
 from ...servo.hunting import MODELS
-from .console import add_common, complain, finite, gain_of, servo_of
+from .arguments import add_common, finite, gain_of, servo_of
+from .console import complain
 
 
 def add(commands: Any) -> None:

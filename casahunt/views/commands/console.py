@@ -1,13 +1,8 @@
-"""What the commands share: arguments, checks of files and folders, and how numbers are shown.
-
-Everything is checked before anything is computed, and refused in one sentence (errors.InputError).
-"""
+"""What the commands share: progress, the folder and the files that they write, and how numbers are shown."""
 
 from __future__ import annotations
 
-import argparse
 import errno
-import math
 import os
 import sys
 import threading
@@ -16,24 +11,15 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any
 
-from ...checks import known, quoted, sensible, shortened, to_error
+from ...checks import to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
-from ...orbits.adapt import SOLVERS, TOLERANCE_RANGE
-from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
-from ...servo.servo import Servo, load, with_overrides
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
-PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
-"""Formats that --plot writes."""
-_ARGPARSE_WORDS = {
-    "expected one argument": "must be followed by a value",
-    "ignored explicit argument": "takes no value, but was given",
-}
 
 
 def own_process() -> None:
@@ -66,119 +52,19 @@ def own_process() -> None:
         raise OSError(errno.EBADF, "standard output is closed")
 
 
-class Parser(argparse.ArgumentParser):
-    """Argument errors in the form of all other input errors."""
-
-    def error(self, message: str) -> Any:
-        """Raise InputError with argparse's message in our words."""
-        text = message.removeprefix("argument ")
-        for theirs, ours in _ARGPARSE_WORDS.items():
-            text = text.replace(theirs, ours)
-        raise InputError(f"{text} (see {self.prog} --help)")
-
-
-def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
-    """The arguments that every command has; `tol`: those that compute to a tolerance have --tol."""
-    low, high = TOLERANCE_RANGE
-    command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
-    if tol:
-        command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
-    command.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a value, e.g. friction.static=0.5"
-    )
-    command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
-    command.add_argument("--quiet", action="store_true", help="no progress on standard error")
-
-
-def add_solver(command: argparse.ArgumentParser) -> None:
-    """The choice of the solver."""
-    command.add_argument(
-        "--solver", default="auto",
-        help="auto (default: Newton, and IPOPT where a start is far off), or ipopt or newton: that one alone makes "
-        "every solve; ipopt takes 2 to 4 times as long, down the unstable LuGre branch 10 times",
-    )  # fmt: skip
-
-
-def solver_of(options: argparse.Namespace) -> Literal["auto", "ipopt", "newton"]:
-    """The solver of the command line."""
-    return known("solver", options.solver, SOLVERS)  # type: ignore[return-value]
-
-
-def models_of(options: argparse.Namespace) -> list[Model]:
-    """The friction models of a command that may have several: each once, all where none is named."""
-    models: list[Any] = [known("model", model, MODELS) for model in options.model or MODELS]
-    if len(set(models)) != len(models):
-        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
-    return models
-
-
-def servo_of(options: argparse.Namespace) -> Servo:
-    """The servo of the command line: file or Table 1, with the overrides."""
-    servo = load(options.servo) if options.servo is not None else Servo()
-    return with_overrides(servo, options.set)
-
-
-def finite(key: str, text: Any) -> float:
-    """A finite number, or InputError."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
-    if not math.isfinite(value):
-        raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
-    return value
-
-
-def positive(key: str, text: Any) -> float:
-    """A gain, a time or a position in the range of `checks`, or InputError."""
-    return sensible(key, finite(key, text))
-
-
-def given(key: str, value: Any, example: str) -> Any:
-    """A value that must be on the command line, or InputError with an example of it."""
-    if value is None or value == []:
-        raise InputError(f"{key}: must be given, for example {example}")
-    return value
-
-
-def gain_of(options: argparse.Namespace, example: str = "--gain 0.1") -> float:
-    """The one gain of a command that must have one."""
-    return positive("gain", given("gain", options.gain, example))
-
-
-def picture_of(options: argparse.Namespace) -> Path | None:
-    """The file of --plot."""
-    return writable("plot", options.plot, PICTURE_SUFFIXES)
-
-
-def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
-    """A file that can be written; checked before anything is computed."""
-    if path is None:
-        return None
-    target = Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(suffixes)}")
-    try:
-        if not target.parent.is_dir():
-            raise InputError(f"{key} = {path!r}: there is no folder {str(target.parent)!r}")
-        if target.is_dir():
-            raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
-    except OSError as error:
-        raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
-    present = target.exists()
-    renamed = target.is_file() or not present  # a device or a pipe is written straight
-    if not all(os.access(p, os.W_OK) for p in (*([target] if present else []), *([target.parent] if renamed else []))):
-        raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
-    return target
-
-
 def progress(quiet: bool) -> IO[str] | None:
     """Where progress goes."""
     return None if quiet else sys.stderr
 
 
 def say(stream: IO[str] | None, text: str) -> None:
-    """A line of progress."""
+    """Print a line of progress.
+
+    Parameters
+    ----------
+    stream, text
+        where to, None: nowhere; and the line.
+    """
     if stream is not None:
         print(text, file=stream, flush=True)
 
@@ -229,7 +115,16 @@ def telling(stream: IO[str] | None) -> Iterator[Callable[[str], None]]:
 def complex_text(value: complex, error: float) -> str:
     """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
 
-    `error` is that of the multiplier that must be 1: relative for larger ones, absolute for smaller ones.
+    Parameters
+    ----------
+    value
+        the multiplier.
+    error
+        that of the multiplier that must be 1: relative for larger ones, absolute for smaller ones.
+
+    Returns
+    -------
+    Text such as "0.5+0.1j".
     """
     error = max(error, 1e-12) * max(1.0, abs(value))
 
@@ -253,7 +148,15 @@ class Outputs:
         self._pictures: list[Callable[[], object]] = []
 
     def write(self, function: Callable[..., object], *arguments: Any) -> None:
-        """Write a file now."""
+        """Write a file now; what hinders that is kept for the end.
+
+        Parameters
+        ----------
+        function
+            writes it.
+        *arguments
+            of the function.
+        """
         try:
             function(*arguments)
         except (OSError, InputError) as error:
@@ -281,7 +184,13 @@ class Outputs:
 
 
 def complain(command: str, what: object) -> None:
-    """An error message."""
+    """Print an error message.
+
+    Parameters
+    ----------
+    command, what
+        who complains, such as "casahunt orbit", and of what.
+    """
     print(f"{command}: {what}", file=sys.stderr)
 
 
@@ -289,7 +198,22 @@ def complain(command: str, what: object) -> None:
 def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
     """The output folder for one run alone, made where it does not exist and unmade where nothing is written into it.
 
-    What is in it already stays until something new of the same name (`files`) takes its place.
+    What is in it already stays until something new of the same name takes its place.
+
+    Parameters
+    ----------
+    path
+        the folder.
+    files
+        names of what will be written into it.
+
+    Yields
+    ------
+    The folder.
+
+    Raises
+    ------
+    InputError : it cannot be made or written into, or another run is writing into it.
     """
     complaint = f"out = {path!r}: the folder cannot be "
     if not path:
@@ -317,7 +241,19 @@ def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
 
 
 def progress_line(orbit: HuntingOrbit, mu: str = "") -> str:
-    """Gain, amplitude, period, multiplier (mu, or lambda of a full cycle) and iterations of a point."""
+    """A computed point as a line of progress: gain, amplitude, period, multiplier and iterations.
+
+    Parameters
+    ----------
+    orbit
+        the point.
+    mu
+        text for the multiplier; default: mu, or lambda of a full cycle.
+
+    Returns
+    -------
+    The line.
+    """
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
     gain = to_error(orbit.gain, max(orbit.parameter_error, 1e-8))

@@ -20,20 +20,8 @@ from ...interrupts import held, word
 from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from ...servo.hunting import Model
-from .console import (
-    add_common,
-    add_solver,
-    complain,
-    finite,
-    folder,
-    models_of,
-    positive,
-    progress,
-    progress_line,
-    say,
-    servo_of,
-    solver_of,
-)
+from .arguments import add_common, add_solver, finite, models_of, positive, servo_of, solver_of
+from .console import complain, folder, progress, progress_line, say
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
@@ -61,7 +49,13 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute, write and print; returns the exit code."""
+    """Compute, write and print; returns the exit code.
+
+    Raises
+    ------
+    InputError : the command line is wrong.
+    KeyboardInterrupt : interrupted; says where the points computed so far are.
+    """
     models = models_of(options)
     start = positive("from", options.start)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))

@@ -9,7 +9,7 @@ from typing import Any
 from ...checks import known
 from ...servo.equilibria import PROVES, Equilibria, equilibria
 from ...servo.hunting import MODELS
-from .console import add_common, gain_of, picture_of, servo_of
+from .arguments import add_common, gain_of, picture_of, servo_of
 
 
 def add(commands: Any) -> None:

@@ -11,17 +11,8 @@ from ...design.sensitivity import fold_sensitivities
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
-from .console import (
-    add_common,
-    add_solver,
-    finite,
-    picture_of,
-    progress,
-    progress_line,
-    say,
-    servo_of,
-    solver_of,
-)
+from .arguments import add_common, add_solver, finite, picture_of, servo_of, solver_of
+from .console import progress, progress_line, say
 
 MAXIMUM = "the maximum of an optimisation problem (IPOPT)"
 

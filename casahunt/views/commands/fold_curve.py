@@ -21,7 +21,8 @@ from ...orbits.adapt import Options
 from ...servo.hunting import Model
 from ...servo.servo import Servo
 from ...tables import table as csv_table
-from .console import add_common, complain, finite, models_of, picture_of, progress, say, servo_of, writable
+from .arguments import add_common, finite, models_of, picture_of, servo_of, writable
+from .console import complain, progress, say
 
 CSV_COLUMNS = (
     "model",
@@ -58,7 +59,13 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute, write and print; returns the exit code."""
+    """Compute, write and print; returns the exit code.
+
+    Raises
+    ------
+    InputError : the command line is wrong.
+    NoOrbit : no model has a curve.
+    """
     desk = _desk_of(options)
     plot = picture_of(options)
     desk.began = time.perf_counter()

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...checks import finite_or_none
 from ...servo.linear_loop import Crossover, LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
-from .console import add_common, given, picture_of, positive, servo_of
+from .arguments import add_common, given, picture_of, positive, servo_of
 
 
 def add(commands: Any) -> None:

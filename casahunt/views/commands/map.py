@@ -9,7 +9,8 @@ from typing import Any
 from ...checks import finite_or_none, to_error
 from ...errors import InputError, NoOrbit, Status
 from ...servo.event_map.fixed_points import MAP_POINTS, fixed_points
-from .console import add_common, gain_of, picture_of, positive, progress, servo_of, teller
+from .arguments import add_common, gain_of, picture_of, positive, servo_of
+from .console import progress, teller
 
 
 def add(commands: Any) -> None:
@@ -24,7 +25,12 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code."""
+    """Compute and print; returns the exit code.
+
+    Raises
+    ------
+    InputError, NoOrbit : the command line is wrong; none of the motions could be computed.
+    """
     gain = gain_of(options)
     low = None if options.start is None else positive("from", options.start)
     high = None if options.to is None else positive("to", options.to)
@@ -57,10 +63,8 @@ def run(options: argparse.Namespace) -> int:
                 for f in seen.fixed
             ],
             "jumps": [
-                {
-                    "at": j.start, "below": finite_or_none(j.below), "above": finite_or_none(j.above),
-                    "crosses": j.crosses,
-                }
+                {"at": j.start, "below": finite_or_none(j.below), "above": finite_or_none(j.above),
+                 "crosses": j.crosses}
                 for j in seen.jumps
             ],
             "motions": len(seen.points),

@@ -14,20 +14,8 @@ from ...orbits.floquet import Multipliers
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from .console import (
-    add_common,
-    add_solver,
-    complex_text,
-    finite,
-    gain_of,
-    picture_of,
-    progress,
-    progress_line,
-    say,
-    servo_of,
-    solver_of,
-    writable,
-)
+from .arguments import add_common, add_solver, finite, gain_of, picture_of, servo_of, solver_of, writable
+from .console import complex_text, progress, progress_line, say
 
 CHECK = "their accuracy   the one that must be 1 is off by"
 ROUTES = ("collocation", "integrator")
@@ -131,7 +119,19 @@ def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
 
 
 def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
-    """The JSON object of `casahunt orbit`; None for what is not to be trusted, or not known for a full cycle."""
+    """The JSON object of `casahunt orbit`.
+
+    Parameters
+    ----------
+    orbit
+        the orbit.
+    branch
+        on which it was asked for.
+
+    Returns
+    -------
+    None for what is not to be trusted, or not known for a full cycle.
+    """
     m = orbit.multipliers
     return {
         "model": orbit.model,

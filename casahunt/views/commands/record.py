@@ -29,7 +29,8 @@ from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from .console import add_common, complain, finite, picture_of, positive, progress, say, servo_of
+from .arguments import add_common, finite, picture_of, positive, servo_of
+from .console import complain, progress, say
 
 LARGE, MANY = 2e7, 1_000_000
 """Bytes that take more than two seconds to read, and samples that take as long to measure."""
@@ -50,7 +51,12 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure, compute and print; returns the exit code."""
+    """Measure, compute and print; returns the exit code.
+
+    Raises
+    ------
+    InputError : the command line or the record is wrong.
+    """
     model = known("model", options.model, MODELS)
     gain = None if options.gain is None else positive("gain", options.gain)
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))

@@ -28,7 +28,8 @@ from ...servo.hunting import MODELS
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
 from ...tables import table as csv_table
-from .console import add_common, complain, finite, gain_of, picture_of, positive, servo_of, writable
+from .arguments import add_common, finite, gain_of, picture_of, positive, servo_of, writable
+from .console import complain
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
@@ -54,7 +55,13 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code."""
+    """Compute and print; returns the exit code.
+
+    Raises
+    ------
+    InputError : the command line is wrong.
+    NoOrbit : the motion could not be computed.
+    """
     model = known("model", options.model, MODELS)
     gain = gain_of(options, "--gain 0.04")
     length = positive("time", options.time)

@@ -36,7 +36,8 @@ from ...orbits.adapt import Options
 from ...servo.hunting import MODELS
 from ..evidence.page import page
 from ..evidence.record import before_tasks, record_of
-from .console import add_common, complain, finite, folder, positive, progress, say, servo_of, telling
+from .arguments import add_common, finite, positive, servo_of
+from .console import complain, folder, progress, say, telling
 
 FILES = ["tune.html", "tune.json"]
 """What --out writes."""
@@ -126,7 +127,12 @@ def _write(out: Path, html: str, record: dict[str, Any]) -> None:
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """`NAME=LOW,HIGH` as numbers; names and order are checked by `tune`."""
+    """`NAME=LOW,HIGH` as numbers; names and order are checked by `tune`.
+
+    Raises
+    ------
+    InputError : not of this form, or no finite numbers.
+    """
     found: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, sign, pair = text.partition("=")

@@ -24,7 +24,8 @@ from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .console import add_common, finite, given, picture_of, progress, progress_line, say, servo_of, teller
+from .arguments import add_common, finite, given, picture_of, servo_of
+from .console import progress, progress_line, say, teller
 
 DEFAULT_SAMPLES = 200
 
@@ -45,7 +46,13 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code."""
+    """Compute and print; returns the exit code.
+
+    Raises
+    ------
+    InputError : the command line or the uncertainty file is wrong.
+    NoOrbit : no fold, or none of the samples was computed.
+    """
     began = time.perf_counter()
     model: Any = known("model", options.model, MODELS)
     how = Options(tol=finite("tol", options.tol))

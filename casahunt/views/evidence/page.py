@@ -20,7 +20,19 @@ CONTROLLER = {
 
 
 def value_at(record: Mapping[str, Any], key: str) -> Any:
-    """The entry of a record at a path; parts are separated by "/"."""
+    """The entry of a record at a path.
+
+    Parameters
+    ----------
+    record
+        tables and lists within tables.
+    key
+        keys and indices, separated by "/".
+
+    Returns
+    -------
+    The entry.
+    """
     value: Any = record
     for part in key.split("/"):
         value = value[int(part)] if isinstance(value, list) else value[part]
@@ -100,6 +112,10 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         of `record_of`.
     images
         PNG files by name: any of `CAPTIONS`.
+
+    Returns
+    -------
+    HTML, with the images in it.
     """
     p = _Page(record)
     figures = {name: _figure(CAPTIONS[name], data) for name, data in images.items()}

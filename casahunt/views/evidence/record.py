@@ -34,14 +34,18 @@ DELAY = "The delay is in the margins of the linear loop only; fold, scan and sim
 
 
 def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task, ...]]:
-    """The simulated tasks with the controller as given, and their gain.
+    """The simulated tasks with the controller as given.
 
     Parameters
     ----------
     tuning
         the tuning.
     gain
-        K used before; default: half the fold gain of the nominal friction with the times as given or tuned.
+        K used before [V/rad]; default: half the fold gain of the nominal friction with the times as given or tuned.
+
+    Returns
+    -------
+    Their gain [V/rad], and the tasks.
     """
     check = tuning.verification
     fold = check.nominal_fold or check.fold
@@ -87,6 +91,10 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
         the tuning.
     before
         gain and tasks of `before_tasks`.
+
+    Returns
+    -------
+    Numbers, texts, lists and tables only; None for what is not finite.
     """
     demands = tuning.demands
     what, _, unit = COSTS[tuning.cost].rpartition(" [")

@@ -55,6 +55,10 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
     equilibria
         say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis.
 
+    Returns
+    -------
+    Figure of two panels, amplitude above period.
+
     Raises
     ------
     InputError : no branch, or a branch without orbits.

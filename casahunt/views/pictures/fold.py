@@ -22,6 +22,10 @@ def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) 
     folds, slopes
         folds and their sensitivities, one of each model at most.
 
+    Returns
+    -------
+    Figure.
+
     Raises
     ------
     InputError : none, or not as many sensitivities as folds.

@@ -27,10 +27,12 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
 
     Parameters
     ----------
-    servo
-        the servo.
-    loops
-        its linear loops at the gains to be drawn.
+    servo, loops
+        the servo, and its linear loops at the gains to be drawn.
+
+    Returns
+    -------
+    Figure of four panels, magnitudes above phases [deg], against omega [rad/s].
 
     Raises
     ------
@@ -60,9 +62,8 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
                 crossing.frequency, crossing.margin - 180, marker="o", markersize=5, color=look.colour,
                 markeredgecolor="black", zorder=5,
             )  # fmt: skip
-    unit = loops[0].gain
-    c_phase.semilogx(omega, _degrees(controller_response(servo, unit, omega)), color=NEUTRAL)
-    l_phase.semilogx(omega, _degrees(loop_response(servo, unit, omega)), color=NEUTRAL)
+    c_phase.semilogx(omega, _degrees(controller_response(servo, loops[0].gain, omega)), color=NEUTRAL)
+    l_phase.semilogx(omega, _degrees(loop_response(servo, loops[0].gain, omega)), color=NEUTRAL)
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
     l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)
     for axes, label in ((c_size, "|C| [V/rad]"), (l_size, "|L| [–]")):

@@ -64,7 +64,14 @@ NEUTRAL = "#444444"
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure; the suffix of `path` decides on the format, PNG has 150 dpi.
+    """Write a figure.
+
+    Parameters
+    ----------
+    figure
+        the figure.
+    path
+        the file; its suffix decides on the format, PNG has 150 dpi.
 
     Raises
     ------
@@ -85,7 +92,19 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def at_least_one(what: str, items: Sequence[Any]) -> None:
-    """Raise InputError where there is nothing to draw."""
+    """Refuse to draw nothing.
+
+    Parameters
+    ----------
+    what
+        what the items are.
+    items
+        what is to be drawn.
+
+    Raises
+    ------
+    InputError : there is none.
+    """
     if len(items) == 0:
         raise InputError(f"{what} = {items!r}: must be at least one to draw")
 

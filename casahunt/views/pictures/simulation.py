@@ -76,6 +76,10 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None)
         of a record with whole periods (record.measure).
     orbit
         the prediction, or None.
+
+    Returns
+    -------
+    Figure of two panels.
     """
     figure = new_figure()
     above, below = figure.subplots(2, 1, height_ratios=(1, 1.6))

@@ -34,6 +34,10 @@ def operating_point(tuning: Tuning, branch: Branch) -> Figure:
         the tuning.
     branch
         of its worst servo.
+
+    Returns
+    -------
+    Figure.
     """
     figure = drawn_diagram([branch], equilibria=False)
     for axes in figure.axes:
@@ -55,7 +59,7 @@ def operating_point(tuning: Tuning, branch: Branch) -> Figure:
 
 
 def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Figure:
-    """Distance from the set point [rad] against time [s], the same tasks before and after.
+    """The same tasks before and after: distance from the set point [rad] against time [s].
 
     Parameters
     ----------
@@ -63,6 +67,10 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Fi
         gain and tasks.
     after
         tasks with the tuned controller.
+
+    Returns
+    -------
+    Figure, a panel for every task.
     """
     tasks = [task for task in after if task.friction == "nominal"]
     pairs = list(zip(before[1], tasks, strict=True))
@@ -103,7 +111,7 @@ def png(figure: Figure) -> bytes:
 def evidence_images(
     tuning: Tuning, before: tuple[float, Sequence[Task]], options: Options | None = None
 ) -> dict[str, bytes]:
-    """The images of the evidence page, as PNG; what cannot be drawn is left out.
+    """The images of the evidence page.
 
     Parameters
     ----------
@@ -111,6 +119,10 @@ def evidence_images(
         the tuning, and gain and tasks before.
     options
         of the diagram.
+
+    Returns
+    -------
+    PNG files by name (page.CAPTIONS); what cannot be drawn is left out.
     """
     images: dict[str, bytes] = {}
     fold = tuning.verification.fold

@@ -24,6 +24,10 @@ def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summa
     seen
         their `summary`.
 
+    Returns
+    -------
+    Figure.
+
     Raises
     ------
     InputError : no sample was computed.

@@ -1,0 +1,223 @@
+"""The arguments of the commands: what they share, read and checked before anything is computed.
+
+What is wrong is refused in one sentence (errors.InputError).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+from ...checks import known, quoted, sensible, shortened
+from ...errors import InputError
+from ...orbits.adapt import SOLVERS, TOLERANCE_RANGE
+from ...servo.hunting import MODELS, Model
+from ...servo.servo import Servo, load, with_overrides
+
+PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
+"""Formats that --plot writes."""
+_ARGPARSE_WORDS = {
+    "expected one argument": "must be followed by a value",
+    "ignored explicit argument": "takes no value, but was given",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument errors in the form of all other input errors."""
+
+    def error(self, message: str) -> Any:
+        """Refuse with argparse's message in our words.
+
+        Raises
+        ------
+        InputError : always.
+        """
+        text = message.removeprefix("argument ")
+        for theirs, ours in _ARGPARSE_WORDS.items():
+            text = text.replace(theirs, ours)
+        raise InputError(f"{text} (see {self.prog} --help)")
+
+
+def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
+    """The arguments that every command has.
+
+    Parameters
+    ----------
+    command
+        parser of the command.
+    tol
+        it computes to a tolerance, and has --tol.
+    """
+    low, high = TOLERANCE_RANGE
+    command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
+    if tol:
+        command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
+    command.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a value, e.g. friction.static=0.5"
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    command.add_argument("--quiet", action="store_true", help="no progress on standard error")
+
+
+def add_solver(command: argparse.ArgumentParser) -> None:
+    """The choice of the solver."""
+    command.add_argument(
+        "--solver", default="auto",
+        help="auto (default: Newton, and IPOPT where a start is far off), or ipopt or newton: that one alone makes "
+        "every solve; ipopt takes 2 to 4 times as long, down the unstable LuGre branch 10 times",
+    )  # fmt: skip
+
+
+def solver_of(options: argparse.Namespace) -> Literal["auto", "ipopt", "newton"]:
+    """The solver of the command line."""
+    return known("solver", options.solver, SOLVERS)  # type: ignore[return-value]
+
+
+def models_of(options: argparse.Namespace) -> list[Model]:
+    """The friction models of a command that may have several: each once, all where none is named.
+
+    Raises
+    ------
+    InputError : an unknown model, or one that is named twice.
+    """
+    models: list[Any] = [known("model", model, MODELS) for model in options.model or MODELS]
+    if len(set(models)) != len(models):
+        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+    return models
+
+
+def servo_of(options: argparse.Namespace) -> Servo:
+    """The servo of the command line: file or Table 1, with the overrides."""
+    servo = load(options.servo) if options.servo is not None else Servo()
+    return with_overrides(servo, options.set)
+
+
+def finite(key: str, text: Any) -> float:
+    """A finite number.
+
+    Parameters
+    ----------
+    key, text
+        what the user calls it, and what was given.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
+    if not math.isfinite(value):
+        raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
+    return value
+
+
+def positive(key: str, text: Any) -> float:
+    """A gain, a time or a position.
+
+    Parameters
+    ----------
+    key, text
+        what the user calls it, and what was given.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none in the range of `checks`.
+    """
+    return sensible(key, finite(key, text))
+
+
+def given(key: str, value: Any, example: str) -> Any:
+    """A value that must be on the command line.
+
+    Parameters
+    ----------
+    key, value
+        what the user calls it, and what was given; None or [] for nothing.
+    example
+        how it is given.
+
+    Returns
+    -------
+    The value.
+
+    Raises
+    ------
+    InputError : it is not there.
+    """
+    if value is None or value == []:
+        raise InputError(f"{key}: must be given, for example {example}")
+    return value
+
+
+def gain_of(options: argparse.Namespace, example: str = "--gain 0.1") -> float:
+    """The one gain of a command that must have one.
+
+    Parameters
+    ----------
+    options, example
+        the parsed command line, and how the gain is given.
+
+    Returns
+    -------
+    K [V/rad].
+
+    Raises
+    ------
+    InputError : it is not there, or no gain.
+    """
+    return positive("gain", given("gain", options.gain, example))
+
+
+def picture_of(options: argparse.Namespace) -> Path | None:
+    """The file of --plot."""
+    return writable("plot", options.plot, PICTURE_SUFFIXES)
+
+
+def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
+    """A file that can be written; checked before anything is computed.
+
+    Parameters
+    ----------
+    key, path
+        what the user calls it, and what was given; None: no file is wanted.
+    suffixes
+        of which the name must have one, in small letters.
+
+    Returns
+    -------
+    The file; None where none is wanted.
+
+    Raises
+    ------
+    InputError : another suffix, no such folder, no permission.
+    """
+    if path is None:
+        return None
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(suffixes)}")
+    try:
+        if not target.parent.is_dir():
+            raise InputError(f"{key} = {path!r}: there is no folder {str(target.parent)!r}")
+        if target.is_dir():
+            raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
+    except OSError as error:
+        raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
+    present = target.exists()
+    renamed = target.is_file() or not present  # a device or a pipe is written straight
+    if not all(os.access(p, os.W_OK) for p in (*([target] if present else []), *([target.parent] if renamed else []))):
+        raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
+    return target

@@ -1,0 +1,176 @@
+"""Is a root a motion?  Conditions that are polynomials, whose smallest values and Legendre coefficients are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from layout import cycle_of, laid_out, still
+
+from casahunt.collocation.admissibility import RESOLUTION, Verdict, hides, judge
+from casahunt.collocation.transcription import Setting
+from casahunt.hybrid.system import Mode
+
+FREE = Mode("free", still)
+POSITIVE = Mode("climb", still, admissible=lambda x, p, sign: sign * x[0], sign=1.0)
+KEPT = replace(POSITIVE, name="rest", flow=lambda x, T, p: x)
+SCALE = np.array([2.0, 5.0])
+
+
+def zero(tau):
+    return 0 * tau
+
+
+def one(tau):
+    return 1 + 0 * tau
+
+
+def judged(modes, breaks, functions, *, durations=None, degree=4, kind="gauss", second=None) -> Verdict:
+    """The verdict on phases whose states are functions[k] and second[k] of the time as a fraction of the phase."""
+    motions = [
+        lambda tau, f=f, g=g: np.stack([f(tau), g(tau)], axis=1) / SCALE
+        for f, g in zip(functions, second or [zero] * len(modes), strict=True)
+    ]
+    durations = durations or [1.0] * len(modes)
+    t, u, fractions = laid_out(cycle_of(*modes), breaks, motions, durations, degree=degree, kind=kind)
+    return judge(t, u, Setting(fractions, np.zeros(1), SCALE, np.zeros(1)))
+
+
+ONE, FOUR = np.array([0.0, 1.0]), np.array([0, 0.2, 0.5, 0.75, 1.0])
+
+
+def well(bottom: float, at: float = 0.625):
+    """(tau - at)^2 + bottom: its last Legendre coefficient is zero, so nothing is left to doubt."""
+    return lambda tau: (tau - at) ** 2 + bottom
+
+
+@pytest.mark.parametrize("kind", ["gauss", "radau"])
+@pytest.mark.parametrize("phase", [0, 1])
+def test_a_condition_that_fails_inside_an_interval(phase, kind):
+    functions = [one, one]
+    functions[phase] = well(1e-3)
+    found = judged([POSITIVE, POSITIVE], [FOUR, FOUR], functions, kind=kind)
+    assert found.admissible and found.phase == -1 and not found.unclear.any()
+    for bottom in (-1e-3, -0.1):
+        functions[phase] = well(bottom)
+        found = judged([POSITIVE, POSITIVE], [FOUR, FOUR], functions, kind=kind)
+        assert not found.admissible and found.phase == phase
+        assert f"phase {phase + 1} is no climb" in found.violated
+        assert float(found.violated.rpartition(" ")[2]) == pytest.approx(bottom, rel=1e-2)
+
+
+def test_a_condition_may_fall_by_its_slack_and_by_rounding():
+    loose = replace(POSITIVE, slack=0.01)
+    assert judged([loose], [FOUR], [well(-0.009)]).admissible
+    assert judged([loose], [FOUR], [well(-0.011)]).violated
+    assert judged([POSITIVE], [FOUR], [well(-5e-11)]).violated == ""
+    assert judged([POSITIVE], [FOUR], [well(-5e-9)]).violated
+    assert judged([POSITIVE], [FOUR], [lambda tau: 1e3 * well(-5e-12)(tau)]).violated == ""
+    assert judged([POSITIVE], [FOUR], [lambda tau: 1e3 * well(-5e-11)(tau)]).violated
+
+
+def test_the_sign_of_the_mode_is_that_of_its_condition():
+    backwards = replace(POSITIVE, sign=-1.0)
+    assert judged([backwards], [FOUR], [lambda tau: -one(tau)]).admissible
+    assert judged([backwards], [FOUR], [one]).violated
+
+
+def test_a_closed_form_is_judged_at_its_ends():
+    assert judged([POSITIVE, KEPT, POSITIVE], [FOUR, ONE, FOUR], [one, one, one]).admissible
+    for values in ((-0.5, 1.0), (1.0, -0.5)):
+        # The phase after it starts where it ends, at the condition of another mode.
+        found = judged([POSITIVE, KEPT, FREE], [FOUR, ONE, FOUR], [
+            one, lambda tau, v=values: v[0] + 0 * tau, lambda tau, v=values: v[1] + 0 * tau
+        ])  # fmt: skip
+        assert found.phase == 1 and "phase 2 is no rest: its condition falls to -0.5" in found.violated
+
+
+def test_a_phase_of_no_duration_is_none():
+    for shortest in (0.0, -0.25):
+        found = judged([POSITIVE, FREE], [FOUR, FOUR], [one, one], durations=[1.0, shortest])
+        assert found.phase == 1 and f"phase 2 (free) has the duration {shortest:.3g} s" in found.violated
+
+
+def wave(least: float):
+    """Legendre's P_4 on the interval (0, 1), whose smallest value is -3/7, plus 3/7 and `least`."""
+    return lambda tau: np.polynomial.legendre.legval(2 * tau - 1, [0, 0, 0, 0, 1]) + 3 / 7 + least
+
+
+@pytest.mark.parametrize("phase", [0, 1])
+def test_known_to_a_few_times_the_last_legendre_coefficient(phase):
+    """That coefficient is 1 here."""
+    assert RESOLUTION == 3.0
+    for least, unclear, violated in ((3.1, False, False), (2.5, True, False), (-2.9, True, False), (-3.1, True, True)):
+        functions, breaks = [lambda tau: 9 + 0 * tau] * 2, [FOUR, FOUR]
+        functions[phase], breaks[phase] = wave(least), ONE
+        found = judged([POSITIVE, POSITIVE], breaks, functions)
+        assert bool(found.violated) is violated
+        assert found.admissible is not (unclear or violated)
+        expected = np.zeros(5, dtype=bool)
+        expected[4 * phase] = unclear
+        np.testing.assert_array_equal(found.unclear, expected)
+
+
+SHAPES = {
+    "start": lambda tau: tau, "end": lambda tau: 1 - tau, "both": lambda tau: tau * (1 - tau),
+    "as a square": lambda tau: tau**2,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["gauss", "radau"])
+@pytest.mark.parametrize("degree", [2, 3, 4])
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_condition_may_vanish_at_the_ends_of_a_phase(name, degree, kind):
+    """There its slope counts; that of a straight line, and of a parabola from its foot, is in no doubt."""
+    if degree == 2 and name == "both":
+        return  # three points: nothing is left that could tell
+    for breaks in (ONE, FOUR):
+        found = judged([POSITIVE], [breaks], [SHAPES[name]], degree=degree, kind=kind)
+        # A parabola on a later interval is in doubt at degree 2, its own last coefficient.
+        assert found.violated == "" and not found.unclear[: 1 if degree == 2 else None].any()
+        if degree > 2:
+            below = judged([POSITIVE], [breaks], [lambda tau: -1e-3 * SHAPES[name](tau)], degree=degree, kind=kind)
+            assert "no climb" in below.violated
+
+
+@pytest.mark.parametrize("name", ["start", "end", "both"])
+def test_what_is_left_when_the_zeros_are_divided_out_must_be_clear(name):
+    """At Radau points of degree 4: a polynomial of degree 3, or 2, with the last coefficient 1; above 3 or below."""
+    series = np.eye(4)[2 if name == "both" else 3]
+    lowest = np.polynomial.legendre.legval(np.linspace(-1, 1, 1001), series).min()
+    for least, unclear in ((3.2, False), (1.0, True)):
+        def condition(tau, least=least):
+            return SHAPES[name](tau) * (np.polynomial.legendre.legval(2 * tau - 1, series) - lowest + least)
+
+        found = judged([POSITIVE], [ONE], [condition], kind="radau")
+        assert found.violated == "" and found.unclear.tolist() == [unclear]
+
+
+# Features ----------------------------------------------------------------------------------------------------------
+
+SUDDEN = Mode("sudden", still, feature=lambda x, p: x[1])
+
+
+@pytest.mark.parametrize("phase", [0, 1])
+@pytest.mark.parametrize(("interval", "where"), [(0, 0.4), (2, 0.6), (2, 0.99), (3, 0.99), (3, 0.01)])
+def test_a_feature_that_jumps_between_two_points(phase, interval, where):
+    """0.99 of an interval lies behind its last Gauss point: the end alone shows it."""
+    at = FOUR[interval] + where * (FOUR[interval + 1] - FOUR[interval])
+    modes = [FREE, FREE]
+    modes[phase] = SUDDEN
+    for size, hidden in ((0.85, False), (0.95, True)):
+        second = [zero, lambda tau, size=size: size * one(tau)]
+        second[phase] = lambda tau, size=size: size * (tau > at)
+        found = judged(modes, [FOUR, FOUR], [one, one], second=second)
+        expected = np.zeros(8, dtype=bool)
+        expected[4 * phase + interval] = hidden
+        np.testing.assert_array_equal(found.unclear, expected)
+        assert found.admissible is not hidden
+
+
+def test_a_march_is_told_of_smaller_jumps():
+    points = np.zeros((3, 4, 2))
+    points[0, 2:, 1], points[1, 2:, 1], points[2, :, 1] = 0.45, -0.55, 7.0
+    assert hides(lambda x, p: p * x[1], points, np.array([1.0])).tolist() == [False, True, False]
+    assert hides(lambda x, p: p * x[1], points, np.array([1.0]), largest=0.4).tolist() == [True, True, False]

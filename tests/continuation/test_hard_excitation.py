@@ -1,0 +1,450 @@
+"""Continuation on the oscillator with hard excitation and shear (problems/stuart_landau.py): every cycle is known.
+
+The largest c with a cycle is b^2/(4 (1 - nu)), where r^2 = b/(2 c).
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt import NoOrbit, Options
+from casahunt.collocation.graphs import graphs
+from casahunt.collocation.mesh import halved, phase_breaks, transfer
+from casahunt.collocation.transcription import Setting, transcribe
+from casahunt.continuation import fold as folds
+from casahunt.continuation import special_points
+from casahunt.continuation import walk as walks
+from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
+from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
+from casahunt.continuation.fold_conditions import data_of, fold_conditions
+from casahunt.continuation.special_points import (
+    FOLD,
+    GRAZING,
+    SUPERSTABLE,
+    SYMMETRY_BREAKING,
+    SpecialPoint,
+    crossings,
+    locate,
+    special_point,
+    user_monitor,
+)
+from casahunt.continuation.walk import run, step_along, walk, walk_naturally
+from casahunt.errors import InputError, Status
+from casahunt.hybrid.problem import FixedSequence
+from casahunt.hybrid.system import Cycle
+from casahunt.orbits import adapt
+from casahunt.orbits.adapt import finished, solve_adaptively
+from casahunt.orbits.orbit import Orbit, unknowns_of
+from problems import stuart_landau as sl
+
+NU, OMEGA, B, SHEAR = 0.6, 1.5, 2.4, 0.6
+LARGEST = B**2 / (4 * (1 - NU))
+TOL = 1e-9
+
+
+def values(c: float) -> tuple[float, ...]:
+    return NU, OMEGA, B, c, SHEAR
+
+
+def period(square):
+    return sl.sheared_period(square, *values(0.0))
+
+
+def square(c: float, branch: int = 1) -> float:
+    """r^2 on the stable (1) or the unstable (-1) part of the branch."""
+    return sl.sheared_square(*values(c), larger=branch > 0)
+
+
+def cycle(c: float, branch: int = 1, *, tol: float = TOL, intervals: int = 8) -> Orbit:
+    """From the exact circle."""
+    problem = FixedSequence(sl.SHEARED, values(c), followed="c", scheme=(8, "gauss"))
+    t = transcribe(sl.SHEARED, (intervals,), 8, "gauss")
+    angles = 2 * np.pi / intervals * (np.arange(intervals)[:, None] + t.scheme.points)
+    w = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(intervals, -1)
+    u = t.pack(w, np.vstack([w[:, :2], w[0, :2]]), np.array([period(square(c, branch))]))
+    scale = np.full(2, np.sqrt(square(c, branch)))
+    setting = Setting(np.full(intervals, 1 / intervals), problem.vector(), scale, np.zeros(5))
+    options = Options(tol=tol)
+    solved = solve_adaptively(problem, (t, u, setting), options, solver="newton")
+    return finished(solved, problem, options, 0.0, "the cycle")
+
+
+def c_of(orbit: Orbit) -> float:
+    return parameter_value(orbit, "c")
+
+
+def assert_true(orbit: Orbit, branch: int, rel: float = 1e-8) -> None:
+    exact = square(c_of(orbit), branch)
+    assert orbit.amplitude**2 == pytest.approx(exact, rel=rel)
+    assert orbit.period == pytest.approx(period(exact), rel=rel)
+
+
+# The curve and its predictor -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mesh", ["the same", "finer", "other lengths"])
+def test_the_cubic_passes_through_both_points_along_their_tangents(mesh):
+    """Hermite's conditions, in the units of the later point and on its mesh."""
+    before, after = cycle(3.2), cycle(3.3)
+    start, end = ends(before, after, "c")
+    if mesh != "the same":  # the same point of the curve on another mesh, in other units
+        (b,) = phase_breaks(start.t, start.setting.fractions)
+        breaks = halved([b]) if mesh == "finer" else [b + 0.3 * np.sin(2 * np.pi * b) / (2 * np.pi)]
+        t, u, fractions = transfer(start.t, start.u / np.append(np.full(start.u.size - 1, 2.0), 1.0),
+                                   start.setting.fractions, breaks)  # fmt: skip
+        _, du, _ = transfer(start.t, start.du / np.append(np.full(start.u.size - 1, 2.0), 1.0),
+                            start.setting.fractions, breaks)  # fmt: skip
+        row = start.row * [0.5, 0.5, 1, 1]
+        setting = replace(start.setting, fractions=fractions, scale=2 * start.setting.scale)
+        start = replace(start, t=t, u=u, du=du, row=row, setting=setting)
+    cubic = bend(start, end, 3.2)
+    assert cubic is not None and bend(start, end, 3.2, side=1.0) is None
+    point = replace(end, bend=cubic)
+    # Where the earlier point lies along the later tangent, from the exact radii.
+    r = np.sqrt([square(3.2), square(3.3)])
+    T = period(r**2)
+    s = float(point.row @ [(r[0] - r[1]) / r[1], 0.0, np.log(T[0] / T[1]), 3.2 / 3.3 - 1])
+    u, lam = predict(point, s)
+    assert lam == pytest.approx(3.2 / 3.3 - 1, rel=1e-8)
+    exact = end.u * np.append(np.full(u.size - 1, r[0] / r[1]), T[0] / T[1])
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-7)
+    # The tangents at either end: r dr = (d r^2/dc) dc/2, and lambda = dc/c.
+    h = 1e-5
+    for at, c in ((s, 3.2), (0.0, 3.3)):
+        (u_low, l_low), (u_high, l_high) = predict(point, at - h), predict(point, at + h)
+        slope = (u_high[0] - u_low[0]) / (l_high - l_low)
+        dr = (np.sqrt(square(c + 1e-5)) - np.sqrt(square(c - 1e-5))) / 2e-5
+        assert slope == pytest.approx(dr * 3.3 / r[1], rel=1e-5)
+
+
+def test_predictions_get_better_with_the_fourth_power_of_the_step():
+    """The error of a cubic through two points and their tangents, a step further on."""
+    errors = []
+    for step in (0.08, 0.04):
+        before, after = cycle(3.0 - step), cycle(3.0)
+        start, end = ends(before, after, "c")
+        point = replace(end, bend=bend(start, end, 3.0 - step))
+        ds = 1e-2 * step / 0.08
+        u, lam = predict(point, ds)
+        errors.append(abs(u[0] - np.sqrt(square(3.0 * (1 + lam)) / square(3.0))))
+    assert 8 < errors[0] / errors[1] < 40 and errors[0] < 1e-5
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_predictor_bent_through_a_correction_leads_there(bent):
+    before, last = cycle(3.1), cycle(3.2)
+    start, point = ends(before, last, "c")
+    if bent:
+        point = replace(point, bend=bend(start, point, 3.1))
+    ds = 0.03
+    orbit, solved, reached = step_along(point, last, "c", ds, 0.0, 10.0, Options(tol=TOL))
+    assert not reached
+    assert_true(orbit, 1)
+    lam = c_of(orbit) / 3.2 - 1
+    better = bent_through(point, ds, solved, lam)
+    u, told = predict(better, ds)
+    assert told == pytest.approx(lam, abs=1e-14)
+    np.testing.assert_allclose(u, solved.solution.u, rtol=0, atol=1e-13)
+    # The corrector moves across the tangent alone: the length along it is ds.
+    assert float(point.row @ secant(last, orbit, "c")) == pytest.approx(ds, rel=1e-6)
+
+
+@pytest.mark.parametrize(("c", "branch"), [(3.0, 1), (3.0, -1), (3.599, 1)])
+def test_the_tangent(c, branch):
+    """(dr/r, 0, dT/T, dc/c), of length one."""
+    h = 1e-6
+    logs = np.array([[np.log(s) / 2, np.log(period(s))] for s in (square(c - h, branch), square(c + h, branch))])
+    dr, dT = (logs[1] - logs[0]) / (2 * h)
+    expected = np.array([dr, 0, dT, 1 / c])
+    expected /= np.linalg.norm(expected)
+    for sense in (1.0, -1.0):
+        point = curve_point(cycle(c, branch), "c", sense=sense)
+        np.testing.assert_allclose(point.row, sense * expected, atol=1e-6)
+    np.testing.assert_allclose(curve_point(cycle(c, branch), "c", like=-expected).row, -expected, atol=1e-6)
+
+
+# Walks --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["newton", "ipopt"])
+def test_round_the_fold_and_back(solver):
+    options = Options(tol=TOL, solver=solver)
+    orbits, why = run(walk(cycle(3.0), low=2.5, high=9.0, options=options, largest_step=0.2))
+    assert why == "c reached 2.5, the end of the range" and c_of(orbits[-1]) == 2.5
+    assert max(map(c_of, orbits)) == pytest.approx(LARGEST, rel=0.02)
+    top = max(range(len(orbits)), key=lambda k: c_of(orbits[k]))
+    for k, orbit in enumerate(orbits):
+        assert_true(orbit, 1 if orbit.amplitude**2 > B / (2 * c_of(orbit)) else -1)
+        assert (orbit.amplitude**2 > B / (2 * c_of(orbit))) or k >= top
+    lengths = [np.linalg.norm(secant(a, b, "c")) for a, b in itertools.pairwise(orbits)]
+    assert max(lengths) < 0.2 * 1.2
+    assert orbits[0].error_estimate <= TOL
+
+
+@pytest.mark.parametrize(("share", "taken"), [(-0.5, False), (0.1, False), (0.9, True), (2.5, True), (4.0, False)])
+def test_a_step_ends_about_where_it_was_to_end(monkeypatch, share, taken):
+    """A corrector that comes out at another place of the curve is not believed."""
+    last, ds = cycle(3.0), 0.05
+    point = curve_point(last, "c")
+    true = walks.corrected
+
+    def elsewhere(point, u, lam, *others, **more):
+        u, other = predict(point, share * ds)
+        solved = true(point, u, other, *others, **more)
+        return replace(solved, solution=replace(solved.solution, parameter=solved.solution.parameter + other - lam))
+
+    monkeypatch.setattr(walks, "corrected", elsewhere)
+    outcome = step_along(point, last, "c", ds, 0.0, 9.0, Options(tol=TOL))
+    assert isinstance(outcome, str) is not taken
+    if taken:
+        assert_true(outcome[0], 1)
+    else:
+        assert "another part of the curve" in outcome
+
+
+def test_natural_steps_are_relative_changes_of_the_parameter():
+    way = walk_naturally(cycle(2.0), low=1.5, high=2.6, options=Options(tol=TOL), first_step=0.01, largest_step=0.03)
+    began = time.perf_counter()
+    orbits, why = run(way)
+    assert 0 < sum(o.wall_s for o in orbits) < time.perf_counter() - began
+    values = [2.0, *map(c_of, orbits)]
+    steps = [b / a - 1 for a, b in itertools.pairwise(values)]
+    assert steps[0] == pytest.approx(0.01, rel=1e-12) and values[-1] == 2.6 and "reached 2.6" in why
+    assert max(steps) == pytest.approx(0.03, rel=1e-12)
+    for a, b in itertools.pairwise(steps):
+        assert b <= 2 * a * (1 + 1e-12)
+    for orbit in orbits:
+        assert_true(orbit, 1)
+
+
+def test_natural_continuation_ends_below_the_fold():
+    orbits, why = run(walk_naturally(cycle(3.59), low=1.0, high=9.0, options=Options(tol=TOL)))
+    assert "the branch ends at c = 3.5" in why and "fold" in why
+    assert LARGEST * (1 - 1e-3) < c_of(orbits[-1]) <= LARGEST
+    assert all(b > a for a, b in itertools.pairwise(map(c_of, orbits)))
+    assert_true(orbits[0], 1)
+
+
+# Special points ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("swap", [False, True])
+@pytest.mark.parametrize(("low", "high"), [(3.5, 3.55), (3.2, 3.59), (3.599, 3.0)])
+def test_the_fold_between_two_cycles(monkeypatch, low, high, swap):
+    """One on either part of the branch; turning points of cubics take few steps to it."""
+    steps = []
+
+    def counting(*arguments):
+        steps.append(arguments[3])
+        return step_along(*arguments)
+
+    monkeypatch.setattr(special_points, "step_along", counting)
+    before, after = cycle(low), cycle(high, -1)
+    if swap:
+        before, after = after, before
+    orbit = locate(before, after, FOLD, vary="c", options=Options(tol=TOL))
+    assert orbit is not None and c_of(orbit) == pytest.approx(LARGEST, rel=TOL)
+    assert orbit.amplitude**2 == pytest.approx(B / (2 * LARGEST), rel=1e-7)  # c is of second order in it
+    assert 2 <= len(steps) <= 5
+    assert turns_back(before, after, "c")
+    found, missed = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
+    assert [s.kind for s in found] == ["fold"] and not missed
+
+
+def test_where_there_is_none():
+    for branch in (1, -1):
+        before, after = cycle(3.2, branch), cycle(3.3, branch)
+        assert crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL)) == ([], [])
+        assert not turns_back(before, after, "c") and not turns_back(after, before, "c")
+
+
+@pytest.mark.parametrize("wanted", [0.55, 0.5, 0.451])
+def test_where_a_function_of_the_users_vanishes(wanted):
+    """r^2 = wanted: c = (b r^2 - 1 + nu)/r^4."""
+    before, after = cycle(2.8), cycle(3.5)
+    monitor = user_monitor("that size", lambda o: o.amplitude**2 - wanted)
+    c = (B * wanted - 1 + NU) / wanted**2
+    for first, last in ((before, after), (after, before)):
+        ((special,), missed) = crossings(first, last, vary="c", monitors=(monitor,), options=Options(tol=TOL))
+        assert not missed and special.kind == "that size"
+        assert c_of(special.orbit) == pytest.approx(c, rel=1e-7)
+        said = float(special.meaning.rpartition(" ")[2])
+        assert "that size at c = " in special.meaning and said == pytest.approx(c, rel=1e-6)
+
+
+def test_a_fold_that_is_not_located_is_told(monkeypatch):
+    monkeypatch.setattr(special_points, "locate", lambda *_, **__: None)
+    before, after = cycle(3.59), cycle(3.595, -1)
+    found, (missed,) = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
+    assert not found and missed.kind == "fold" and "c = 3.59 and 3.595" in missed.meaning
+    # Where both sides of it agree to the tolerance, the larger parameter is it.
+    (special,), missed = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=1e-2))
+    assert not missed and special.orbit is after
+    other = user_monitor("size", lambda o: o.amplitude**2 - B / 7.2)
+    found, (missed,) = crossings(before, after, vary="c", monitors=(other,), options=Options(tol=1e-2))
+    assert not found and missed.kind == "size"
+
+
+@dataclass(frozen=True)
+class Narrow(FixedSequence):
+    """A cycle is called wide as long as r^2 > 1/2, and narrow where it is not."""
+
+    def cycle(self, signature, repeats):
+        return WIDE if signature == WIDE.signature else NARROW
+
+    def next_sequence(self, t, u, setting, phase, *, soft):
+        return [(transcribe(NARROW, t.counts, t.degree, t.kind), u, setting)]
+
+
+def renamed(name: str, condition) -> Cycle:
+    (phase,) = sl.SHEARED.phases
+    return replace(sl.SHEARED, phases=(replace(phase, mode=replace(phase.mode, name=name, admissible=condition)),))
+
+
+WIDE, NARROW = renamed("wide", lambda x, p, sign: x[0] ** 2 + x[1] ** 2 - 0.5), renamed("narrow", None)
+
+
+def test_where_the_sequence_changes():
+    """At r^2 = 1/2, the last cycle with the phases of the first one."""
+    before, after = cycle(2.8), cycle(3.55, -1)
+    before = replace(before, problem=Narrow(WIDE, values(2.8), "c"), arcs=(replace(before.arcs[0], mode="wide"),))
+    after = replace(after, problem=Narrow(NARROW, values(3.55), "c"), arcs=(replace(after.arcs[0], mode="narrow"),))
+    found, missed = crossings(before, after, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))
+    (special,) = found
+    assert special.kind == "grazing" and not missed and special.orbit.signature == before.signature
+    assert 0 <= special.orbit.amplitude**2 - 0.5 < 1e-5
+    assert not crossings(before, before, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))[0]
+
+
+def test_a_jump_is_not_located():
+    jump = user_monitor("a jump", lambda o: 1.0 if o.amplitude**2 > 0.5 else -1.0)
+    found, (missed,) = crossings(cycle(2.8), cycle(3.5), vary="c", monitors=(jump,), options=Options(tol=1e-6))
+    assert not found and missed.kind == "a jump" and "was not located" in missed.meaning
+
+
+def test_a_step_short_of_the_tolerance_is_none(monkeypatch):
+    rough = cycle(3.0, tol=1e-2, intervals=2)
+    monkeypatch.setattr(adapt, "MAX_INTERVALS", 2)
+    options = Options(tol=1e-11)
+    outcome = step_along(curve_point(rough, "c"), rough, "c", 0.1, 0.0, 9.0, options)
+    assert isinstance(outcome, str) and "tolerance" in outcome
+    assert run(walk_naturally(rough, low=2.0, high=4.0, options=options))[0] == []
+
+
+def test_monitors_vanish_where_they_say():
+    for mu in (-1.0, -0.25, 0.0, 0.5):
+        orbit = SimpleNamespace(half_multiplier=mu)
+        assert SYMMETRY_BREAKING.value(orbit, None) == mu + 1 and SUPERSTABLE.value(orbit, None) == mu
+
+
+def test_a_value_is_said_in_the_digits_that_are_known():
+    orbit = replace(cycle(3.2), parameter_error=0.0, period_error=2e-4, amplitude_error=0.0)
+    orbit = replace(orbit, problem=orbit.problem.with_value("c", 3.23456789))
+    assert "c = 3.235:" in special_point(FOLD, orbit, "c").meaning
+    assert "c = 3.234568:" in special_point(FOLD, orbit, "c", 3e-7).meaning
+    assert "c = 3.23457:" in special_point(FOLD, replace(orbit, parameter_error=3e-6), "c").meaning
+
+
+# The fold as an optimum ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["newton", "ipopt"])
+def test_the_next_fold(solver):
+    found = next_fold(cycle(3.59), "c", Options(tol=1e-8, solver=solver))
+    assert c_of(found.orbit) == pytest.approx(LARGEST, rel=1e-9) and found.kind == "fold"
+    assert found.orbit.amplitude**2 == pytest.approx(B / (2 * LARGEST), rel=1e-4)
+    assert found.orbit.solver == solver
+
+
+@pytest.mark.parametrize("solver", ["newton", "ipopt"])
+def test_a_fold_is_confirmed_or_refused(solver):
+    options = Options(tol=1e-4, solver=solver)
+    beside = cycle(LARGEST * (1 - 1e-8), tol=1e-11)
+    fold = confirmed(SpecialPoint("fold", beside, ""), "c", options)
+    assert fold.value == c_of(beside) and fold.optimised_value == pytest.approx(LARGEST, rel=1e-9)
+    assert fold.value_error == pytest.approx(1e-8, rel=0.05)
+    assert fold.error_estimate >= fold.value_error and fold.status is Status.CONVERGED
+    r, f = beside.amplitude, np.sqrt(B / (2 * LARGEST))
+    assert fold.orbit.amplitude_error == pytest.approx(abs(f / r - 1), rel=1e-2)
+    t, u, along = unknowns_of(fold.orbit)
+    g = graphs(t)
+    column = ca.Function("column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
+    problem = fold.orbit.problem
+    for name, expected in (("nu", NU / (1 - NU)), ("b", 2.0), ("omega", 0.0), ("shear", 0.0)):
+        along = replace(along, dp=problem.direction(name) * problem.value(name))
+        relative = -float(fold.multipliers @ np.array(column(np.append(u, 0.0), data_of(along))).ravel())
+        assert relative == pytest.approx(expected, abs=1e-3)  # r is 1e-4 off
+    with pytest.raises(NoOrbit, match=r"not confirmed: the optimisation problem gives 3\.6") as caught:
+        confirmed(SpecialPoint("fold", beside, ""), "c", replace(options, tol=5e-9))
+    assert caught.value.status is Status.TOLERANCE_NOT_REACHED
+    for kind in ("a corner", "superstable"):
+        with pytest.raises(InputError, match="must be a fold"):
+            confirmed(SpecialPoint(kind, beside, ""), "c", options)
+
+
+@pytest.mark.parametrize("lost", [2, 1])
+def test_a_fold_that_one_step_does_not_find(monkeypatch, lost):
+    """In small steps from the first orbit; where they do not find it either, as the optimum next to the larger one."""
+    calls = []
+
+    def losing(*arguments, **options):
+        calls.append(arguments[:2])
+        return None if len(calls) <= lost else locate(*arguments, **options)
+
+    monkeypatch.setattr(folds, "locate", losing)
+    before, after = cycle(3.55), cycle(3.58, -1)
+    special = located(before, after, "c", Options(tol=1e-8))
+    assert c_of(special.orbit) == pytest.approx(LARGEST, rel=1e-8)
+    assert len(calls) == 2
+    whole = np.linalg.norm(secant(before, after, "c"))
+    assert np.linalg.norm(secant(*calls[1], "c")) == pytest.approx(whole / folds.SMALL_STEPS, rel=0.3)
+
+
+def test_a_fold_at_which_no_duration_moves_is_refused():
+    """Without shear the period is always the same: the row that the estimate needs there is singular."""
+    found = cycle(3.59)
+    problem = replace(found.problem, values=(*found.problem.values[:4], 0.0))
+    t, u, setting = unknowns_of(found)
+    start = t, u, replace(setting, p=problem.vector())
+    options = Options(tol=1e-8)
+    still = finished(solve_adaptively(problem, start, options, solver="newton"), problem, options, 0.0, "the cycle")
+    with pytest.raises(NoOrbit, match="was not located on its branch"):
+        next_fold(still, "c", options)
+
+
+# The conditions of a fold ------------------------------------------------------------------------------------------
+
+
+def test_the_conditions_of_a_fold_and_their_jacobian():
+    """At a point that is no fold of anything: against the equations at p, and against CasADi's own derivative."""
+    t = transcribe(sl.TWO_CLOCKS, (3, 2), 2, "gauss")
+    rng = np.random.default_rng(3)
+    z, n, scale = rng.uniform(0.2, 1, t.size + 1), rng.standard_normal(t.size), 37.0
+    z[-1] = 0.01
+    p, dp = np.array([0.25, 1.5, 0.8, 0.2]), np.array([0.3, 1.0, -0.5, 0.2])
+    setting = Setting(rng.dirichlet(np.full(3, 5.0)).tolist() + [0.4, 0.6], p, np.array([0.5, 0.7]), dp)
+    free = (1, 3)
+    q = np.log([1.4, 0.3])
+    conditions, jacobian = fold_conditions(t, free)
+    arguments = (q, z, n, data_of(setting), scale)
+    g = graphs(t)
+    parts = ca.Function("parts", [g.z, g.data], [g.residual, g.jacobian])
+    there = data_of(replace(setting, p=np.array([0.25, 1.4, 0.8, 0.3])))
+    residual, J = (np.array(ca.DM(x).full()) for x in parts(z, there))
+    expected = np.concatenate([residual.ravel(), J[:, :-1].T @ n, [scale * (n @ J[:, -1])]])
+    found = np.array(conditions(*arguments)).ravel()
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * scale)
+
+    symbols = [ca.MX.sym(name, size) for name, size in (("q", 2), ("z", t.size + 1), ("n", t.size))]
+    own = ca.jacobian(conditions(*symbols, data_of(setting), scale), ca.vertcat(*symbols))
+    reference = np.array(ca.Function("own", symbols, [ca.densify(own)])(q, z, n))
+    placed = np.array(ca.DM(jacobian(*arguments)).full())
+    assert np.abs(reference[:, :2]).max() > 0.1, "q moves the equations"
+    np.testing.assert_allclose(placed, reference, rtol=0, atol=1e-13 * np.abs(reference).max())

@@ -1,0 +1,159 @@
+"""The equations of a tuning: folds as constraints, margins with delay, gain margins, sets of loops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tuning import TIME, crossover_phase
+
+from casahunt import Servo, find_fold
+from casahunt.continuation.fold_conditions import data_of, fold_conditions
+from casahunt.design.tune.demands import Demands, log_numbers
+from casahunt.design.tune.problem import Cut, Round, solve_round
+from casahunt.design.tune.tuning import tune
+from casahunt.design.uncertainty.set import Uncertainty
+from casahunt.errors import NoOrbit
+from casahunt.orbits.orbit import unknowns_of
+from casahunt.servo.delayed_loop import crossover, margins
+from casahunt.servo.linear_loop import linear_loop
+from casahunt.servo.servo import PARAMETERS
+from problems import table1
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_fold_conditions_hold_at_a_fold_and_their_jacobian_is_the_derivative(servo, model):
+    fold = find_fold(servo, model)
+    t, u, setting = unknowns_of(fold.orbit)
+    data = data_of(replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain))
+    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in servo.controller_names))
+    size = float(np.max(np.abs(fold.multipliers)))
+    q = np.log([servo.controller.lead_time, servo.controller.integral_time])
+    x = np.concatenate([q, u, [0.0], fold.multipliers / size])
+
+    def value(x):
+        z = x[2 : 3 + t.size]
+        return np.array(equations(x[:2], z, x[3 + t.size :], data, size)).ravel()
+
+    held = value(x)
+    assert np.max(np.abs(held[:-1])) < 1e-8  # residual of the orbit and of IPOPT's dual
+    assert held[-1] == pytest.approx(1.0, abs=1e-8)
+    v, h = np.random.default_rng(1).normal(size=x.size), 1e-6
+    difference = (value(x + h * v) - value(x - h * v)) / (2 * h)
+    z = x[2 : 3 + t.size]
+    exact = np.array(jacobian(x[:2], z, x[3 + t.size :], data, size)) @ v
+    # h^2 of a third derivative, and eps/h of the values
+    assert np.max(np.abs(difference - exact)) < 1e-9 * np.max(np.abs(exact)) + 1e-7
+
+
+def test_margins_without_delay_are_those_of_the_linear_loop(servo):
+    steep = servo.replace(**{"friction.viscous": 0.01})  # with a lower limit of the gain
+    for each, gain in ((servo, 0.7), (steep, 0.04), (steep, 2.0)):
+        ours, theirs = margins(each, gain), linear_loop(each, gain)
+        assert ours.frequency == pytest.approx(theirs.gain_crossovers[0].frequency, rel=1e-9)
+        assert ours.phase_margin == pytest.approx(theirs.gain_crossovers[0].margin, abs=1e-7)
+        assert ours.stable == theirs.stable
+        assert ours.lowest_factor == pytest.approx(theirs.lowest_factor, rel=1e-9)
+        assert ours.highest_factor == theirs.highest_factor == math.inf
+
+
+def test_margins_with_delay(servo):
+    free, late = margins(servo, 0.7), margins(servo, 0.7, delay=0.004)
+    assert late.phase_margin == pytest.approx(free.phase_margin - math.degrees(free.frequency * 0.004), abs=1e-9)
+    # At the largest gain the loop is just stable: no phase margin is left.
+    edge = margins(servo, 0.7 * late.highest_factor * (1 - 1e-9), delay=0.004)
+    assert 0 < edge.phase_margin < 1e-6
+    assert not margins(servo, 0.7 * late.highest_factor * 1.001, delay=0.004).stable
+    assert crossover(servo, 0.7, 0.5) > crossover(servo, 0.7) > crossover(servo, 0.7, 2.0)
+
+
+def sampled_phase(servo: Servo, gain: float, sample_time: float) -> float:
+    """Phase margin [deg] with the zero-order hold (1 - exp(-s T))/(s T) itself, loss of magnitude included."""
+    c, f = servo.controller, servo.friction
+    omega = np.geomspace(1e-3, 0.999 * 2 * np.pi / sample_time, 20_000)
+    s = 1j * omega
+    lead = (c.lead_time * s + 1) * (c.integral_time * s + 1) / (c.integral_time * s)
+    plant = servo.motor_gain / (s * (servo.inertia * s + f.viscous))
+    response = gain * lead * plant * (1 - np.exp(-s * sample_time)) / (s * sample_time)
+    turned = np.unwrap(np.angle(response))
+    return math.degrees(turned[np.flatnonzero(np.abs(response) > 1)[-1]] - turned[0])
+
+
+def test_a_sampled_loop_lags_by_half_a_sample(unscanned, servo):
+    """Settling wants all the gain that the phase margin leaves; without a delay there would be no limit."""
+    asked, T = 50, 0.004
+    found = tune(
+        servo, "switch", cost="settling", demands=Demands(phase_margin=asked, sample_time=T),
+        bounds={"gain": (0.5, 20)},
+    )  # fmt: skip
+    assert found.binding == ("phase margin",)
+    assert crossover_phase(servo, found.gain, T / 2) == pytest.approx(asked, abs=1e-2)
+    # x/sin(x) at x = omega T/2 = 0.63 is 1.07: so much lower lies the true crossover, with 2 degrees more.
+    assert asked < sampled_phase(servo, found.gain, T) < asked + 3
+
+
+@pytest.mark.parametrize("factor", [1.5, 3.0])
+def test_gain_margins_of_one_problem(servo, factor):
+    """No phase margin, no fold: K is a factor from where the loop gets unstable, at the times as given."""
+    J, cm, T, f = servo.inertia, servo.motor_gain, TIME, factor
+
+    def gain_of(each: Servo, cost: str, demand: str, off: float, lag: float) -> float:
+        q = log_numbers(each)
+        cut = Cut(each.replace(**{"servo.motor_gain": off * cm}), demand, 0.0)
+        point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (1e-3, 100.0), 1.1, [], [cut], lag))
+        assert point.converged and np.max(point.slack) < 1e-9
+        return math.exp(point.k)
+
+    # The Routh-Hurwitz condition K cm tau_d + sigma2 > J/(tau_d + tau_i), in which the least gain is wanted.
+    light = servo.replace(**{"friction.viscous": 0.01})
+    lowest = (J / (2 * T) - 0.01) / (cm * T)
+    assert gain_of(light, "gain", "gain margin (lowering)", 1 / f, 0.0) == pytest.approx(f * lowest, rel=1e-8)
+    # Settling wants the largest gain: at f times it the loop with delay has no phase left.
+    highest = gain_of(servo, "settling", "gain margin (raising)", f, 0.005)
+    assert crossover_phase(servo, f * highest, 0.005) == pytest.approx(0, abs=1e-4)
+
+
+INERTIA = Uncertainty({"servo.inertia": (0.008, 0.026)})
+
+
+def test_a_set_with_an_unstable_loop_is_refused_with_both_sides_in_numbers(servo):
+    """At J = 0.008 the loop at 1.1 times the fold is unstable, although the fold is that of J = 0.026."""
+    with pytest.raises(NoOrbit, match="cannot be met") as error:
+        tune(servo, "switch", demands=Demands(delay=0.008), uncertainty=INERTIA)
+    said = str(error.value)
+    needed = 1.1 * table1.REFERENCE["switch"]["fold"]["K"]
+    assert f"asks for a gain of at least {needed:.6g}" in said
+    assert crossover_phase(servo.replace(**{"servo.inertia": 0.008}), needed, 0.008) < -10
+    # The largest gain with 30 degrees for every inertia: a scan over inertias on the frequency axis.
+    low, high = 0.1, 1.0
+    members = [servo.replace(**{"servo.inertia": float(J)}) for J in np.linspace(0.008, 0.026, 4)]
+    for _ in range(16):
+        middle = math.sqrt(low * high)
+        kept = min(crossover_phase(member, middle, 0.008) for member in members) >= 30
+        low, high = (middle, high) if kept else (low, middle)
+    allowed = float(said.partition("allows gains of ")[2].split(";")[0].split(" to ")[1])
+    assert allowed == pytest.approx(low, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_margins_hold_for_every_servo_of_a_set(servo):
+    """Settling wants all the gain that the phase margin of the worst loop leaves."""
+    ranges = {"servo.inertia": (0.012, 0.03), "servo.motor_gain": (14.0, 17.0), "friction.viscous": (0.05, 0.12)}
+    found = tune(
+        servo, "switch", cost="settling", demands=Demands(delay=0.003, phase_margin=40, gain_margin=1.5),
+        uncertainty=Uncertainty(ranges), bounds={"gain": (0.5, 5.0)},
+    )  # fmt: skip
+    assert found.verification.ok and found.verification.loops_checked > 200
+    random = np.random.default_rng(3)
+    low, high = np.array(list(ranges.values())).T
+    points = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    least = math.inf
+    for q in [*points, *(low + (high - low) * random.random((200, 3)))]:
+        member = servo.replace(**dict(zip(ranges, map(float, q), strict=True)))
+        phases = [crossover_phase(member, f * found.gain, 0.003) for f in (1.0, 1 / 1.5, 1.5)]
+        assert phases[0] >= 40 - 1e-3 and min(phases) > -1e-3
+        least = min(least, phases[0] - 40, phases[1], phases[2])
+    assert "gain" not in " ".join(found.binding) or least < 0.5  # no room is left unused
+    assert least < 0.5

@@ -1,0 +1,74 @@
+"""Public functions say what they take, return and raise: the rules of the house that numpydoc alone cannot say.
+
+`numpydoc lint` (pyproject.toml) checks every Parameters section that is there: its names, their order, their meanings.
+Whether a section must be there depends on the function: one that takes several things has all sections, one that takes
+one or none may say in a sentence what it returns.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from numpydoc.hooks.validate_docstrings import AstValidator
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = sorted(path for folder in ("casahunt", "problems") for path in (ROOT / folder).rglob("*.py"))
+
+
+def public_functions(path: Path) -> Iterator[tuple[str, ast.FunctionDef, list[ast.AST]]]:
+    """(name, function, what it stands in) of the functions of a module and the methods of its classes."""
+    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    for outer in [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef) and node.name[0] != "_")]:
+        prefix = f"{outer.name}." if isinstance(outer, ast.ClassDef) else ""
+        for node in outer.body:
+            if isinstance(node, ast.FunctionDef) and node.name[0] != "_":
+                yield prefix + node.name, node, [tree] if outer is tree else [tree, outer]
+
+
+def raised(node: ast.AST, caught: frozenset[str] = frozenset()) -> Iterator[str]:
+    """Names of the exceptions that a function raises itself and does not catch; "" where a call makes them."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Raise) and child.exc is not None:
+            called = child.exc.func if isinstance(child.exc, ast.Call) else child.exc
+            name = called.id if isinstance(called, ast.Name) and called.id[0].isupper() else ""
+            kind = getattr(builtins, name, None)
+            if not caught & {name, *(base.__name__ for base in getattr(kind, "__mro__", ()))}:
+                yield name
+        elif isinstance(child, ast.Try):
+            types = [handler.type for handler in child.handlers if handler.type is not None]
+            inside = {name.id for t in types for name in ast.walk(t) if isinstance(name, ast.Name)}
+            for part in child.body:
+                yield from raised(ast.Module([part], []), caught | inside)
+            yield from raised(ast.Module([*child.handlers, *child.orelse, *child.finalbody], []), caught)
+        else:
+            yield from raised(child, caught)
+
+
+def faults(path: Path) -> Iterator[tuple[str, ast.FunctionDef, str]]:
+    """(name, function, what is missing) of the public functions of a module."""
+    for name, node, outer in public_functions(path):
+        doc = AstValidator(ast_node=node, filename=path, obj_name=name, ancestry=outer)
+        several = len(doc.signature_parameters) > 1
+        said = []
+        missing = [x for x in doc.signature_parameters if x not in doc.doc_all_parameters]
+        if missing and (several or doc.doc_parameters):
+            said.append(f"says nothing of its parameters {', '.join(missing)}")
+        returns = ast.unparse(node.returns) if node.returns else "None"
+        section = "Yields" if returns.startswith(("Iterator[", "Generator[")) else "Returns"
+        if several and returns not in ("None", "NoReturn") and not doc.doc[section]:
+            said.append(f"has no {section} section")
+        documented = {word for entry in doc.doc["Raises"] for word in (entry.name or entry.type).split(", ")}
+        unsaid = [x for x in dict.fromkeys(raised(node)) if (x not in documented if x else not documented)]
+        if unsaid:
+            said.append(f"has no Raises entry for {', '.join(x or 'what it raises' for x in unsaid)}")
+        if said:
+            yield name, node, "; ".join(said)
+
+
+@pytest.mark.parametrize("path", [pytest.param(p, id=p.relative_to(ROOT).as_posix()) for p in SOURCES])
+def test_public_functions_say_what_they_take_return_and_raise(path):
+    assert not [f"{name}: {said}" for name, _, said in faults(path)]

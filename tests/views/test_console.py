@@ -1,0 +1,119 @@
+"""What the console says of numbers and time: no digit that is not known, no NaN in JSON, and where a long step is."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import time
+
+import numpy as np
+import pytest
+from command_line import NUMBER, run
+
+from casahunt.checks import error_text, finite_or_none
+from casahunt.views.commands import console
+from casahunt.views.commands.console import complex_text
+from problems import table1
+
+SLOW = [pytest.param(tol, marks=pytest.mark.slow) for tol in ("1e-2", "1e-4", "1e-8")]
+
+
+@pytest.mark.parametrize("tol", ["1e-6", *SLOW])
+def test_digits_shown_are_digits_known(capsys, tmp_path, tol):
+    """What a text shows is right to five units of its last digit, and to twice the tolerance."""
+    table = table1.REFERENCE["switch"]
+    stable, unstable = (next(row for row in table[b] if row["K"] == 0.4) for b in ("stable", "unstable"))
+    fold, diagram = table["fold"], ["diagram", "--model", "switch", "--from", "0.4", "--out", tmp_path]
+    shown = [
+        (["orbit", "--gain", "0.4"], rf"amplitude +({NUMBER}) rad", stable["amplitude"]),
+        (["orbit", "--gain", "0.4"], rf"period +({NUMBER}) s", stable["period"]),
+        (["fold"], rf"up to gain ({NUMBER})", fold["K"]),
+        (["fold"], rf"optimisation problem .*: ({NUMBER})", fold["K"]),
+        (["fold"], rf"period there +({NUMBER}) s", fold["period"]),
+        (["basin", "--gain", "0.4"], rf"within ({NUMBER}) rad", unstable["amplitude"]),
+        (["basin", "--gain", "0.4"], rf"  stable cycle .* = ({NUMBER}) rad", stable["amplitude"]),
+        (diagram, rf"fold at gain = ({NUMBER})", fold["K"]),
+    ]
+    said: dict[str, str] = {}
+    for words, pattern, truth in shown:
+        if words[0] not in said:
+            said[words[0]] = run(capsys, *words, "--tol", tol, "--quiet")[1]
+        number = re.search(pattern, said[words[0]])[1]
+        unit = 10.0 ** -len(number.partition(".")[2])
+        assert abs(float(number) - truth) <= max(5.5 * unit, 1e-9 * truth), (words, number, truth)
+        assert abs(float(number) - truth) <= 2 * float(tol) * truth
+
+
+def test_digits_of_multipliers_are_digits_known(capsys):
+    """To five units of the last digit; on the map, the amplitude and the period too."""
+    table = table1.REFERENCE["switch"]
+    stable, unstable = (next(row for row in table[b] if row["K"] == 0.4) for b in ("stable", "unstable"))
+    for branch, row in (("stable", stable), ("unstable", unstable)):
+        said = run(capsys, "orbit", "--gain", "0.4", "--branch", branch, "--quiet")[1]
+        assert_known(re.search(rf"half multiplier +({NUMBER})", said)[1], row["mu"])
+    said = run(capsys, "map", "--gain", "0.4", "--quiet")[1]
+    found = re.findall(rf"a = ({NUMBER}) rad  mu = P' = ({NUMBER}) .* period = ({NUMBER}) s", said)
+    for numbers, row in zip(found, (unstable, stable), strict=True):
+        assert_known(numbers[0], row["amplitude"])
+        assert_known(numbers[2], row["period"])
+
+
+def assert_known(number: str, truth: float) -> None:
+    """To five units of the last digit, where the reference has as many."""
+    mantissa, _, exponent = number.partition("e")
+    unit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    assert abs(float(number) - truth) <= max(5.5 * unit, 1e-9 * abs(truth)), (number, truth)
+
+
+def test_a_multiplier_shows_no_digits_below_its_error():
+    assert complex_text(-0.150477177564, 3e-4) == "-0.1505"
+    assert complex_text(105792.774812, 1e-5) == "105793"
+    assert complex_text(0.5 - 0.25j, 1e-3) == "0.5-0.25j"
+    assert complex_text(3e-7, 1e-6) == "0"
+
+
+def test_what_is_not_finite_is_null_and_unknown():
+    """JSON has no NaN and no infinity; a person is told that there is no estimate."""
+    for missing in (math.nan, math.inf, -math.inf, np.float64("nan")):
+        assert finite_or_none(missing) is None and error_text(missing) == "unknown"
+    assert type(finite_or_none(np.float64(0.25))) is float and finite_or_none(-2) == -2.0
+    assert error_text(1.26e-7) == "1.3e-07" and error_text(0.0) == "0.0e+00"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tol", ["1e-4", "1e-6", "1e-8"])
+def test_digits_of_a_tuning_a_fold_curve_and_samples_are_digits_known(capsys, tmp_path, tol):
+    K = table1.REFERENCE["switch"]["fold"]["K"]
+    curve = ("fold-curve", "--model", "switch", "--vary", "servo.motor_gain", "--from", "16", "--to", "17")
+    bounds = tmp_path / "u.toml"
+    bounds.write_text('[interval]\n"servo.motor_gain" = [16.0, 17.0]\n')  # K cm is a constant of the servo
+    for words, pattern, truth in [
+        (("tune",), rf"recommended gain ({NUMBER})", 1.1 * K),
+        (("tune",), rf"possible up to gain ({NUMBER})", K),
+        (("tune",), rf"fold once more +({NUMBER});", K),
+        ((*curve, "--points", "2"), rf"\n +16 +({NUMBER}) ", K),
+        (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"up to gain ({NUMBER});", K),
+        (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"worst corner +({NUMBER}) ", K),
+    ]:
+        said = run(capsys, *words, "--tol", tol, "--quiet")[1]
+        assert_known(re.search(pattern, said)[1], truth)
+
+
+def test_a_long_step_is_named_again(monkeypatch):
+    monkeypatch.setattr(console, "REMIND_EVERY", 0.02)
+    stream = io.StringIO()
+    with console.telling(stream) as tell:
+        tell("computing fold 3")  # not said: the first line comes after `TELL_EVERY`
+        deadline = time.monotonic() + 5
+        while stream.getvalue().count("computing fold 3 (for ") < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert stream.getvalue().count("computing fold 3 (for ") >= 2
+    time.sleep(0.05)
+    length = len(stream.getvalue())
+    time.sleep(0.1)
+    assert len(stream.getvalue()) == length
+    with console.telling(stream) as tell:  # a reader that is gone ends nothing
+        tell("computing fold 4")
+        stream.close()
+        time.sleep(0.1)

@@ -1,0 +1,200 @@
+"""`casahunt diagram`: points, files, pictures, and what an end before the end leaves behind."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from command_line import PROGRESS, contents, is_picture, one_json, process, rows_of, run
+
+from casahunt import NoOrbit, find_orbit
+from casahunt.continuation import special_points as monitor
+from casahunt.design.diagram import DiagramPoint, diagram
+from casahunt.servo.saved import load_branch
+from casahunt.views.commands import diagram as command_diagram
+from casahunt.views.commands import fold as command_fold
+from casahunt.views.commands import orbit as command_orbit
+from problems import table1
+
+
+def test_diagram(capsys, tmp_path):
+    """Pictures and data; twice into the same folder, which is made with its parents."""
+    out = tmp_path / "new" / "folder"
+    command = ["diagram", "--model", "switch", "--from", "0.3", "--out", out]
+    code, text, err = run(capsys, *command)
+    assert code == 0
+    assert set(contents(out)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz"}
+    assert all(is_picture(out / name) for name in command_diagram.PICTURES)
+
+    rows, branch = rows_of(out / "switch.csv"), load_branch(out / "switch.npz")
+    points = [row for row in rows if not row["special"]]
+    assert len(points) == len(branch.orbits) > 20
+    assert [float(row["gain"]) for row in points] == list(branch.gains)
+    assert [float(row["amplitude_rad"]) for row in points] == list(branch.amplitudes)
+    assert [float(row["period_s"]) for row in points] == list(branch.periods)
+    assert [float(row["half_multiplier"]) for row in points] == list(branch.half_multipliers)
+    assert float(points[0]["gain"]) == float(points[-1]["gain"]) == 0.3
+    assert all(row["status"] == "converged" and float(row["error_estimate"]) <= 1e-6 for row in rows)
+    assert all(float(row["trivial_multiplier_error"]) < 1e-5 for row in points)
+    assert all(int(row["unknowns"]) > 50 and int(row["iterations"]) >= 1 for row in rows)
+
+    # Stable, superstable, fold, unstable: the fold divides the two.
+    kinds = [row["special"] for row in rows]
+    assert kinds.count("fold") == kinds.count("superstable") == 1
+    fold = kinds.index("fold")
+    assert kinds.index("superstable") < fold
+    assert {row["stable"] for row in rows[:fold]} == {"True"} and rows[fold]["stable"] == ""
+    assert {row["stable"] for row in rows[fold + 1 :]} == {"False"}
+    known = table1.REFERENCE["switch"]["fold"]
+    assert float(rows[fold]["gain"]) == pytest.approx(known["K"], rel=1e-6)
+    assert float(rows[fold]["amplitude_rad"]) == pytest.approx(known["amplitude"], rel=1e-5)
+    assert float(rows[fold]["period_s"]) == pytest.approx(known["period"], rel=1e-5)
+    assert [special.kind for special in branch.special] == ["superstable", "fold"]
+
+    # A progress line per point, a sentence per special point, the same sentences in the summary.
+    lines = err.splitlines()
+    assert sum(bool(PROGRESS.fullmatch(line)) for line in lines) == len(points)
+    assert len(lines) == len(rows)
+    for special in branch.special:
+        assert f"switch  {special.meaning}" in lines and f"  {special.meaning}" in text.splitlines()
+    assert text.startswith(f"switch: {len(points)} points; ") and text.endswith(f"written to {out}\n")
+
+    files, gains = set(contents(out)), [float(row["gain"]) for row in rows]
+    code, text, err = run(capsys, *command, "--quiet", "--json")
+    assert (code, err) == (0, "")
+    assert one_json(text)["out"] == str(out)
+    assert set(contents(out)) == files
+    assert [float(row["gain"]) for row in rows_of(out / "switch.csv")] == pytest.approx(gains, rel=1e-9)
+
+
+def test_diagram_of_both_models(capsys, tmp_path):
+    code, text, err = run(capsys, "diagram", "--from", 0.55, "--out", tmp_path, "--json", "--quiet")
+    assert (code, err) == (0, "")
+    found = one_json(text)
+    assert set(found) >= {"out", "branches", "failures", "wall_s"} and found["failures"] == []
+    assert set(contents(tmp_path)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "lugre.npz"}
+    for branch, model in zip(found["branches"], ("switch", "lugre"), strict=True):
+        fold = next(special for special in branch["special"] if special["kind"] == "fold")
+        assert branch["model"] == model
+        assert fold["gain"] == pytest.approx(table1.REFERENCE[model]["fold"]["K"], rel=1e-6)
+        assert branch["gain_range"][0] == 0.55
+        assert branch["gain_range"][1] <= fold["gain"] * (1 + 1e-6)
+        assert branch["points"] == len(load_branch(tmp_path / f"{model}.npz").orbits)
+
+
+@pytest.mark.slow
+def test_diagram_as_it_is_asked_for(tmp_path):
+    """The main job of the program, in a process of its own: both models, all the way down."""
+    done = process("diagram", "--out", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    found = one_json(done.stdout)
+    assert [branch["gain_range"][0] for branch in found["branches"]] == [0.0321, 0.0321]
+    for model, period in (("switch", 3318), ("lugre", 1273)):  # at the lower end of the unstable branches
+        rows = rows_of(tmp_path / "out" / f"{model}.csv")
+        assert float(rows[-1]["gain"]) == 0.0321 and rows[-1]["stable"] == "False"
+        assert float(rows[-1]["period_s"]) == pytest.approx(period, abs=1)
+        assert all(row["status"] == "converged" for row in rows)
+    assert all(is_picture(tmp_path / "out" / name) for name in command_diagram.PICTURES)
+
+
+def test_earlier_results_are_replaced(capsys, tmp_path):
+    """By new ones of the same name, and not before those are there: without a cycle nothing is touched."""
+    for name in (*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "notes.txt"):
+        (tmp_path / name).write_text("old")
+    before = contents(tmp_path)
+    code, out, err = run(capsys, "diagram", "--model", "switch", "--from", 0.8, "--out", tmp_path)
+    assert (code, out) == (1, "")
+    assert contents(tmp_path) == before
+    # Between the two folds only the Switch servo hunts: the LuGre table of another servo is no longer called so.
+    code, out, err = run(capsys, "diagram", "--from", 0.63, "--out", tmp_path, "--quiet")
+    assert code == 1 and out.startswith("switch: ")
+    denial, left = err.splitlines()
+    assert "no hunting limit cycle of the lugre servo at gain 0.63" in denial
+    assert "lugre.csv.old is of an earlier run" in left
+    after = contents(tmp_path)
+    assert set(after) == {*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv.old", "notes.txt"}
+    assert {name for name, content in after.items() if content == b"old"} == {"lugre.csv.old", "notes.txt"}
+
+
+def walk_that_ends(with_what):
+    """A stand-in for the diagram: two points, then `with_what`."""
+
+    def diagram(servo, model, *, start, options, natural, begun):
+        yield DiagramPoint(find_orbit(servo, model, start), ())
+        yield DiagramPoint(find_orbit(servo, model, start * 1.1), ())
+        if isinstance(with_what, BaseException):
+            raise with_what
+        return with_what
+
+    return diagram
+
+
+@pytest.mark.parametrize("end", ["no step converged: try this", NoOrbit("no step converged: try this")], ids=type)
+def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
+    """Exit code 1, and what has been computed is drawn and kept."""
+    monkeypatch.setattr(command_diagram, "diagram", walk_that_ends(end))
+    command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--quiet", "--json"]
+    code, out, err = run(capsys, *command)
+    assert code == 1 and one_json(out)["failures"] == [err.removeprefix("casahunt diagram: ").rstrip("\n")]
+    assert err.startswith("casahunt diagram: the branch of the switch servo was followed from gain 0.3 to gain 0.33")
+    assert "no step converged: try this" in err and "--tol" in err
+    assert len(rows_of(tmp_path / "switch.csv")) == len(load_branch(tmp_path / "switch.npz").orbits) == 2
+    assert is_picture(tmp_path / "diagram.png")
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("fold", 1), ("symmetry breaking", 0)])
+def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, kind, expected):
+    """Said, and kept with the branch, also by a run that is taken up; a diagram without its fold has failed."""
+    # The multiplier falls through 0.5 next to the fold, where it is 1.
+    passed = replace(monitor.SYMMETRY_BREAKING, value=lambda orbit, point: orbit.half_multiplier - 0.5)
+    monitors = (monitor.FOLD if kind == "fold" else passed,)
+    locate = monitor.locate
+    monkeypatch.setattr(monitor, "locate", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k))
+    monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
+    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
+    command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]
+    code, out, err = run(capsys, *command)
+    assert code == expected
+    (branch,) = one_json(out)["branches"]
+    gaps = branch["missed"]
+    assert branch["special"] == [] and gaps and all(gap["kind"] == kind for gap in gaps)
+    assert err == "".join(f"casahunt diagram: switch: {gap['meaning']}\n" for gap in gaps)
+    bounds = [float(bound) for bound in re.findall(r"between gain = (\S+) and (\S+) was not located", err)[0]]
+    assert all(0.6 <= bound < table1.REFERENCE["switch"]["fold"]["K"] for bound in bounds) and bounds[0] != bounds[1]
+    assert one_json(out)["failures"] == [gap["meaning"] for gap in gaps if kind == "fold"]
+    assert [(m.kind, m.meaning) for m in load_branch(tmp_path / "switch.npz").missed] == [
+        (gap["kind"], gap["meaning"]) for gap in gaps
+    ]
+    again = run(capsys, *command, "--resume")
+    assert (again[0], again[2]) == (code, err) and one_json(again[1])["branches"] == [branch]
+
+
+@pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ZeroDivisionError()], ids=repr)
+def test_trouble_on_the_way_keeps_the_points(capsys, tmp_path, monkeypatch, trouble):
+    monkeypatch.setattr(command_diagram, "diagram", walk_that_ends(trouble))
+    command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path / "out", "--quiet"]
+    if isinstance(trouble, KeyboardInterrupt):
+        assert run(capsys, *command) == (
+            130, "", f"casahunt diagram: interrupted; the points computed so far are in {tmp_path / 'out'}\n"
+        )  # fmt: skip
+    else:
+        with pytest.raises(ZeroDivisionError):
+            run(capsys, *command)
+    branch = load_branch(tmp_path / "out" / "switch.npz")
+    assert len(rows_of(tmp_path / "out" / "switch.csv")) == len(branch.orbits) == 2
+    assert branch.ended == "interrupted"
+
+
+@pytest.mark.parametrize("words", [["orbit", "--gain", "0.1"], ["fold"], ["diagram", "--out", "new/out"]])
+def test_interrupt_before_the_first_point(capsys, tmp_path, monkeypatch, words):
+    def stop(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    for module, name in ((command_orbit, "find_orbit"), (command_fold, "find_fold"), (command_diagram, "diagram")):
+        monkeypatch.setattr(module, name, stop)
+    monkeypatch.chdir(tmp_path)
+    what = "; no point was computed" if words[0] == "diagram" else ""
+    assert run(capsys, *words) == (130, "", f"casahunt {words[0]}: interrupted{what}\n")
+    assert not contents(tmp_path)

@@ -1,0 +1,222 @@
+"""Wrong input is exit code 2, one sentence and nothing written; no such orbit is exit code 1."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from command_line import contents, one_json, run
+
+from casahunt import cli
+
+ORBIT = ["orbit", "--gain", "0.1", "--plot", "plot.png", "--save", "save.npz"]
+DIAGRAM = ["diagram", "--out", "new/out"]
+FOLD = ["fold"]
+ANY = [ORBIT, DIAGRAM, FOLD]
+FILES = {
+    "file": b"mine",
+    "broken.toml": b"[servo\n",
+    "twice.toml": b"[servo]\ninertia = 1\ninertia = 2\n",
+    "utf16.toml": "[servo]\n".encode("utf-16"),
+    "key.toml": b"[friction]\nstatik = 0.5\n",
+    "section.toml": b"[frictions]\nstatic = 0.5\n",
+    "word.toml": b'[servo]\ninertia = "heavy"\n',
+    "true.toml": b"[servo]\ninertia = true\n",
+    "nan.toml": b"[friction]\nviscous = nan\n",
+    "inf.toml": b"[friction]\nviscous = -inf\n",
+    "zero.toml": b"[servo]\ninertia = 0\n",
+    "drop.toml": b"[friction]\nstatic = 0.1\n",
+}
+FINITE = "must be a finite number"
+NOT_NAN = "must be a finite number, not NaN or infinity"
+
+# What is wrong in every command: (words added, parts of the sentence).
+WRONG_EVERYWHERE = [
+    (["--set", "friction.statik=1"], ["unknown key 'friction.statik'", "did you mean 'friction.static'?"]),
+    (["--set", "static=0.5"], ["unknown key 'static'", "did you mean 'friction.static'?"]),
+    (["--set", "gain=0.5"], ["unknown key 'gain'"]),
+    (["--set", "friction.static"], ["--set 'friction.static': must have the form section.key=value"]),
+    (["--set", "friction.static=high"], ["friction.static = 'high'", FINITE]),
+    (["--set", "friction.static=nan"], ["friction.static = nan", NOT_NAN]),
+    (["--set", "friction.viscous=-inf"], ["friction.viscous = -inf", NOT_NAN]),
+    (["--set", "servo.inertia=0"], ["servo.inertia = 0: must be greater than 0"]),
+    (["--set", "servo.inertia=-0.026"], ["servo.inertia = -0.026: must be greater than 0"]),
+    (["--set", "friction.stribeck_velocity=0"], ["friction.stribeck_velocity = 0: must be greater than 0"]),
+    (["--set", "friction.stribeck_velocity=-1"], ["friction.stribeck_velocity = -1: must be greater than 0"]),
+    (["--set", "friction.static=0.43"], ["friction.static = 0.43: must be at least 0.44", "friction.coulomb"]),
+    (["--set", "friction.static=0.4399999999999"], ["friction.static = 0.4399999999999: must be at least 0.44"]),
+    (["--set", "friction.coulomb=0.6"], ["friction.static = 0.53: must be at least 0.6", "friction.coulomb"]),
+    (["--set"], ["--set: must be followed by a value"]),
+    (["--tol", "0"], ["tol = 0: must lie between 1e-12 and 0.01"]),
+    (["--tol", "-1e-6"], ["tol = -1e-06: must lie between 1e-12 and 0.01"]),
+    (["--tol", "1"], ["tol = 1: must lie between 1e-12 and 0.01"]),
+    (["--tol", "1e-15"], ["tol = 1e-15: must lie between 1e-12 and 0.01"]),
+    (["--tol", "nan"], ["tol = nan", NOT_NAN]),
+    (["--tol", "small"], ["tol = 'small'", FINITE]),
+    (["--model", "swich"], ["unknown model 'swich'", "did you mean 'switch'?", "switch, lugre"]),
+    (["--model", "LUGRE"], ["unknown model 'LUGRE'", "did you mean 'lugre'?"]),
+    (["--model", "dahl"], ["unknown model 'dahl' (known: switch, lugre)"]),
+    (["missing.toml"], ["servo file 'missing.toml': no such file"]),
+    (["folder.png"], ["servo file 'folder.png': cannot be read"]),
+    (["broken.toml"], ["servo file 'broken.toml': not valid TOML"]),
+    (["twice.toml"], ["servo file 'twice.toml': not valid TOML"]),
+    (["utf16.toml"], ["servo file 'utf16.toml': not valid TOML"]),
+    (["key.toml"], ["unknown key 'friction.statik'", "did you mean 'friction.static'?"]),
+    (["section.toml"], ["unknown section 'frictions'", "did you mean 'friction'?"]),
+    (["word.toml"], ["servo.inertia = 'heavy'", FINITE]),
+    (["true.toml"], ["servo.inertia = True", FINITE]),
+    (["nan.toml"], ["friction.viscous = nan", NOT_NAN]),
+    (["inf.toml"], ["friction.viscous = -inf", NOT_NAN]),
+    (["zero.toml"], ["servo.inertia = 0: must be greater than 0"]),
+    (["drop.toml"], ["friction.static = 0.1: must be at least 0.44"]),
+    (["zero.toml", "drop.toml"], ["'drop.toml': must be left out, one servo file is enough"]),
+    (["--tool", "1e-6"], ["unknown option '--tool'", "did you mean '--tol'?"]),
+    (["--sett=friction.static=1"], ["unknown option '--sett'", "did you mean '--set'?"]),
+    (["--qiet"], ["unknown option '--qiet'", "did you mean '--quiet'?"]),
+    (["--xyzzy"], ["unknown option '--xyzzy' (known: --tol, "]),
+    (["--json=yes"], ["--json: takes no value, but was given 'yes'"]),
+]
+WRONG_SOMEWHERE = [
+    ([], ["a command must be given: orbit, diagram, fold"]),
+    (["--quiet"], ["COMMAND"]),
+    (["orbt", "--gain", "0.1"], ["unknown command 'orbt'", "did you mean 'orbit'?"]),
+    (["plot"], ["unknown command 'plot'", "(known: orbit, diagram, fold"]),
+    (["orbit"], ["gain: must be given"]),
+    (["orbit", "--gain"], ["--gain: must be followed by a value"]),
+    (["orbit", "--gan", "0.1"], ["unknown option '--gan'", "did you mean '--gain'?"]),
+    (["fold", "--gain", "0.1"], ["unknown option '--gain' (known: "]),
+    (["orbit", "--from", "0.1"], ["unknown option '--from'"]),
+    (["diagram", "--form", "0.1"], ["unknown option '--form'", "did you mean '--from'?"]),
+    *(
+        ([*command, value], [f"{key} = {shown}", what])
+        for command, key in ((["orbit", "--gain"], "gain"), (["diagram", "--out", "new/out", "--from"], "from"))
+        for value, shown, what in (
+            ("0", "0", "must be greater than 0"),
+            ("-0.1", "-0.1", "must be greater than 0"),
+            ("-1e-3", "-0.001", "must be greater than 0"),
+            ("nan", "nan", NOT_NAN),
+            ("inf", "inf", NOT_NAN),
+            ("-inf", "-inf", NOT_NAN),
+            ("1e999", "1e999", FINITE),
+            ("high", "'high'", FINITE),
+            ("", "''", FINITE),
+        )
+    ),
+    ([*ORBIT, "--branch", "unsable"], ["unknown branch 'unsable'", "did you mean 'unstable'?", "stable, unstable"]),
+    ([*ORBIT, "--solver", "ipop"], ["unknown solver 'ipop'", "did you mean 'ipopt'?", "ipopt, newton"]),
+    *(
+        (["orbit", "--gain", "0.1", f"--{key}", path], [f"{key} = {path!r}: ", what])
+        for key, end in (("plot", ".png"), ("save", ".npz"))
+        for path, what in (
+            (f"missing/a{end}", "there is no folder 'missing'"),
+            (f"file/a{end}", "there is no folder 'file'"),
+            (f"folder{end}", "must be a file, but is a folder"),
+            ("a.txt", f"the name must end in {end}"),
+            ("a", f"the name must end in {end}"),
+            ("", f"the name must end in {end}"),
+            ("x" * 300 + end, "cannot be written"),
+        )
+    ),
+    (["diagram", "--out", "file/sub"], ["out = 'file/sub': the folder cannot be made (Not a directory)"]),
+    (["diagram", "--out", "file"], ["out = 'file': the folder cannot be made (a file of that name exists)"]),
+    (["diagram", "--out", "new/" + "x" * 300], ["the folder cannot be made (File name too long)"]),
+    (["diagram", "--out", ""], ["out = '': the folder cannot be made (its name is empty)"]),
+    (["diagram", "--out", "taken"], ["out = 'taken': the folder cannot be written into (switch.csv is a folder)"]),
+    ([*DIAGRAM, "--model", "lugre", "--model", "lugre"], ["model = lugre, lugre: each model can be asked for once"]),
+]
+WRONG = [([*command, *more], parts) for command in ANY for more, parts in WRONG_EVERYWHERE] + WRONG_SOMEWHERE
+
+
+@pytest.mark.parametrize(("words", "parts"), WRONG, ids=[" ".join(words)[:60] or "nothing" for words, _ in WRONG])
+def test_wrong_input(capsys, tmp_path, monkeypatch, words, parts):
+    for name, content in FILES.items():
+        (tmp_path / name).write_bytes(content)
+    for name in ("folder.png", "folder.npz", "taken", "taken/switch.csv"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "taken" / "diagram.png").write_text("old")
+    before = contents(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *words)
+    assert (code, out) == (2, "")
+    command = f"casahunt {words[0]}: " if words and words[0] in cli.COMMANDS else "casahunt: "
+    assert err.startswith(command) and err.endswith("\n") and err.count("\n") == 1
+    for part in parts:
+        assert part in err
+    assert contents(tmp_path) == before
+
+
+def test_folder_without_permission(capsys, tmp_path, monkeypatch):
+    """Asked of the system, not found out by failing after the computation."""
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    for words in (
+        ["orbit", "--gain", "0.1", "--plot", tmp_path / "a.png"],
+        ["orbit", "--gain", "0.1", "--save", tmp_path / "a.npz"],
+        ["diagram", "--out", tmp_path / "new" / "out"],
+    ):
+        code, out, err = run(capsys, *words)
+        assert (code, out) == (2, "") and "(no permission)" in err and err.count("\n") == 1
+    assert not contents(tmp_path)
+
+
+# No such orbit: exit code 1 -----------------------------------------------------------------------------------
+
+NO_DROP = ["--set", "friction.static=0.44"]  # Fs = Fc
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--gain", "0.8"], ["switch servo at gain 0.8", "0.8", "scanned stick positions from"]),
+        (["--gain", "0.8", "--branch", "unstable"], ["switch servo at gain 0.8", "scanned stick positions from"]),
+        (["--gain", "0.8", "--model", "lugre"], ["lugre servo at gain 0.8", "scanned stick positions from"]),
+        (["--gain", "0.1", *NO_DROP], ["static equals Coulomb friction", "scanned"]),
+        (["--gain", "0.1", "--set", "friction.coulomb=0.53", "--model", "lugre"], ["Coulomb friction", "scanned"]),
+    ],
+)
+def test_no_hunting(capsys, tmp_path, monkeypatch, words, parts):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "orbit", *words, "--plot", "a.png", "--save", "a.npz", "--json")
+    assert (code, out) == (1, "")
+    assert err.startswith("casahunt orbit: no hunting limit cycle") and err.count("\n") == 1
+    for part in parts:
+        assert part in err
+    assert not contents(tmp_path)
+
+
+def test_no_fold_without_hunting(capsys):
+    code, out, err = run(capsys, "fold", *NO_DROP, "--json")
+    assert (code, out) == (1, "")
+    assert err.startswith("casahunt fold: no hunting limit cycle") and "scanned" in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "models"), [(["--from", "0.8", "--model", "switch"], ["switch"]), (NO_DROP, ["switch", "lugre"])]
+)
+def test_no_diagram_without_hunting(capsys, tmp_path, words, models):
+    """One sentence per model, and no folder where there is nothing to put into it."""
+    command = ["diagram", *words, "--out", tmp_path / "new" / "out"]
+    code, text, err = run(capsys, *command)
+    assert (code, text) == (1, "")
+    for model, line in zip(models, err.splitlines(), strict=True):
+        assert line.startswith(f"casahunt diagram: no hunting limit cycle of the {model} servo") and "scanned" in line
+    assert not contents(tmp_path)
+    code, text, again = run(capsys, *command, "--json", "--quiet")
+    found = one_json(text)
+    assert (code, again, found["out"], found["branches"]) == (1, err, None, [])
+    assert [f"casahunt diagram: {failure}" for failure in found["failures"]] == err.splitlines()
+    assert not contents(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["orbit"], "gain: must be given, for example --gain 0.1"),
+        (["loop"], "gain: must be given, for example --gain 0.1 --gain 0.4"),
+        (["uncertainty"], "uncertainty: must be given, for example --uncertainty friction.toml"),
+        (["simulate", "--gain", "0.1", "--plot", "a.txt"], "the name must end in .png or .pdf or .svg"),
+        (["diagram", "--model", "lugre", "--model", "lugre"], "each model can be asked for once"),
+    ],
+)
+def test_what_must_be_given_is_asked_for(capsys, words, said):
+    code, out, err = run(capsys, *words)
+    assert code == 2 and out == "" and said in err
