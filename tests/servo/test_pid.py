@@ -92,7 +92,7 @@ def test_loop_and_equilibria_of_both_forms(times, gains):
         np.testing.assert_allclose(loop_response(gains, gain, omega), loop_response(times, gain, omega), rtol=1e-12)
 
 
-def test_map_motion_and_basin_of_both_forms():
+def test_map_and_motion_of_both_forms():
     times, gains = PAIRS[0]
     a, b = (map_at(servo, 0.1, 0.02) for servo in (times, gains))
     same(b.position, a.position)
@@ -100,12 +100,19 @@ def test_map_motion_and_basin_of_both_forms():
     same(b.gain_slope, a.gain_slope)
     a, b = ([point.amplitude for point in fixed_points(servo, 0.1).fixed] for servo in (times, gains))
     assert b == pytest.approx(a, rel=1e-9)
+    for more in ({}, {"regularised": True}):
+        a, b = (simulate(servo, "switch", 0.1, time=6.0, **more) for servo in (times, gains))
+        np.testing.assert_allclose(b.states[:, -1], a.states[:, -1], atol=1e-9)
+        assert b.modes[-1] == a.modes[-1]
+
+
+@pytest.mark.slow
+def test_fold_of_the_map_basin_and_bristles_of_both_forms():
+    times, gains = PAIRS[0]
     same(map_fold(gains).gain, map_fold(times).gain)
     same(basin(gains, "switch", 0.3).border, basin(times, "switch", 0.3).border)
-    for model, more in (("switch", {}), ("lugre", {}), ("switch", {"regularised": True})):
-        a, b = (simulate(servo, model, 0.1, time=6.0, tol=1e-8, **more) for servo in (times, gains))
-        np.testing.assert_allclose(b.states[:3, -1], a.states[:3, -1], atol=1e-9)
-        assert b.modes[-1] == a.modes[-1]
+    a, b = (simulate(servo, "lugre", 0.1, time=6.0, tol=1e-8) for servo in (times, gains))
+    np.testing.assert_allclose(b.states[:, -1], a.states[:, -1], atol=1e-9)
 
 
 def test_elasticities_of_both_forms():
@@ -140,7 +147,7 @@ def test_switch_cycles_with_complex_zeros(branch):
 def test_a_lugre_cycle_with_complex_zeros():
     found = find_orbit(COMPLEX, "lugre", 0.6, options=FINE)
     x, half, largest = lugre_half_cycle(COMPLEX, 0.6, found.sample()[1][:, 0])
-    for _ in range(12):  # the multiplier is -0.31: from the orbit's own start its rest error is gone
+    for _ in range(2):
         x, half, largest = lugre_half_cycle(COMPLEX, 0.6, -x)
     assert found.period == pytest.approx(2 * half, rel=3e-9)
     assert found.amplitude == pytest.approx(largest, rel=1e-5)  # of steps; the peak lies between them
@@ -164,10 +171,10 @@ def test_folds_with_complex_zeros_and_without_derivative_action(gains):
 
 
 def test_elasticities_with_complex_zeros():
-    e = fold_sensitivities(find_fold(COMPLEX, "lugre", options=FINE)).elasticities
+    e = fold_sensitivities(find_fold(COMPLEX, "switch", options=FINE)).elasticities
     for name, value in (("kp", 1.0), ("ki", 6.0), ("kd", 0.15)):
         h = 1e-3
-        up, down = (find_fold(by_gains(**{name: value * (1 + d)}), "lugre", options=FINE).gain for d in (h, -h))
+        up, down = (find_fold(by_gains(**{name: value * (1 + d)}), "switch", options=FINE).gain for d in (h, -h))
         assert e[f"controller.{name}"] == pytest.approx((np.log(up) - np.log(down)) / (2 * h), rel=1e-4)
 
 
