@@ -3,13 +3,14 @@
     by times   C(s) = K (tau_d s + 1)(tau_i s + 1) / (tau_i s)        `Controller`: real zeros
     by gains   C(s) = K (kp' + ki'/s + kd' s)                         `Pid`: any PID, complex zeros too
 
-in V/rad, times cm [N m/V].  The torque gains are, by times and by gains,
+with K in V/rad, tau_d, tau_i, kd' in s, ki' in 1/s, kp' a number.  The torque gains [N m/rad, N m s/rad, N m/(rad s)]
+are, with the motor gain cm [N m/V], by times and by gains,
 
     kp = K cm (1 + tau_d/tau_i) = K cm kp',   kd = K cm tau_d = K cm kd',   ki = K cm/tau_i = K cm ki'.
 
 The two forms are the same controller at the same K where kp' = 1 + tau_d/tau_i, kd' = tau_d and ki' = 1/tau_i
-(`Controller.pid`).  K in V/rad goes with tau_i, tau_d in s; with gains in V/rad, V/(rad s) and V s/rad it is a factor.
-For torque gains [N m/rad, N m/(rad s), N m s/rad] the motor gain is 1.
+(`Controller.pid`).  Only the products with K cm count: at K = 1 V/rad kp', ki', kd' are the gains of the voltage, and
+where also cm = 1 N m/V those of the torque.
 
     reset time   kp/ki = tau_i + tau_d                                [s]
 
@@ -32,12 +33,36 @@ _TABLE_1_TIME = 1 / (2 * np.pi)
 
 
 def torque_gains_of_times(factor: Any, lead_time: Any, integral_time: Any) -> tuple[Any, Any, Any]:
-    """(kp, kd, ki) for K cm = `factor`; numbers, arrays or expressions."""
+    """The torque gains of a controller by times; numbers, arrays or expressions.
+
+    Parameters
+    ----------
+    factor
+        K cm [N m/rad].
+    lead_time, integral_time
+        tau_d, tau_i [s].
+
+    Returns
+    -------
+    (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
+    """
     return factor * (1 + lead_time / integral_time), factor * lead_time, factor / integral_time
 
 
 def torque_gains_of_gains(factor: Any, kp: Any, ki: Any, kd: Any) -> tuple[Any, Any, Any]:
-    """(kp, kd, ki) for K cm = `factor`; numbers, arrays or expressions."""
+    """The torque gains of a controller by gains; numbers, arrays or expressions.
+
+    Parameters
+    ----------
+    factor
+        K cm [N m/rad].
+    kp, ki, kd
+        gains at K = 1: a number, [1/s], [s].
+
+    Returns
+    -------
+    (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
+    """
     return factor * kp, factor * kd, factor * ki
 
 
@@ -59,7 +84,7 @@ class Controller:
         sensible("controller.integral_time", self.integral_time)
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
-        """(kp, kd, ki) for K cm = `factor` [N m/rad]."""
+        """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
         return torque_gains_of_times(factor, self.lead_time, self.integral_time)
 
     @property
@@ -84,7 +109,7 @@ class Controller:
         return np.array([lead * integral, lead + integral, 1.0]), integral
 
     def response(self, gain: float, s: Array) -> Array:
-        """C(s)."""
+        """C(s) [V/rad] for K = `gain`."""
         return gain * (self.lead_time * s + 1) * (self.integral_time * s + 1) / (self.integral_time * s)
 
     def pid(self) -> Pid:
@@ -95,13 +120,13 @@ class Controller:
 
 @dataclass(frozen=True, kw_only=True)
 class Pid:
-    """Any PID controller, by its gains at K = 1: in V, or torque gains where the motor gain is 1.
+    """Any PID controller, by its gains; K multiplies all three.
 
     Attributes
     ----------
-    kp : of the error [V/rad], > 0.
-    ki : of its integral [V/(rad s)], > 0.
-    kd : of its derivative [V s/rad], >= 0.
+    kp : of the error, > 0.
+    ki : of its integral [1/s], > 0.
+    kd : of its derivative [s], >= 0.
     """
 
     kp: float
@@ -121,7 +146,7 @@ class Pid:
             )
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
-        """(kp, kd, ki) for K cm = `factor`."""
+        """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
         return torque_gains_of_gains(factor, self.kp, self.ki, self.kd)
 
     @property
@@ -152,7 +177,7 @@ class Pid:
         return np.array([self.kd, self.kp, self.ki]), 1.0
 
     def response(self, gain: float, s: Array) -> Array:
-        """C(s)."""
+        """C(s) [V/rad] for K = `gain`."""
         return gain * (self.kp + self.kd * s + self.ki / s)
 
     def pid(self) -> Pid:
@@ -165,7 +190,16 @@ BY_TIMES, BY_GAINS = ("lead_time", "integral_time"), ("kp", "ki", "kd")
 
 
 def controller_of(values: dict[str, float]) -> Controller | Pid:
-    """The controller with these numbers; times that are left out are those of Table 1.
+    """The controller with these numbers.
+
+    Parameters
+    ----------
+    values
+        by name: all of kp, ki, kd, or times; those left out are the ones of Table 1.
+
+    Returns
+    -------
+    Controller, or Pid.
 
     Raises
     ------

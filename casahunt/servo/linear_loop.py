@@ -104,7 +104,17 @@ def routh_hurwitz_gain(servo: Servo) -> float:
 
 
 def typical_gain(servo: Servo) -> float:
-    """A gain of the right size: that of `routh_hurwitz_gain`, or `integral_gain`."""
+    """A gain of the right size, where a search for hunting begins.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    `routh_hurwitz_gain`, or where that is infinite `integral_gain` [V/rad].
+    """
     base = routh_hurwitz_gain(servo)
     return base if math.isfinite(base) else integral_gain(servo)
 
@@ -112,7 +122,14 @@ def typical_gain(servo: Servo) -> float:
 def integral_gain(servo: Servo) -> float:
     """The gain at which inertia and integral action are equally fast.
 
-    J/(cm tau_i^2) for a controller by times; J/(cm kp' (kp'/ki')^2) by gains, the same where there is no kd.
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    J/(cm tau_i^2) for a controller by times; J/(cm kp' (kp'/ki')^2) by gains, the same where there is no kd [V/rad].
     """
     c, base = servo.controller, servo.inertia
     if isinstance(c, Pid):
@@ -151,7 +168,17 @@ def characteristic_polynomial(servo: Servo, gain: float) -> Array:
 
 
 def stable(servo: Servo, gain: float) -> bool:
-    """Whether the loop is stable, by the Routh-Hurwitz inequality."""
+    """Whether the loop is stable, by the Routh-Hurwitz inequality.
+
+    Parameters
+    ----------
+    servo, gain
+        the loop; gain K [V/rad].
+
+    Returns
+    -------
+    Whether (kd + sigma2) kp > J ki.
+    """
     kp, kd, ki = servo.torque_gains(gain)
     return bool((kd + servo.friction.viscous) * kp > servo.inertia * ki)
 

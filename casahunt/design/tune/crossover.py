@@ -29,7 +29,19 @@ LOG_OMEGA, BISECTIONS = (-60.0, 60.0), 60
 
 
 def log_kappa(J: Array, sigma2: Array, *c_and_y: Array) -> Array:
-    """ln kappa of the loop with the controller numbers c that crosses at omega = exp(y)."""
+    """The size of the gain at which loops cross.
+
+    Parameters
+    ----------
+    J, sigma2
+        inertia [kg m2], viscous friction [N m s/rad].
+    c_and_y
+        the numbers of the controller, (tau_d, tau_i) or (kp', ki', kd'), and ln omega, omega in rad/s.
+
+    Returns
+    -------
+    ln kappa, kappa in N m/rad.
+    """
     *c, y = c_and_y
     w = np.exp(2 * y)
     if len(c) == 3:
@@ -41,7 +53,21 @@ def log_kappa(J: Array, sigma2: Array, *c_and_y: Array) -> Array:
 
 
 def phase_at(J: Array, sigma2: Array, *c_and_omega: Array, lag: float) -> Array:
-    """phi [rad] at omega of the loop with the controller numbers c."""
+    """The phase of loops.
+
+    Parameters
+    ----------
+    J, sigma2
+        inertia [kg m2], viscous friction [N m s/rad].
+    c_and_omega
+        the numbers of the controller, (tau_d, tau_i) or (kp', ki', kd'), and omega [rad/s].
+    lag
+        D [s].
+
+    Returns
+    -------
+    phi [rad].
+    """
     *c, omega = c_and_omega
     if len(c) == 3:
         kp, ki, kd = c
@@ -52,18 +78,27 @@ def phase_at(J: Array, sigma2: Array, *c_and_omega: Array, lag: float) -> Array:
 
 
 def crossovers(J: Array, sigma2: Array, kp: Array, ki: Array, kd: Array, goal: Array) -> Array:
-    """(3, m) ln omega of the crossovers of loops by gains at ln kappa = goal; nan where there are fewer.
+    """All crossovers of loops by gains: bisection between the zeros of the derivative of the cubic, w1 <= w2.
 
-    Bisection between the zeros of the derivative of the cubic, w1 <= w2, where it has two that are positive.
+    Parameters
+    ----------
+    J, sigma2, kp, ki, kd
+        (m,) or numbers: inertia [kg m2], viscous friction [N m s/rad], the numbers of the controller.
+    goal
+        (m,) ln kappa.
+
+    Returns
+    -------
+    (3, m) ln omega; nan where there are fewer than three.
     """
     a, k2 = J**2, np.exp(2 * goal)
     b, c, d = sigma2**2 - k2 * kd**2, k2 * (2 * kd * ki - kp**2), -k2 * ki**2  # a w^3 + b w^2 + c w + d
     square = b**2 - 3 * a * c
     two = (square > 0) & (b < 0) & (c > 0)
-    w2 = (-b + np.sqrt(np.where(two, square, 0.0))) / np.where(two, 3 * a, 1.0)
-    w1 = np.where(two, c, 1.0) / np.where(two, 3 * a * w2, 1.0)
+    w2 = np.where(two, -b + np.sqrt(np.where(two, square, 0.0)), 1.0) / (3 * a)
+    w1 = np.where(two, c, 1.0) / (3 * a * w2)
     low, high = np.full(goal.size, LOG_OMEGA[0]), np.full(goal.size, LOG_OMEGA[1])
-    ends = [low, np.where(two, np.log(w1) / 2, low), np.where(two, np.log(np.where(two, w2, 1.0)) / 2, low), high]
+    ends = [low, np.where(two, np.log(w1) / 2, low), np.where(two, np.log(w2) / 2, low), high]
 
     def cubic(y: Array) -> Array:
         w = np.exp(2 * y)
@@ -84,7 +119,19 @@ def crossovers(J: Array, sigma2: Array, kp: Array, ki: Array, kd: Array, goal: A
 
 
 def crossover_phase(points: Array, lag: float) -> Array:
-    """(m,) phi [rad] at the crossovers of loops (m, c + 3): J, sigma2, the controller's numbers, ln kappa."""
+    """The phase of loops at their crossovers.
+
+    Parameters
+    ----------
+    points
+        (m, 5) or (m, 6): J, sigma2, the numbers of the controller, ln kappa.
+    lag
+        D [s].
+
+    Returns
+    -------
+    (m,) phi [rad]; the least one, where there are several crossovers.
+    """
     if points.shape[1] == 6:
         found = crossovers(*points.T)
         phi = [phase_at(*points.T[:5], np.exp(y), lag=lag) for y in found]

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...checks import known, require, sensible, shown
 from ...errors import InputError
-from ...servo.controller import BY_GAINS, BY_TIMES, Pid
+from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.linear_loop import linear_loop
 from ...servo.servo import Servo, flatten
 from .loop_set import LoopDemands
@@ -150,9 +150,20 @@ def cost_of(cost: str, servo: Servo, gain: float) -> float:
 
 
 def controller_said(servo: Servo) -> str:
-    """The controller's numbers for a person."""
-    values, unit = flatten(servo), "" if isinstance(servo.controller, Pid) else " s"
-    return ", ".join(f"{name.removeprefix('controller.')} {values[name]:.5g}{unit}" for name in servo.controller_names)
+    """The controller's numbers for a person.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    Names, values and units, such as "lead_time 0.15915 s, integral_time 0.15915 s".
+    """
+    values, unit = flatten(servo), {"kp": "", "ki": " 1/s"}
+    names = [(name, name.removeprefix("controller.")) for name in servo.controller_names]
+    return ", ".join(f"{short} {values[name]:.5g}{unit.get(short, ' s')}" for name, short in names)
 
 
 def log_numbers(servo: Servo) -> Array:
