@@ -1,4 +1,4 @@
-"""The PID servo of Canudas de Wit et al. (1995), complex zeros: its cycle at the paper's gains, by the Taylor engine."""
+"""The PID servo of Canudas de Wit et al. (1995), complex zeros: its cycle at the gains of the paper, by Taylor series."""
 
 from __future__ import annotations
 
