@@ -1,4 +1,4 @@
-"""The PID servo of Canudas de Wit et al. (1995), complex zeros: its cycle at the gains of the paper, by Taylor series."""
+"""The PID servo of Canudas de Wit et al. (1995), complex zeros: its cycle at its own gains, by Taylor series."""
 
 from __future__ import annotations
 
