@@ -109,7 +109,19 @@ class Controller:
         return np.array([lead * integral, lead + integral, 1.0]), integral
 
     def response(self, gain: float, s: Array) -> Array:
-        """C(s) [V/rad] for K = `gain`."""
+        """The transfer function.
+
+        Parameters
+        ----------
+        gain
+            K [V/rad].
+        s
+            (m,) complex [1/s].
+
+        Returns
+        -------
+        (m,) C(s) [V/rad].
+        """
         return gain * (self.lead_time * s + 1) * (self.integral_time * s + 1) / (self.integral_time * s)
 
     def pid(self) -> Pid:
@@ -177,7 +189,19 @@ class Pid:
         return np.array([self.kd, self.kp, self.ki]), 1.0
 
     def response(self, gain: float, s: Array) -> Array:
-        """C(s) [V/rad] for K = `gain`."""
+        """The transfer function.
+
+        Parameters
+        ----------
+        gain
+            K [V/rad].
+        s
+            (m,) complex [1/s].
+
+        Returns
+        -------
+        (m,) C(s) [V/rad].
+        """
         return gain * (self.kp + self.kd * s + self.ki / s)
 
     def pid(self) -> Pid:

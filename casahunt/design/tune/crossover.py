@@ -35,7 +35,7 @@ def log_kappa(J: Array, sigma2: Array, *c_and_y: Array) -> Array:
     ----------
     J, sigma2
         inertia [kg m2], viscous friction [N m s/rad].
-    c_and_y
+    *c_and_y
         the numbers of the controller, (tau_d, tau_i) or (kp', ki', kd'), and ln omega, omega in rad/s.
 
     Returns
@@ -59,7 +59,7 @@ def phase_at(J: Array, sigma2: Array, *c_and_omega: Array, lag: float) -> Array:
     ----------
     J, sigma2
         inertia [kg m2], viscous friction [N m s/rad].
-    c_and_omega
+    *c_and_omega
         the numbers of the controller, (tau_d, tau_i) or (kp', ki', kd'), and omega [rad/s].
     lag
         D [s].
