@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,12 +15,16 @@ from casahunt import (
     Pid,
     Servo,
     cli,
+    collect,
+    diagram,
     find_fold,
     find_orbit,
     load_orbit,
     save_orbit,
     simulate,
+    walk,
 )
+from casahunt.design.fold_curve.curve import fold_curve
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.servo.basin import basin
 from casahunt.servo.delayed_loop import crossover, margins
@@ -129,6 +134,17 @@ def test_elasticities_of_both_forms():
         assert a[name] == pytest.approx(b[name], rel=1e-7)
 
 
+def test_the_proof_is_that_of_both_forms():
+    """Of Switch, and of LuGre without a drop, whose bristle is damped little enough for it."""
+    gains = (0.0, 0.01, 0.1, 1.0, 10.0)
+    for servo in (TIMES, UNEVEN, TIMES.replace(**{"friction.static": 0.44, "friction.damping": 0.001})):
+        other = replace(servo, controller=servo.controller.pid())
+        for model in ("switch", "lugre"):
+            said = [no_cycle(servo, model, gain) for gain in gains]
+            assert said == [no_cycle(other, model, gain) for gain in gains]
+    assert all(said)
+
+
 # Complex zeros
 
 
@@ -168,6 +184,32 @@ def test_folds_with_complex_zeros_and_without_derivative_action(gains):
     slope = (excess(fold.gain, a * 1.001) - excess(fold.gain, a * 0.999)) / 0.002
     curvature = (excess(fold.gain, a * 1.01) + excess(fold.gain, a * 0.99)) / 1e-4
     assert abs(slope / curvature) < 1e-3 and curvature < 0 > by_gain
+
+
+def test_branches_and_fold_curves_in_a_gain():
+    """Every point is what is found there from nothing; the slope of the curve is the elasticity."""
+    curve = fold_curve(COMPLEX, "switch", vary="controller.ki", start=5.0, end=8.0, points=4, options=Options(tol=1e-8))
+    assert curve.status.ok and len(curve.points) >= 4
+    for point in (curve.points[0], curve.points[-1]):
+        found = find_fold(by_gains(ki=point.value), "switch", options=Options(tol=1e-8))
+        assert point.gain == pytest.approx(found.gain, rel=1e-6)
+        elasticity = fold_sensitivities(found).elasticities["controller.ki"]
+        assert point.slope * point.value / point.gain == pytest.approx(elasticity, rel=1e-4)
+    *_, last = walk(find_orbit(COMPLEX, "switch", 0.6), vary="controller.kd", low=0.1, high=0.16, options=FINE)
+    there = find_orbit(last.servo, "switch", 0.6, options=FINE)
+    assert last.servo.controller.kd != 0.15 and last.period == pytest.approx(there.period, rel=1e-7)
+    branch = collect(COMPLEX, "lugre", diagram(COMPLEX, "lugre", start=0.7))
+    fold = next(point for point in branch.special if point.kind == "fold")
+    assert fold.orbit.gain == pytest.approx(find_fold(COMPLEX, "lugre").gain, rel=1e-5)
+
+
+@pytest.mark.parametrize(("gain", "kinds"), [(0.6, ("hunting",)), (1.2, ("at rest", "decaying"))])
+def test_verdicts_with_complex_zeros(gain, kinds):
+    """Below the fold at 0.961 a step ends in the cycle that the Taylor engine has; above, at rest."""
+    verdict = simulate(COMPLEX, "switch", gain, time=100.0).verdict
+    assert verdict.kind in kinds
+    if verdict.kind == "hunting":
+        assert verdict.limit == pytest.approx(switch_cycle(COMPLEX, gain, 0.0036669)[0], rel=1e-4)
 
 
 def test_elasticities_with_complex_zeros():
