@@ -240,7 +240,8 @@ def test_a_symmetric_cycle_becomes_lopsided():
     branch = follow(symmetric, "A", to=4.0, options=TIGHT)
     (lost,) = branch.special
     assert lost.kind == "symmetry breaking"
-    one, other = (follow(branch_off(lost, "A", off=off), "A", to=2.8, options=TIGHT).orbits[-1] for off in (0.02, -0.02))
+    one, other = (follow(branch_off(lost, "A", off=off), "A", to=2.8, options=TIGHT).orbits[-1]
+                  for off in (0.02, -0.02))
     low, high = one.extrema("x")
     mirrored = other.extrema("x")
     assert abs(high.value + low.value) > 0.05
