@@ -25,7 +25,8 @@ from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options, solve_adaptively
-from ..orbits.family import Closure, Family, Section, with_sections
+from ..orbits.closure import Closure, Section, with_sections
+from ..orbits.family import Family
 from ..orbits.orbit import Arc, Orbit, orbit_of, unknowns_of
 from ..orbits.recurrence import is_symmetry
 from ..orbits.restart import Start

@@ -9,6 +9,7 @@ restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it
+closure.py   how a cycle of a user's system closes, and where it is cut
 family.py    the cycles of a user's system at one p
 recurrence.py  when a motion repeats, as it is or mirrored
 cycle_search.py the cycle that a motion of a user's system settles on

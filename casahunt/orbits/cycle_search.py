@@ -28,7 +28,8 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
-from .family import Closure, Family, Section, with_sections
+from .closure import Closure, Section, with_sections
+from .family import Family
 from .recurrence import Recurrence, rebased, recurrences, turns_over
 from .restart import from_segments
 from .system_orbit import SystemOrbit
@@ -41,7 +42,7 @@ FIRST_LOOK = 20.0
 MOST_LOOKS, LOOK_LONGER = 12, 4.0
 """Looks, each this much longer than the one before, until there is something to see."""
 ENOUGH_EVENTS, ENOUGH_INTERVALS = 12, 300
-LOOKED_AT = 16
+TRIED_STATES = 16
 """States at which a forced system is tried for a symmetry between the halves of a turn."""
 RETURNED = 1e-2
 """A motion repeats when it comes back this near, in units of the state scale; each failure asks for a tenth of it."""
@@ -217,7 +218,7 @@ class _Search:
             raise self.not_found("the motion comes to rest, and meets no event")
         names = self.system.names.entries
         if self.system.forcing_period is not None:
-            some = late[:, :: max(1, late.shape[1] // LOOKED_AT)]
+            some = late[:, :: max(1, late.shape[1] // TRIED_STATES)]
             parts = 2 if turns_over(self.system, mode, some, self.p, self.scale) else 1
             self.sections = tuple(Section(mode, TURNS, (k + 1) / parts, 1.0) for k in range(parts))
             return

@@ -21,7 +21,7 @@ from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..motion.march import Segment
 from ..motion.march_exits import behind
-from .family import Closure, turned, turns
+from .closure import Closure, turned, turns
 
 Array = np.ndarray
 
