@@ -2,6 +2,7 @@
 
     G(u) = 0,    |error of period and amplitude| <= tol,    multipliers: eigenvalues of S dx(T)/dx(0)
 
+graded.py    eigenvalues of a product that spans many decades
 floquet.py   Floquet multipliers
 orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence

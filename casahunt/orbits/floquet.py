@@ -10,17 +10,21 @@ and the closure S give the half-period map S A_E ... A_1.  The flow direction f 
 since x(t + T/2) = S x(t); the other eigenvalues are the half multipliers mu, and the Floquet multipliers
 of the full period are mu^repeats.  mu = +1 is a fold, mu = -1 breaks the symmetry.
 
-Two things make the numbers trustworthy:
+Three things make the numbers trustworthy:
 
 * The trivial direction is divided out.  At every node P holds an orthonormal basis of the complement of
   f; the product of P'^T A P is the linearised Poincare map.  Near a fold, where mu meets the trivial 1 in
   a defective pair, an eigenvalue solver on the full map loses half the digits; here nothing meets.
-* On unstable branches the product spans 20 decades and must not be formed.  Orthogonal iteration around
-  the cycle, Q_{e+1} R_{e+1} = A_e Q_e, keeps each factor near one; after a few rounds Q has ordered the
-  directions by growth, the product of the triangular factors is graded, and its small and large
-  eigenvalues are both accurate.
+* On unstable branches the product spans 20 decades and must not be formed: graded.py.
+* They are computed on two meshes (`compared`).  The trivial multiplier says nothing about the others where the flow
+  expands by much or contracts by much, and the sign of a multiplier that one mesh shows may be wrong.
 
 The full map is iterated too: how far its trivial multiplier is from 1 is the health figure.
+
+What is smaller than arithmetic or the mesh can resolve is bounded, not given.  Factors carry tiny multipliers to all
+digits, 1e-68 as well as 1; but an interval in which the flow contracts by e^-z has the stability function of its scheme
+in the place of e^-z, whose size for a large z is 1 (Gauss) or z^-1 (Radau).  The coarser mesh then shows the larger
+value, and both are above the true one.
 
 Symbols: n states, E elements, P phases.
 """
@@ -28,7 +32,7 @@ Symbols: n states, E elements, P phases.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -38,19 +42,23 @@ from ..collocation.transcription import Linearisation, Setting, Transcription
 from ..compiled import alone
 from ..errors import NoOrbit, Status
 from ..hybrid.system import Mode
+from .graded import LARGEST_MULTIPLIER, spectrum
 
 Array = np.ndarray
 
-MULTIPLIER_ROUNDS = 12
-ROUND_TOLERANCE = 1e-13
-SMALLEST_MULTIPLIER = 1e-12
-"""Half multipliers below this are zero for every purpose and do not delay the iteration."""
-LARGEST_MULTIPLIER = 1e150
-"""Half multipliers beyond this are cut to it, and the set is not trusted: their squares would overflow."""
 GROWTH = 100.0
 """An integrator starts anew from the orbit where disturbances have grown by this factor."""
 TRUSTED = 1e-5
-"""A set whose trivial multiplier is off by more than this is not to be trusted."""
+"""A set whose trivial multiplier or whose leading one is off by more than this is not to be trusted."""
+FACTOR_ROUNDING = 10 * float(np.finfo(float).eps)
+"""Noise of a factor, in units of its largest entry."""
+STATE_ERROR = 1e-12
+"""Error of the states at an event on a mesh made for multipliers, in units of their scale."""
+SHARE_LEFT = 0.1
+"""Error of a multiplier in units of its difference from that on a mesh of intervals twice as long: measured, 1e-2 to
+1e-5 where the field is smooth, 1e-1 where kinks lie inside intervals."""
+NOT_THE_SAME = 0.1
+"""Values of one multiplier on two meshes that differ by more than this, relative, are bounds of it only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +73,12 @@ class Multipliers:
     leading : the nontrivial entry of `half` of largest modulus.
     log10_leading : log10 |leading|.
     trivial_error : |trivial multiplier - 1|, the health figure; inf where a multiplier was cut to `LARGEST_MULTIPLIER`.
+    error : estimated error of `leading`, relative where that is above 1 in size; inf where only one mesh was seen.
+    rounding : the part of `error` that is rounding's.
+    floor : (n,) bounds on the moduli of those entries of `half` of which no more is known, because rounding or the mesh
+        hides them; 0 for the others.
+    repeats : how many half-period maps make up the period.
+    frame : (n - 1, n - 1) transversal directions at the start, by decreasing growth.
     """
 
     half: Array
@@ -72,6 +86,16 @@ class Multipliers:
     leading: complex
     log10_leading: float
     trivial_error: float
+    error: float
+    rounding: float
+    floor: Array
+    repeats: int
+    frame: Array = field(repr=False)
+
+    @property
+    def full_floor(self) -> Array:
+        """(n,) bounds like `floor`, for the entries of `full`."""
+        return np.asarray(self.floor**self.repeats)
 
     @property
     def stable(self) -> bool:
@@ -80,8 +104,8 @@ class Multipliers:
 
     @property
     def trusted(self) -> bool:
-        """The trivial multiplier came out as 1."""
-        return self.trivial_error < TRUSTED
+        """The trivial multiplier came out as 1, and the leading one the same on two meshes."""
+        return self.trivial_error < TRUSTED and self.error < TRUSTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +116,12 @@ class MapChain:
     ----------
     factors : (n, n) matrices in time order, the closure last.
     flows : flow directions (n,) before the first factor and after each factor.
+    noise : uncertainty of the entries of each factor.
     """
 
     factors: list[Array]
     flows: list[Array]
+    noise: list[float]
 
 
 def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = None) -> Array:
@@ -114,9 +140,9 @@ def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = 
     return through + np.outer(f_after - through @ f_before, h_x) / float(h_x @ f_before)
 
 
-def collocation_chain(t: Transcription, u: Array, setting: Setting) -> MapChain:
-    """The period map from the condensed collocation blocks, states scaled."""
-    lin = t.linearise(u, setting)
+def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> MapChain:
+    """The period map from the condensed collocation blocks, states scaled; `lin` where they are linearised already."""
+    lin = lin or t.linearise(u, setting)
     nodes = t.nodes_of(u)
     pieces = []
     for k in range(t.phases):
@@ -226,21 +252,32 @@ def _closed(
 ) -> MapChain:
     """Join the factors of the phases with saltation matrices and the closure."""
     factors: list[Array] = []
+    noise: list[float] = []
     flows: list[Array] = [pieces[0][1][0]]
     start_flow = pieces[0][1][0]
     inverse = np.linalg.inv(closure)
     for k, (maps, along) in enumerate(pieces):
         factors += maps
+        noise += list(FACTOR_ROUNDING * np.abs(np.array(maps)).max(axis=(1, 2)))
         flows += list(along[1:])
         before = along[-1]
         after = pieces[k + 1][1][0] if k + 1 < len(pieces) else inverse @ start_flow
         kinked = float(np.max(np.abs(after - before))) > 1e-9 * float(np.max(np.abs(before)))
         if kinked or jumps[k] is not None:
             factors.append(saltation(before, after, h_x[:, k], jumps[k]))
+            noise.append(_slant(before, h_x[:, k]) * float(np.max(np.abs(factors[-1]))))
             flows.append(after)
     factors.append(closure)
+    noise.append(FACTOR_ROUNDING)
     flows.append(closure @ flows[-1])
-    return MapChain(factors, flows)
+    return MapChain(factors, flows, noise)
+
+
+def _slant(f: Array, h_x: Array) -> float:
+    """Relative uncertainty of h_x . f, and so of a saltation: large where the motion hardly crosses the event."""
+    through = abs(float(h_x @ f))
+    along = STATE_ERROR * float(np.linalg.norm(h_x) * np.linalg.norm(f))
+    return along / through if through > 0 else math.inf
 
 
 @alone
@@ -251,71 +288,60 @@ def _field(t: Transcription, k: int, x: Array, setting: Setting) -> Array:
     return np.array(f(x.T, mode.sign, setting.p, setting.scale)).T
 
 
-def product_eigenvalues(factors: list[Array]) -> Array:
-    """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
-
-    Orthogonal iteration around the cycle; see the module docstring.  Moduli beyond `LARGEST_MULTIPLIER` are cut to it.
-    """
-    n = factors[0].shape[1]
-    if n == 0:
-        return np.zeros(0)
-    q = np.linalg.qr(np.random.default_rng(1).standard_normal((n, n)))[0]
-    previous = np.full(n, np.inf, dtype=complex)
-    values = previous
-    for _ in range(MULTIPLIER_ROUNDS):
-        start, triangular, exponent = q, np.eye(n), 0
-        for factor in factors:
-            q, r = np.linalg.qr(factor @ q)
-            triangular = r @ triangular
-            size = float(np.max(np.abs(triangular)))
-            if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
-                power = math.frexp(size)[1]
-                triangular, exponent = np.ldexp(triangular, -power), exponent + power
-        values = _cut(np.linalg.eigvals((start.T @ q) @ triangular), exponent)
-        values = values[np.argsort(-np.abs(values), kind="stable")]
-        alive = np.abs(values) > SMALLEST_MULTIPLIER
-        change = np.abs(np.abs(values) - np.abs(previous))[alive] / np.abs(values[alive])
-        if not alive.any() or float(np.max(change)) < ROUND_TOLERANCE:
-            break
-        previous = values
-    return values
-
-
-def _cut(values: Array, exponent: int) -> Array:
-    """values 2^exponent, with moduli of at most `LARGEST_MULTIPLIER`."""
-    with np.errstate(divide="ignore"):
-        logs = np.log(np.abs(values)) + exponent * math.log(2)
-    large = logs > math.log(LARGEST_MULTIPLIER)
-    if not large.any():
-        return values if exponent == 0 else np.ldexp(values.real, exponent) + 1j * np.ldexp(values.imag, exponent)
-    size = np.where(values == 0, 1.0, np.abs(values))
-    return values / size * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
-
-
 def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
-    """The multipliers of a period map in factors; `repeats` of it make up the period."""
-    bases = [_complement(f) for f in chain.flows]
-    transversal = [
-        after.T @ factor @ before for before, factor, after in zip(bases, chain.factors, bases[1:], strict=False)
-    ]
-    # The last basis belongs to S f(end) = f(start), the first one to f(start): turn one into the other.
-    transversal.append(bases[0].T @ bases[-1])
-    others = product_eigenvalues(transversal).astype(complex)
-    trivial = _trivial(product_eigenvalues(chain.factors).astype(complex), others)
+    """The multipliers of a period map in factors; `repeats` of it make up the period.  Of one mesh: error unknown."""
+    found = spectrum(transversal(chain), np.array([*chain.noise, FACTOR_ROUNDING]))
+    others = found.values.astype(complex)
+    trivial = _trivial(spectrum(chain.factors).values.astype(complex), others)
     leading = complex(others[0]) if others.size else 0j
     half = np.concatenate([[trivial], others])
+    floor = np.concatenate([[0.0], found.floor])
     return Multipliers(
         half=half,
         full=half**repeats,
         leading=leading,
         log10_leading=float(np.log10(max(abs(leading), 1e-300))),
         trivial_error=float(abs(trivial - 1)) if np.max(np.abs(half)) < 0.99 * LARGEST_MULTIPLIER else math.inf,
+        error=math.inf,
+        rounding=max(found.uncertainty * min(1.0, abs(leading)), float(np.max(floor[1:2], initial=0.0))),
+        floor=floor,
+        repeats=repeats,
+        frame=found.frame,
     )
 
 
-def _complement(f: Array) -> Array:
-    """Orthonormal basis (n, n - 1) of the complement of the direction f."""
-    return np.linalg.qr(np.column_stack([f / np.linalg.norm(f), np.eye(f.size)]))[0][:, 1 : f.size]
+def rough_multipliers(t: Transcription, u: Array, setting: Setting, frame: Array) -> Array:
+    """(n - 1,) half multipliers without the trivial one, to be compared with those of `frame` on another mesh."""
+    return spectrum(transversal(collocation_chain(t, u, setting)), frame=frame).values
+
+
+def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Multipliers:
+    """With the error and the bounds that the half multipliers (n - 1,) on a coarser mesh show, without the trivial one.
+
+    The error is `share` of the difference; what is not the same on the two meshes is below the larger of the two.
+    """
+    own, other = np.abs(found.half[1:]), np.abs(coarse)
+    off = float(abs(found.leading - coarse[0])) / max(1.0, abs(found.leading)) if coarse.size else 0.0
+    unlike = np.abs(own - other) > NOT_THE_SAME * own
+    floor = np.maximum(found.floor[1:], np.where(unlike, np.maximum(own, other), 0.0))
+    error = float(max(share * off, found.rounding, found.trivial_error))
+    return replace(found, error=error, floor=np.append(0.0, floor))
+
+
+def transversal(chain: MapChain) -> list[Array]:
+    """The factors (n - 1, n - 1) on the complements of the flow, in orthonormal bases."""
+    bases = _complements(np.array(chain.flows))
+    found = bases[1:].transpose(0, 2, 1) @ np.array(chain.factors) @ bases[:-1]
+    # The last basis belongs to S f(end) = f(start), the first one to f(start): turn one into the other.
+    return [*found, bases[0].T @ bases[-1]]
+
+
+def _complements(flows: Array) -> Array:
+    """Orthonormal bases (m, n, n - 1) of the complements of the directions (m, n)."""
+    n = flows.shape[1]
+    unit = np.array([f / np.linalg.norm(f) for f in flows])
+    spanning = np.concatenate([unit[:, :, None], np.broadcast_to(np.eye(n), (len(flows), n, n))], axis=2)
+    return np.linalg.qr(spanning)[0][:, :, 1:n]
 
 
 def _trivial(full: Array, others: Array) -> complex:
@@ -332,6 +358,6 @@ def _trivial(full: Array, others: Array) -> complex:
     return nearest
 
 
-def multipliers(t: Transcription, u: Array, setting: Setting) -> Multipliers:
-    """The Floquet multipliers of a converged solution, from its collocation blocks."""
-    return chain_multipliers(collocation_chain(t, u, setting), t.cycle.repeats)
+def multipliers(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> Multipliers:
+    """The Floquet multipliers of a converged solution, from its collocation blocks; `lin` as in `collocation_chain`."""
+    return chain_multipliers(collocation_chain(t, u, setting, lin), t.cycle.repeats)

@@ -118,10 +118,12 @@ class Orbit:
     def integrator_multipliers(self) -> floquet.Multipliers:
         """The multipliers by the second route: CasADi's own integrators, phase by phase (floquet.integrator_chain).
 
-        From the orbit on the mesh of `multipliers`: an error of the orbit grows as the multiplier says.
+        From the orbit on the mesh of `multipliers`: an error of the orbit grows as the multiplier says.  Their error is
+        the difference of the two routes.
         """
-        _, (t, u, setting) = refined_multipliers(*unknowns_of(self), solver=self.solver)
-        return floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
+        first, (t, u, setting) = refined_multipliers(*unknowns_of(self), solver=self.solver)
+        second = floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
+        return floquet.compared(second, first.half[1:], share=1.0)
 
     @property
     def half_multiplier(self) -> float:
@@ -188,7 +190,8 @@ def refined_multipliers(
 ) -> tuple[floquet.Multipliers, tuple[Transcription, Array, Setting]]:
     """Multipliers on a mesh made for them, and the orbit there: finer than the orbit's, until the trivial one is 1.
 
-    They depend on the whole linearised flow, which converges later than period and amplitude.
+    They depend on the whole linearised flow, which converges later than period and amplitude.  Their error is that
+    against a mesh of intervals twice as long: of the same orbit at first, then of the orbit solved there.
     """
     e = estimate(t, u, setting)
     best: floquet.Multipliers | None = None
@@ -197,7 +200,9 @@ def refined_multipliers(
     if e.error > MULTIPLIER_TOLERANCE:
         breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
     weights = _fold_border(t, u, setting)
+    coarse: Array | None = None
     for _ in range(1 + MORE_HALVINGS):
+        whole = breaks
         t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
         setting = replace(setting, fractions=fractions)
         border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
@@ -205,17 +210,33 @@ def refined_multipliers(
         if not solution.status.ok:
             break
         u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
-        found = floquet.multipliers(t, u, setting)
+        found = floquet.multipliers(t, u, setting, solution.linearisation)
+        if coarse is None:
+            coarse = floquet.rough_multipliers(*_moved_to(whole, t, u, setting), found.frame)
+        found, coarse = floquet.compared(found, coarse), found.half[1:]
         # Where the flow expands a lot, the trivial multiplier says nothing about the leading one: it must
         # come out the same on two meshes.
         settled = abs(found.leading) < LARGE_MULTIPLIER or (
             best is not None and abs(found.leading - best.leading) < AGREED * abs(found.leading)
         )
-        if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE_MULTIPLIER:
+        better = best is None or found.trivial_error < best.trivial_error or best.error >= floquet.TRUSTED
+        if best is None or better or abs(found.leading) >= LARGE_MULTIPLIER:
             best, place = found, (t, u, setting)
-        if best.trivial_error < HEALTHY and settled:
+        if best.trivial_error < HEALTHY and best.error < floquet.TRUSTED and settled:
             break
-    return best or floquet.multipliers(*place), place
+    if best is None:  # nothing was solved: the orbit's own mesh, against its halves
+        best = floquet.multipliers(*place)
+        finer = _moved_to(halved(phase_breaks(place[0], place[2].fractions)), *place)
+        best = floquet.compared(best, floquet.rough_multipliers(*finer, best.frame), share=1.0)
+    return best, place
+
+
+def _moved_to(
+    breaks: list[Array], t: Transcription, u: Array, setting: Setting
+) -> tuple[Transcription, Array, Setting]:
+    """The same orbit on another mesh, not solved again."""
+    t, u, fractions = transfer(t, u, setting.fractions, breaks)
+    return t, u, replace(setting, fractions=fractions)
 
 
 def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
