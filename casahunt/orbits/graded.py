@@ -9,9 +9,10 @@ off the diagonal blocks of the product, which no larger one enters.
 A factor is known to delta_e, its noise.  With v and z the right and left eigenvectors carried along in the Q's, the
 largest eigenvalue is uncertain by
 
-    sum_e  delta_e |z_{e+1}| |v_e| / |z_{e+1} . R_e v_e|
+    kappa = sum_e  delta_e |z_{e+1}| |v_e| / |z_{e+1} . R_e v_e|
 
-of itself.  The i-th one is the product of the i-th diagonal entries r_e; where delta_e is no smaller than r_e, nothing
+of itself to first order.  Where it meets another one, both near zero, that is far too much: of two that meet,
+lambda' (lambda' - lambda) = kappa lambda^2, and the uncertainty sqrt(1/4 + kappa) - 1/2 is taken.  The i-th one is the product of the i-th diagonal entries r_e; where delta_e is no smaller than r_e, nothing
 but its being below the product of max(|r_e|, delta_e) is known.
 
 Symbols: n directions, E factors.
@@ -165,7 +166,7 @@ def _uncertainty(steps: list[Array], noise: Array, turn: Array, triangular: Arra
             return math.inf if carried.any() else 0.0
         total += delta * math.sqrt(abs(np.vdot(z, z)) * abs(np.vdot(v, v))) / stretch
         z = carried / np.abs(carried).max()
-    return total
+    return total / (0.5 + math.sqrt(0.25 + total))
 
 
 def _carried(steps: list[Array], whole: Array) -> list[Array]:
