@@ -93,6 +93,11 @@ class Multipliers:
     frame: Array = field(repr=False)
 
     @property
+    def leading_floor(self) -> float:
+        """The bound on |leading| where no more is known of it, else 0."""
+        return float(np.max(self.floor[1:2], initial=0.0))
+
+    @property
     def full_floor(self) -> Array:
         """(n,) bounds like `floor`, for the entries of `full`."""
         return np.asarray(self.floor**self.repeats)
@@ -318,14 +323,19 @@ def rough_multipliers(t: Transcription, u: Array, setting: Setting, frame: Array
 def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Multipliers:
     """With the error and the bounds that the half multipliers (n - 1,) on a coarser mesh show, without the trivial one.
 
-    The error is `share` of the difference; what is not the same on the two meshes is below the larger of the two.
+    The error is `share` of the difference where that is small; meshes that show nothing alike bound what is below 1,
+    and say nothing of the rest.  An entry that is not the same on both is below the larger of the two.
     """
     own, other = np.abs(found.half[1:]), np.abs(coarse)
-    off = float(abs(found.leading - coarse[0])) / max(1.0, abs(found.leading)) if coarse.size else 0.0
     unlike = np.abs(own - other) > NOT_THE_SAME * own
     floor = np.maximum(found.floor[1:], np.where(unlike, np.maximum(own, other), 0.0))
-    error = float(max(share * off, found.rounding, found.trivial_error))
-    return replace(found, error=error, floor=np.append(0.0, floor))
+    size = abs(found.leading)
+    off = float(np.min(np.abs(found.leading - coarse), initial=math.inf)) if coarse.size else 0.0
+    if off > NOT_THE_SAME * size:
+        off, share = max(own[0], other[0]), 1.0
+        off = off if off < 1 else math.inf
+    error = max(share * off / max(1.0, size), found.rounding, found.trivial_error)
+    return replace(found, error=float(error), floor=np.append(0.0, floor))
 
 
 def transversal(chain: MapChain) -> list[Array]:

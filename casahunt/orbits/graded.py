@@ -12,8 +12,10 @@ largest eigenvalue is uncertain by
     kappa = sum_e  delta_e |z_{e+1}| |v_e| / |z_{e+1} . R_e v_e|
 
 of itself to first order.  Where it meets another one, both near zero, that is far too much: of two that meet,
-lambda' (lambda' - lambda) = kappa lambda^2, and the uncertainty sqrt(1/4 + kappa) - 1/2 is taken.  The i-th one is the product of the i-th diagonal entries r_e; where delta_e is no smaller than r_e, nothing
-but its being below the product of max(|r_e|, delta_e) is known.
+lambda' (lambda' - lambda) = kappa lambda^2, and the uncertainty sqrt(1/4 + kappa) - 1/2 is taken.
+
+The i-th one is the product of the i-th diagonal entries r_e; where delta_e is no smaller than r_e, nothing but its
+being below the product of max(|r_e|, delta_e) is known.
 
 Symbols: n directions, E factors.
 """
