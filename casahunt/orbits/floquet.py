@@ -308,7 +308,7 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
         log10_leading=float(np.log10(max(abs(leading), 1e-300))),
         trivial_error=float(abs(trivial - 1)) if np.max(np.abs(half)) < 0.99 * LARGEST_MULTIPLIER else math.inf,
         error=math.inf,
-        rounding=max(found.uncertainty * min(1.0, abs(leading)), float(np.max(floor[1:2], initial=0.0))),
+        rounding=max(float(found.uncertainty) * min(1.0, abs(leading)), *map(float, floor[:2])),
         floor=floor,
         repeats=repeats,
         frame=found.frame,

@@ -265,3 +265,20 @@ def test_uncertainty_is_that_of_the_factors(slant):
         shaken = [factor + 1e-9 * (e := rng.standard_normal((3, 3))) / np.linalg.norm(e, 2) for factor in factors]
         moved.append(abs(spectrum(shaken).values[0] / found.values[0] - 1))
     assert found.uncertainty / 100 < max(moved) < found.uncertainty
+
+
+def test_two_that_merge_near_zero():
+    """A product of rank 1 with eigenvalues 1e-13 and 0: noise of 1e-15 moves them by its root, not by 1e-15 / 1e-13."""
+    found = spectrum([np.array([[1e-13, 1.0], [0.0, 0.0]])], np.array([1e-15]))
+    moved = np.abs(np.linalg.eigvals(np.array([[1e-13, 1.0], [1e-15, 0.0]]))).max()
+    assert moved / 3 < found.uncertainty * 1e-13 < 3 * moved
+
+
+@pytest.mark.parametrize(("slope", "known"), [(1.0, True), (1e-9, False)])
+def test_an_event_hardly_crossed(slope, known):
+    """States are known to 1e-12: where the motion crosses the event at a slope of 1e-9, the map behind it is not."""
+    before, behind = np.array([1.0, slope, 0.0]), np.array([1.0, 1.0, 0.5])
+    pieces = [([np.eye(3)], np.array([before, before])), ([np.eye(3)], np.array([behind, behind]))]
+    borders = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    m = floquet.chain_multipliers(floquet._closed(pieces, [None, None], borders, np.eye(3)), 1)
+    assert (m.rounding < 1e-9) is known and (m.rounding < floquet.TRUSTED) is known
