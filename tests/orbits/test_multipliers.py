@@ -132,33 +132,32 @@ LOPSIDED = System(
     ),
 )  # fmt: skip
 
-DOWN, TRUTH, NEXT_TO_FOLD, TRUTH_THERE = 0.457352320, -2.161976680577380532e29, 0.448946, -4.98926310084337578510e26
+DOWN, TRUTH = 0.457352320, -2.161976680577380532e29
 """Static friction backwards, and the product of the slopes P+' P-' of the event maps (scripts/peers/switch_digits.py,
 64 digits): the slip forwards creeps along an unstable balance for a second."""
 
 
 @cache
-def lopsided(down: float = DOWN) -> Orbit:
-    """The cycle at a static friction backwards, on the way to the fold at which the multiplier becomes 1 in no time."""
+def lopsided() -> Orbit:
+    """The cycle at DOWN."""
     start = find_cycle(LOPSIDED, "stick", x1=0.05, x2=0.0, x3=0.0, follow="down", tol=1e-6)
-    *_, orbit = walk(start, low=down, high=0.53, sense=-1, options=Options(tol=1e-6))
+    *_, orbit = walk(start, low=DOWN, high=0.53, sense=-1, options=Options(tol=1e-6))
     return orbit
 
 
-@pytest.mark.parametrize(("down", "truth"), [(DOWN, TRUTH), (NEXT_TO_FOLD, TRUTH_THERE)])
-def test_a_servo_of_two_directions(down, truth):
-    m = lopsided(down).multipliers
-    assert m.trusted and m.leading.real == pytest.approx(truth, rel=m.error)
+def test_a_servo_of_two_directions():
+    m = lopsided().multipliers
+    assert m.trusted and m.leading.real == pytest.approx(TRUTH, rel=m.error)
     assert m.error < 1e-7 and m.trivial_error < 1e-8
     # After a stick one number is left: the third multiplier is zero.
     assert abs(m.full[2]) <= m.full_floor[2] < 1e-20
 
 
-def test_the_sign_on_one_mesh_is_wrong_and_not_trusted():
+def test_one_mesh_is_wrong_and_not_trusted():
     """The orbit's own mesh resolves period and amplitude, and no more."""
     place = unknowns_of(lopsided())
     own = floquet.multipliers(*place)
-    assert own.leading.real > 0 and not own.trusted
+    assert abs(own.leading / TRUTH - 1) > 0.9 and not own.trusted
     finer = floquet.multipliers(*on_halves(*place))
     assert not floquet.compared(finer, own.half[1:]).trusted
 
