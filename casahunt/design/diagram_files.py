@@ -168,7 +168,7 @@ def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
         orbit.amplitude,
         orbit.period,
         orbit.half_multiplier if trusted else math.nan,
-        multipliers.log10_leading if trusted else math.nan,
+        multipliers.log10_leading if trusted and not multipliers.leading_floor else math.nan,
         orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
         multipliers.trivial_error,
         orbit.error_estimate,

@@ -2,7 +2,10 @@
 
     G(u) = 0,    |error of period and amplitude| <= tol,    multipliers: eigenvalues of S dx(T)/dx(0)
 
+graded.py    eigenvalues of a product that spans many decades
+map_chain.py the linearised map of a cycle, in factors
 floquet.py   Floquet multipliers
+multiplier_mesh.py  the same on meshes made for them
 extrema.py   the largest and smallest value of a state or an expression
 orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence

@@ -8,25 +8,24 @@ Symbols: n states, d stages, N intervals of an arc, m sample points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ..collocation.error_estimate import Estimate, amplitude_row, estimate
+from ..collocation.error_estimate import Estimate, amplitude_row
 from ..collocation.joints import flow_at
-from ..collocation.mesh import halved, phase_breaks, transfer
+from ..collocation.mesh import phase_breaks
 from ..collocation.newton import Solution, Solver
-from ..collocation.remesh import better_breaks
 from ..collocation.scheme import Kind, scheme
-from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import Status
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle, Signature
-from . import floquet
+from . import floquet, map_chain
 from .extrema import Extrema, extrema, scalar_of
+from .multiplier_mesh import refined_multipliers
 
 Array = np.ndarray
 
@@ -117,12 +116,14 @@ class Orbit:
 
     @cached_property
     def integrator_multipliers(self) -> floquet.Multipliers:
-        """The multipliers by the second route: CasADi's own integrators, phase by phase (floquet.integrator_chain).
+        """The multipliers by the second route: CasADi's own integrators, phase by phase (map_chain.integrator_chain).
 
-        From the orbit on the mesh of `multipliers`: an error of the orbit grows as the multiplier says.
+        From the orbit on the mesh of `multipliers`: an error of the orbit grows as the multiplier says.  Their error is
+        the difference of the two routes.
         """
-        _, (t, u, setting) = refined_multipliers(*unknowns_of(self), solver=self.solver)
-        return floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
+        first, (t, u, setting) = refined_multipliers(*unknowns_of(self), solver=self.solver)
+        second = floquet.chain_multipliers(map_chain.integrator_chain(t, u, setting), t.cycle.repeats)
+        return floquet.compared(second, first.half[1:], share=1.0)
 
     @property
     def half_multiplier(self) -> float:
@@ -191,77 +192,6 @@ class Orbit:
 
 AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)
 """An orbit of whatever class its problem names; a function of one gives back the same class."""
-
-MULTIPLIER_TOLERANCE = 1e-9
-"""Error of the period on the mesh on which multipliers are computed."""
-HEALTHY = 4e-9
-"""Trivial multipliers nearer to 1 than this need no finer mesh: that of the full period, its square, is within 1e-8."""
-MORE_HALVINGS = 3
-LARGE_MULTIPLIER, AGREED = 10.0, 1e-7
-"""Half multipliers beyond LARGE_MULTIPLIER are computed on two meshes at least, until they agree to AGREED."""
-NEXT_TO_FOLD = 0.02
-"""Share of the parameter in the unit tangent below which a point counts as next to a fold."""
-
-
-def refined_multipliers(
-    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton"
-) -> tuple[floquet.Multipliers, tuple[Transcription, Array, Setting]]:
-    """Multipliers on a mesh made for them: finer than the orbit's, until the trivial one is 1.
-
-    Parameters
-    ----------
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    solver
-        for the finer meshes.
-
-    Returns
-    -------
-    Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
-    """
-    e = estimate(t, u, setting)
-    best: floquet.Multipliers | None = None
-    place = t, u, setting
-    breaks = phase_breaks(t, setting.fractions)
-    if e.error > MULTIPLIER_TOLERANCE:
-        breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
-    weights = _fold_border(t, u, setting)
-    for _ in range(1 + MORE_HALVINGS):
-        t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
-        setting = replace(setting, fractions=fractions)
-        border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
-        solution = solve(t, u, setting, solver=solver, border=border)
-        if not solution.status.ok:
-            break
-        u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
-        found = floquet.multipliers(t, u, setting)
-        # Where the flow expands a lot, the trivial multiplier says nothing about the leading one: it must
-        # come out the same on two meshes.
-        settled = abs(found.leading) < LARGE_MULTIPLIER or (
-            best is not None and abs(found.leading - best.leading) < AGREED * abs(found.leading)
-        )
-        if best is None or found.trivial_error < best.trivial_error or abs(found.leading) >= LARGE_MULTIPLIER:
-            best, place = found, (t, u, setting)
-        if best.trivial_error < HEALTHY and settled:
-            break
-    return best or floquet.multipliers(*place), place
-
-
-def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
-    """Weights of the phase-end nodes along which to hold u where the parameter cannot be held: next to a fold.
-
-    There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
-    error of the coarser one.
-    """
-    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
-    _, y = lin.tangent(t.system.border(parameter=1.0))
-    length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
-    if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
-        return None
-    first = y[: t.n] / length if np.isfinite(length) else np.ones(t.n)
-    weights = np.zeros((t.phases + 1, t.n))
-    weights[0] = first
-    return weights
 
 
 def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:

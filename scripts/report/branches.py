@@ -123,7 +123,8 @@ def multiplier_caption(study: Study, model: Model) -> str:
     stable, unstable = (study.orbit(model, end, branch) for branch in ("stable", "unstable"))
     looked_at = (first, stable, unstable, last)
     trivial = below(max(o.multipliers.trivial_error for o in looked_at), 1e-6, 1e-3, 1.0)
-    zero = below(max(float(np.max(np.abs(o.multipliers.full[2:]))) for o in looked_at), 1e-20, 1e-6, 1.0)
+    nothing = [np.maximum(np.abs(o.multipliers.full), o.multipliers.full_floor)[2:] for o in looked_at]
+    zero = below(float(np.max(nothing)), 1e-20, 1e-6, 1.0)
     which, others = {
         "lugre": ("lambda_1 to lambda_4", "two near 0 (lambda_3 and lambda_4: stick and the stiff bristle"),
         "switch": ("lambda_1 to lambda_3", "one at 0 (lambda_3: a stick leaves one free number"),

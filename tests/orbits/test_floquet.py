@@ -12,7 +12,8 @@ import pytest
 
 from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.cli import main
-from casahunt.orbits import floquet
+from casahunt.orbits import floquet, map_chain
+from casahunt.orbits.graded import spectrum
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
 
@@ -22,8 +23,8 @@ from problems import table1
 def test_collocation_blocks_and_casadi_integrators_agree(orbit, model, gain):
     """Condensed blocks against the forward sensitivities of erk and rosenbrock, phase by phase."""
     t, u, setting = unknowns_of(orbit(model, gain, tol=1e-12))
-    own = floquet.chain_multipliers(floquet.collocation_chain(t, u, setting), t.cycle.repeats)
-    other = floquet.chain_multipliers(floquet.integrator_chain(t, u, setting), t.cycle.repeats)
+    own = floquet.chain_multipliers(map_chain.collocation_chain(t, u, setting), t.cycle.repeats)
+    other = floquet.chain_multipliers(map_chain.integrator_chain(t, u, setting), t.cycle.repeats)
     assert own.leading.real == pytest.approx(other.leading.real, rel=1e-6, abs=1e-9)
     assert own.trivial_error < 1e-7
     assert other.trivial_error < 1e-6
@@ -50,7 +51,7 @@ def test_graded_products():
     for k in range(count):
         after = bases[(k + 1) % count]
         factors.append(after @ (np.diag(rates) + shear) @ bases[k].T)
-    found = floquet.product_eigenvalues(factors)
+    found = spectrum(factors).values
     exact = rates**count
     assert np.abs(found) == pytest.approx(np.abs(exact), rel=1e-10)
     assert np.sign(found.real)[:2] == pytest.approx(np.sign(exact)[:2])
@@ -96,14 +97,14 @@ def test_integrators_where_one_start_per_phase_is_lost():
 def test_an_integrator_that_fails_says_so(orbit, monkeypatch, model, what):
     """CasADi's own integrator, with a field that is no number from the start."""
     t, u, setting = unknowns_of(orbit(model, 0.3))
-    true = floquet._sensitivities
+    true = map_chain._sensitivities
 
     def broken(mode, *others):
         return true(replace(mode, field=lambda x, p, sign: ca.sqrt(-1 - x * x)), *others)
 
-    monkeypatch.setattr(floquet, "_sensitivities", broken)
+    monkeypatch.setattr(map_chain, "_sensitivities", broken)
     with pytest.raises(NoOrbit, match=re.escape(what)):
-        floquet.integrator_chain(t, u, setting)
+        map_chain.integrator_chain(t, u, setting)
 
 
 @pytest.mark.parametrize("wrong", [
@@ -112,10 +113,10 @@ def test_an_integrator_that_fails_says_so(orbit, monkeypatch, model, what):
 ])  # fmt: skip
 def test_a_mistake_is_not_taken_for_an_integrator_that_fails(orbit, monkeypatch, wrong):
     t, u, setting = unknowns_of(orbit("switch", 0.3))
-    true = floquet._sensitivities
-    monkeypatch.setattr(floquet, "_sensitivities", lambda mode, *others: true(replace(mode, field=wrong), *others))
+    true = map_chain._sensitivities
+    monkeypatch.setattr(map_chain, "_sensitivities", lambda mode, *others: true(replace(mode, field=wrong), *others))
     with pytest.raises(RuntimeError) as caught:
-        floquet.integrator_chain(t, u, setting)
+        map_chain.integrator_chain(t, u, setting)
     assert not isinstance(caught.value, NoOrbit)
 
 
@@ -142,7 +143,7 @@ def test_command_line_refuses_an_unknown_route(capsys):
 def test_saltation_matrix():
     """Fixed-time map through x = 1 with the velocity doubling there, worked out by hand."""
     f_before, f_after, h = np.array([1.0, 0.0]), np.array([2.0, 0.0]), np.array([1.0, 0.0])
-    assert floquet.saltation(f_before, f_after, h) == pytest.approx(np.diag([2.0, 1.0]))
+    assert map_chain.saltation(f_before, f_after, h) == pytest.approx(np.diag([2.0, 1.0]))
 
 
 def test_multipliers_are_computed_when_read(orbit, monkeypatch):

@@ -12,9 +12,11 @@ from casahunt.collocation.error_estimate import estimate
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
-from casahunt.orbits import adapt, floquet
+from casahunt.orbits import adapt, floquet, map_chain
 from casahunt.orbits.adapt import curve_border, finished, refined, remeshed, solve_adaptively
-from casahunt.orbits.orbit import Orbit, orbit_of, refined_multipliers, unknowns_of
+from casahunt.orbits.graded import spectrum
+from casahunt.orbits.multiplier_mesh import refined_multipliers
+from casahunt.orbits.orbit import Orbit, orbit_of, unknowns_of
 from problems import belt
 from problems import stuart_landau as sl
 
@@ -93,12 +95,15 @@ def test_the_multipliers_of_every_cycle(c, larger, half, tol):
 def test_how_long_multipliers_are_refined(monkeypatch, leading, wrong, meshes, taken):
     seen: list[int] = []
 
-    def told(t, u, setting):
+    def told(t, u, setting, lin):
         k = len(seen)
         seen.append(t.intervals)
-        return floquet.Multipliers(np.array([1.0]), np.array([1.0]), leading[k] + 0j, 0.0, wrong[k])
+        return floquet.Multipliers(np.array([1.0]), np.array([1.0]), leading[k] + 0j, 0.0, wrong[k], 0.0, 0.0,
+                                   np.zeros(1), 2, np.zeros((0, 0)))  # fmt: skip
 
     monkeypatch.setattr(floquet, "multipliers", told)
+    monkeypatch.setattr(floquet, "rough_multipliers", lambda *at: np.zeros(0))
+    monkeypatch.setattr(floquet, "compared", lambda found, coarse: replace(found, error=0.0))
     found, (t, _, _) = refined_multipliers(*unknowns_of(cycle()))
     assert found.leading == taken and len(seen) == meshes
     assert all(b == 2 * a for a, b in zip(seen, seen[1:], strict=False))
@@ -113,29 +118,33 @@ def rotation(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
+def product_eigenvalues(factors):
+    return spectrum(factors).values
+
+
 def test_products_beyond_the_largest_number():
     """Factors of 1e100 and 1e-100, and of 1e100 alone, turned by complex angles."""
     scaled = lambda k: [1e100 * rotation(0.3)] * k  # noqa: E731
     back = [1e-100 * rotation(0.4)] * 2
-    found = floquet.product_eigenvalues([*scaled(2), *back])
+    found = product_eigenvalues([*scaled(2), *back])
     np.testing.assert_allclose(np.sort_complex(found), [np.exp(-1.4j), np.exp(1.4j)], rtol=1e-12)
-    found = floquet.product_eigenvalues(scaled(3))
+    found = product_eigenvalues(scaled(3))
     np.testing.assert_allclose(np.sort_complex(found), CUT * np.exp([-0.9j, 0.9j]), rtol=1e-12)
     # One that is cut beside ones that are not; a zero stays one.
-    found = floquet.product_eigenvalues([np.diag([-1e100, 2.0, 1e-3])] * 3)
+    found = product_eigenvalues([np.diag([-1e100, 2.0, 1e-3])] * 3)
     np.testing.assert_allclose(found, [-CUT, 8.0, 1e-9], rtol=1e-6)
-    assert floquet.product_eigenvalues([np.zeros((0, 0))]).size == 0
-    singular = floquet.product_eigenvalues([np.diag([1e200, 0.0])])
+    assert product_eigenvalues([np.zeros((0, 0))]).size == 0
+    singular = product_eigenvalues([np.diag([1e200, 0.0])])
     assert singular[0] == pytest.approx(CUT) and singular[1] == 0
 
 
 def test_a_set_that_was_cut_is_not_trusted():
     grow = [np.diag([1.0, 1e100])] * 2
     flows = [np.array([1.0, 0.0])] * 3
-    found = floquet.chain_multipliers(floquet.MapChain(grow, flows), 2)
+    found = floquet.chain_multipliers(map_chain.MapChain(grow, flows, [0.0, 0.0]), 2)
     assert np.isinf(found.trivial_error) and not found.trusted and not found.stable
     assert found.leading == pytest.approx(CUT) and found.log10_leading == pytest.approx(150)
-    fine = floquet.chain_multipliers(floquet.MapChain([np.diag([1.0, -0.5])] * 2, flows), 2)
+    fine = floquet.chain_multipliers(map_chain.MapChain([np.diag([1.0, -0.5])] * 2, flows, [0.0, 0.0]), 2)
     assert fine.trivial_error < 1e-12 and fine.stable and fine.leading == pytest.approx(0.25)
     np.testing.assert_allclose(fine.full, [1, 0.0625])
 
@@ -145,7 +154,7 @@ def test_next_to_a_fold_the_pair_is_told_from_the_others():
     basis = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
     near = np.array([[1.0, 5.0, 0.3], [0.0, 1 + 1e-9, 0.0], [0.0, 0.0, 1.9]])
     flow = basis[:, 0]
-    found = floquet.chain_multipliers(floquet.MapChain([basis @ near @ basis.T], [flow, flow]), 1)
+    found = floquet.chain_multipliers(map_chain.MapChain([basis @ near @ basis.T], [flow, flow], [0.0]), 1)
     assert found.trivial_error < 1e-12
     np.testing.assert_allclose(found.half, [1, 1.9, 1 + 1e-9], rtol=0, atol=1e-12)
 
@@ -153,9 +162,9 @@ def test_next_to_a_fold_the_pair_is_told_from_the_others():
 def test_starts_anew_where_disturbances_have_grown():
     """By 100 since the last time, whatever shrinks besides."""
     growing = np.array([np.diag([3.0, 0.1])] * 12)
-    assert floquet._cuts(growing).tolist() == [0, 5, 10, 12]  # 3^5 = 243
-    assert floquet._cuts(growing[:5]).tolist() == [0, 5]
-    assert floquet._cuts(np.array([np.eye(2)] * 3)).tolist() == [0, 3]
+    assert map_chain._cuts(growing).tolist() == [0, 5, 10, 12]  # 3^5 = 243
+    assert map_chain._cuts(growing[:5]).tolist() == [0, 5]
+    assert map_chain._cuts(np.array([np.eye(2)] * 3)).tolist() == [0, 3]
 
 
 # Orbits ------------------------------------------------------------------------------------------------------------

@@ -71,6 +71,7 @@ def test_a_multiplier_shows_no_digits_below_its_error():
     assert complex_text(105792.774812, 1e-5) == "105793"
     assert complex_text(0.5 - 0.25j, 1e-3) == "0.5-0.25j"
     assert complex_text(3e-7, 1e-6) == "0"
+    assert complex_text(-2e-31, 1e-10, 3e-28) == "below 1e-27"
 
 
 def test_what_is_not_finite_is_null_and_unknown():

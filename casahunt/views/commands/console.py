@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import sys
 import threading
@@ -112,7 +113,7 @@ def telling(stream: IO[str] | None) -> Iterator[Callable[[str], None]]:
         done.set()
 
 
-def complex_text(value: complex, error: float) -> str:
+def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
 
     Parameters
@@ -120,12 +121,16 @@ def complex_text(value: complex, error: float) -> str:
     value
         the multiplier.
     error
-        that of the multiplier that must be 1: relative for larger ones, absolute for smaller ones.
+        relative for those above 1 in size, absolute for smaller ones.
+    floor
+        a bound where no more is known, else 0.
 
     Returns
     -------
     Text such as "0.5+0.1j".
     """
+    if floor > 0:
+        return f"below 1e{math.ceil(math.log10(floor))}"
     error = max(error, 1e-12) * max(1.0, abs(value))
 
     def part(x: float) -> str:

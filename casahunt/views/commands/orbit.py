@@ -10,7 +10,7 @@ from typing import Any
 from ...checks import error_text, finite_or_none, known, to_error
 from ...orbits.adapt import Options
 from ...orbits.archive import save_orbit
-from ...orbits.floquet import Multipliers
+from ...orbits.floquet import TRUSTED, Multipliers
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
@@ -76,17 +76,30 @@ def run(options: argparse.Namespace) -> int:
     print(f"  period           {to_error(orbit.period, orbit.period_error)} s")
     if m.trusted:
         name = "half multiplier" if orbit.half else "multiplier"
-        print(f"  {name:15}  {complex_text(m.leading, m.trivial_error)}  (log10 of its size: {m.log10_leading:.4f})")
-        print(f"  multipliers      {', '.join(complex_text(value, m.trivial_error) for value in m.full)}")
+        size = "" if m.leading_floor else f"  (log10 of its size: {m.log10_leading:.4f})"
+        print(f"  {name:15}  {complex_text(m.leading, m.error, m.leading_floor)}{size}")
+        print(f"  multipliers      {_full_text(m)}")
         print(f"  {CHECK} {m.trivial_error:.1e}")
     else:
-        print(f"  multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
+        print(f"  multipliers      not to be trusted: {_doubt(m)}")
     if second is not None:
         _print_second_route(orbit, second)
     print(f"  error estimate   {error_text(orbit.error_estimate)} (relative, period and amplitude)")
     print(f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
           f"{orbit.iterations} iterations, {record['wall_s']:.2f} s")  # fmt: skip
     return 0
+
+
+def _full_text(m: Multipliers) -> str:
+    """The multipliers of the whole period in a row."""
+    return ", ".join(complex_text(value, m.error, floor) for value, floor in zip(m.full, m.full_floor, strict=True))
+
+
+def _doubt(m: Multipliers) -> str:
+    """Why they are not trusted."""
+    if m.trivial_error < TRUSTED:
+        return f"the error of the leading one may be {error_text(m.error)}"
+    return f"the one that must be 1 is off by {m.trivial_error:.1e}"
 
 
 def _difference(one: Multipliers, other: Multipliers) -> float:
@@ -108,14 +121,19 @@ def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
 def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
     print("  by integrators   (CasADi's forward sensitivities, phase by phase)")
     if not m.trusted:
-        print(f"    multipliers      not to be trusted: the one that must be 1 is off by {m.trivial_error:.1e}")
+        print(f"    multipliers      not to be trusted: {_doubt(m)}")
         return
-    print(f"    {'half multiplier' if orbit.half else 'multiplier':15}  {complex_text(m.leading, m.trivial_error)}")
-    print(f"    multipliers      {', '.join(complex_text(value, m.trivial_error) for value in m.full)}")
+    name = "half multiplier" if orbit.half else "multiplier"
+    print(f"    {name:15}  {complex_text(m.leading, m.error, m.leading_floor)}")
+    print(f"    multipliers      {_full_text(m)}")
     print(f"    {CHECK} {m.trivial_error:.1e}")
     if orbit.multipliers.trusted:
         off = _difference(orbit.multipliers, m)
         print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")
+
+
+def _log10_half(orbit: HuntingOrbit) -> float:
+    return orbit.multipliers.log10_leading / (1 if orbit.half else 2)
 
 
 def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
@@ -140,8 +158,10 @@ def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
         "amplitude": orbit.amplitude,
         "period": orbit.period,
         "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
-        "log10_abs_half_multiplier": (m.log10_leading if orbit.half else m.log10_leading / 2) if m.trusted else None,
+        "log10_abs_half_multiplier": _log10_half(orbit) if m.trusted and not m.leading_floor else None,
         "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
+        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
+        "multiplier_error": finite_or_none(m.error),
         "trivial_multiplier_error": finite_or_none(m.trivial_error),
         "multipliers_trusted": m.trusted,
         "stable": orbit.stable if m.trusted else None,

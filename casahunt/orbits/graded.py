@@ -1,0 +1,193 @@
+"""Eigenvalues of a long product of matrices that spans many decades, and what arithmetic can resolve of them.
+
+    M = A_E ... A_1,    Q_{e+1} R_{e+1} = A_e Q_e    (orthogonal iteration around the cycle)
+
+Each factor stays near one; after a few rounds Q has ordered the directions by growth, the product of the triangular
+factors is graded, and its small and large eigenvalues are both accurate.  Those many decades below the largest are read
+off the diagonal blocks of the product, which no larger one enters.
+
+A factor is known to delta_e, its noise.  With v and z the right and left eigenvectors carried along in the Q's, the
+largest eigenvalue is uncertain by
+
+    kappa = sum_e  delta_e |z_{e+1}| |v_e| / |z_{e+1} . R_e v_e|
+
+of itself to first order.  Where it meets another one, both near zero, that is far too much: of two that meet,
+lambda' (lambda' - lambda) = kappa lambda^2, and the uncertainty sqrt(1/4 + kappa) - 1/2 is taken.
+
+The i-th one is the product of the i-th diagonal entries r_e; where delta_e is no smaller than r_e, nothing but its
+being below the product of max(|r_e|, delta_e) is known.
+
+Symbols: n directions, E factors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+Array = np.ndarray
+
+MULTIPLIER_ROUNDS = 12
+ROUND_TOLERANCE = 1e-13
+SMALLEST_MULTIPLIER = 1e-12
+"""Half multipliers below this are zero for every purpose and do not delay the iteration."""
+LARGEST_MULTIPLIER = 1e150
+"""Half multipliers beyond this are cut to it, and the set is not trusted: their squares would overflow."""
+READ_OFF = 1e-12
+"""Eigenvalues below this part of the largest one are read off the diagonal blocks."""
+BLOCK_GAP, BLOCK_LEAK = 1e3, 1e-10
+"""Neighbouring blocks differ in size by BLOCK_GAP; what is left of the larger one's directions in the smaller one's."""
+SIZE_CHECKED = 4
+"""Factors after which the size of the product is looked at; it may grow by another 1e150 meanwhile."""
+UNCERTAIN = 0.1
+"""A value whose relative uncertainty by rounding is larger is known by its bound only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Eigenvalues of a product.
+
+    Attributes
+    ----------
+    values : (n,) complex, by decreasing modulus; moduli beyond `LARGEST_MULTIPLIER` are cut to it.
+    floor : (n,) bound on the modulus of a value that the noise of the factors hides; 0 where it does not.
+    uncertainty : that of the largest value, relative, by the noise of the factors; 0 where none is given.
+    frame : (n, n) orthonormal directions at the start, by decreasing growth.
+    """
+
+    values: Array
+    floor: Array
+    uncertainty: float
+    frame: Array
+
+
+def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | None = None) -> Spectrum:
+    """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
+
+    Parameters
+    ----------
+    factors
+        (n, n) matrices.
+    noise
+        (E,) absolute uncertainty delta_e of each of them.
+    frame
+        (n, n) directions to start from, of a product that is nearly the same: one round is enough then.
+
+    Returns
+    -------
+    Spectrum.
+    """
+    n = factors[0].shape[1]
+    if n == 0:
+        return Spectrum(np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)))
+    q = _first_frame(n) if frame is None else frame
+    previous = np.full(n, np.inf, dtype=complex)
+    for _ in range(MULTIPLIER_ROUNDS if frame is None else 1):
+        start, triangular, exponent = q, np.eye(n), 0
+        steps = []
+        for e, factor in enumerate(factors, start=1):
+            q, r = np.linalg.qr(factor @ q)
+            steps.append(r)
+            triangular = r @ triangular
+            size = float(np.abs(triangular).max()) if e % SIZE_CHECKED == 0 else 0.0
+            if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
+                power = math.frexp(size)[1]
+                triangular, exponent = np.ldexp(triangular, -power), exponent + power
+        turn = start.T @ q
+        raw = np.linalg.eigvals(turn @ triangular)
+        values = _cut(raw, exponent)
+        values = values[np.argsort(-np.abs(values), kind="stable")]
+        alive = np.abs(values) > SMALLEST_MULTIPLIER
+        change = np.abs(np.abs(values) - np.abs(previous))[alive] / np.abs(values[alive])
+        if not alive.any() or float(np.max(change)) < ROUND_TOLERANCE:
+            break
+        previous = values
+    low = np.abs(values) < READ_OFF * np.abs(values[0])
+    if low.any():
+        values = np.where(low, _cut(_of_blocks(turn, triangular), exponent), values)
+    if noise is None:
+        return Spectrum(values, np.zeros(n), 0.0, q)
+    return Spectrum(values, _floor(np.array(steps), noise), _uncertainty(steps, noise, turn, triangular), q)
+
+
+@lru_cache
+def _first_frame(n: int) -> Array:
+    """(n, n) directions of no meaning."""
+    return np.linalg.qr(np.random.default_rng(1).standard_normal((n, n)))[0]
+
+
+def _cut(values: Array, exponent: int) -> Array:
+    """values 2^exponent, with moduli of at most `LARGEST_MULTIPLIER`."""
+    if exponent == 0 and np.abs(values).max() < LARGEST_MULTIPLIER:
+        return values
+    with np.errstate(divide="ignore"):
+        logs = np.log(np.abs(values)) + exponent * math.log(2)
+    large = logs > math.log(LARGEST_MULTIPLIER)
+    if not large.any():
+        return values if exponent == 0 else np.ldexp(values.real, exponent) + 1j * np.ldexp(values.imag, exponent)
+    size = np.where(values == 0, 1.0, np.abs(values))
+    return values / size * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
+
+
+def _of_blocks(turn: Array, triangular: Array) -> Array:
+    """(n,) eigenvalues of the diagonal blocks of turn @ triangular, cut where sizes differ by much.
+
+    In the whole matrix an eigenvalue solver loses what lies 16 decades below the largest entry.
+    """
+    n, sizes = len(turn), np.abs(np.diag(triangular))
+    cuts = [
+        k for k in range(1, n)
+        if sizes[:k].min() > BLOCK_GAP * sizes[k:].max() and np.max(np.abs(turn[k:, :k])) < BLOCK_LEAK
+    ]  # fmt: skip
+    found = []
+    for a, b in zip([0, *cuts], [*cuts, n], strict=True):
+        block = np.linalg.eigvals(turn[a:b, a:b] @ triangular[a:b, a:b])
+        found.append(block[np.argsort(-np.abs(block), kind="stable")])
+    return np.concatenate(found).astype(complex)
+
+
+def _floor(steps: Array, noise: Array) -> Array:
+    """(n,) see `Spectrum`; from the triangular factors (E, n, n)."""
+    r = np.abs(np.diagonal(steps, axis1=1, axis2=2))
+    delta = np.broadcast_to(noise[:, None], r.shape)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        hidden = np.sum(np.where(delta > 0, delta / r, 0.0), axis=0) > UNCERTAIN
+        bound = np.exp(np.sum(np.log(np.maximum(r, delta)), axis=0))
+    return np.where(hidden, bound, 0.0)
+
+
+def _uncertainty(steps: list[Array], noise: Array, turn: Array, triangular: Array) -> float:
+    """See `Spectrum`."""
+    whole = turn @ triangular
+    rights = _carried(steps, whole)
+    z = _leading_vector(whole.T) @ turn  # from the basis at the start to the one at the end
+    total = 0.0
+    for step, v, delta in zip(steps[::-1], rights[::-1], noise[::-1].tolist(), strict=True):
+        carried = z @ step
+        stretch = abs(carried.dot(v))
+        if stretch == 0:
+            return math.inf if carried.any() else 0.0
+        total += delta * math.sqrt(abs(np.vdot(z, z)) * abs(np.vdot(v, v))) / stretch
+        z = carried / np.abs(carried).max()
+    return total / (0.5 + math.sqrt(0.25 + total))
+
+
+def _carried(steps: list[Array], whole: Array) -> list[Array]:
+    """(E, n) the right eigenvector in front of every factor: the first direction of the frame, where that is real."""
+    v = _leading_vector(whole)
+    if np.isrealobj(v) or not v.imag.any():
+        return [np.eye(len(whole))[0]] * len(steps)
+    rights = []
+    for step in steps:
+        rights.append(v / np.abs(v).max())
+        v = step @ rights[-1]
+    return rights
+
+
+def _leading_vector(matrix: Array) -> Array:
+    """(n,) eigenvector of the eigenvalue of largest modulus."""
+    values, vectors = np.linalg.eig(matrix)
+    return np.asarray(vectors[:, int(np.argmax(np.abs(values)))])
