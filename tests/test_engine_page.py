@@ -31,6 +31,8 @@ def test_the_belt(scope):
     truth = belt.TRUTH[0.2]
     assert scope["orbit"].period == pytest.approx(truth.period, rel=1e-9) and scope["orbit"].error_estimate < 1e-9
     assert scope["faster"].period == pytest.approx(belt.TRUTH[0.5].period, rel=1e-8)
+    assert scope["branch"].values[-1] == pytest.approx(0.5, rel=1e-12)
+    assert scope["branch"].periods[-1] == pytest.approx(belt.TRUTH[0.5].period, rel=1e-7)
     position = scope["position"]
     assert (position.low.value, position.high.value) == pytest.approx(truth.extrema["x"], rel=1e-9)
     assert [c.event for c in scope["motion"].events[:2]] == ["catches up", "breaks away"]
