@@ -32,13 +32,14 @@ if TYPE_CHECKING:
     from .orbits.floquet import Multipliers
     from .orbits.orbit import Arc
     from .servo.branch import Branch
+    from .servo.controller import Controller, Pid
     from .servo.find_fold import find_fold
     from .servo.find_orbit import find_orbit
     from .servo.friction import Friction
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
-    from .servo.servo import Controller, Servo, load
+    from .servo.servo import Servo, load
     from .servo.simulation.simulate import simulate
     from .servo.simulation.trajectory import Trajectory
     from .servo.simulation.verdict import Verdict
@@ -59,7 +60,8 @@ _HOMES = {
     "servo.friction": ("Friction",),
     "servo.problem": ("Fold", "Orbit"),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
-    "servo.servo": ("Controller", "Servo", "load"),
+    "servo.controller": ("Controller", "Pid"),
+    "servo.servo": ("Servo", "load"),
     "servo.simulation.simulate": ("simulate",),
     "servo.simulation.trajectory": ("Trajectory",),
     "servo.simulation.verdict": ("Verdict",),
@@ -101,6 +103,7 @@ __all__ = [
     "NoOrbit",
     "Options",
     "Orbit",
+    "Pid",
     "Record",
     "Servo",
     "SpecialPoint",

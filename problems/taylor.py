@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 
+from casahunt.servo.controller import Pid
 from casahunt.servo.servo import Servo
 
 ORDER = 22
@@ -30,8 +31,11 @@ class Flow:
         f, c = servo.friction, servo.controller
         factor = gain * servo.motor_gain
         self.J = servo.inertia
-        self.kp, self.kd = factor * (1 + c.lead_time / c.integral_time), factor * c.lead_time
-        self.ki = factor / c.integral_time
+        if isinstance(c, Pid):
+            self.kp, self.ki, self.kd = factor * c.kp, factor * c.ki, factor * c.kd
+        else:
+            self.kp, self.kd = factor * (1 + c.lead_time / c.integral_time), factor * c.lead_time
+            self.ki = factor / c.integral_time
         self.Fs, self.Fc, self.vs, self.s2 = f.static, f.coulomb, f.stribeck_velocity, f.viscous
         self.s0, self.s1 = f.stiffness, f.damping
         self.model = model

@@ -5,7 +5,7 @@
 
 Left, half a turn takes pi, and 1/r - 1 decays like exp(-t).  Right, theta' = gamma + (ln r)'/alpha, so half a turn
 takes the s with pi = gamma s + ln(r_1/r_0)/alpha, while 1/r - 1/beta decays like exp(-alpha beta s).  What is left is
-one equation for s in another one for r_0.
+one equation for s inside another one for r_0.
 
 Source: H. Dankowicz and F. Schilder, Recipes for Continuation, SIAM 2013, example 9.2 (alpha 1, beta 2, gamma 1.5).
 """

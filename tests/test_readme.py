@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt import Servo
+from casahunt import Controller, Pid, Servo
 from casahunt.cli import main
 from casahunt.design.uncertainty.toml import load_uncertainty
 from casahunt.servo.servo import KEYS
@@ -40,9 +40,11 @@ def test_python_example(capsys):
 
 
 def test_servo_file_example():
-    (text,) = blocks("toml")
-    tree = tomllib.loads(text)
-    assert {f"{section}.{key}" for section, table in tree.items() for key in table} <= set(KEYS)
+    times, gains = map(tomllib.loads, blocks("toml"))
+    for tree in (times, gains):
+        assert {f"{section}.{key}" for section, table in tree.items() for key in table} <= set(KEYS)
+    assert Pid(**gains["controller"]) == Pid(kp=1, ki=6, kd=0.15)
+    assert Controller(**times["controller"]).pid() == Pid(kp=2, ki=2 * np.pi, kd=1 / (2 * np.pi))
 
 
 COMMANDS = [

@@ -22,9 +22,10 @@ from ..collocation.mesh import phase_breaks
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.system import Signature
+from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options, solve_adaptively
-from ..orbits.family import Closure, Family, with_sections
+from ..orbits.family import Closure, Family, Section, with_sections
 from ..orbits.orbit import Arc, Orbit, orbit_of, unknowns_of
 from ..orbits.recurrence import is_symmetry
 from ..orbits.restart import Start
@@ -68,7 +69,7 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
     if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or not isinstance(family, Family):
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
-    problem = replace(family, closure=_twice(family.closure))
+    problem = replace(family, closure=_twice(family.closure), sections=_both_sections(family))
     start, row = _two_pieces(orbit, family, problem, off, along(family, vary))
     solved = solve_adaptively(problem, start, options, solver="newton", border=row)
     if not solved.status.ok:
@@ -89,6 +90,12 @@ def _twice(closure: Closure) -> Closure:
     return Closure.of(S @ S, c + S @ c, 1)
 
 
+def _both_sections(family: Family) -> tuple[Section, ...]:
+    """The sections of both pieces: turns of the forcing are counted on in the second."""
+    turns = [s for s in family.sections if s.state == TURNS]
+    return (*family.sections, *(replace(s, level=s.level + family.closure.shift[-1]) for s in turns))
+
+
 def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
     """(size,) du with x_0 = -S x_E, its first node of length one in scaled states."""
     lin = t.linearise(u, setting)
@@ -105,7 +112,7 @@ def _two_pieces(orbit: Orbit, family: Family, problem: Family, off: float, dp: A
     """(starting point, border row) of two pieces of a cycle, moved by +off du and by -off du."""
     t, u, setting = unknowns_of(orbit)
     du = _turned_over(t, u, setting)
-    signature = (*t.cycle.signature, *_second_piece(orbit, family, setting))
+    signature = (*t.cycle.signature, *_second_piece(orbit, problem, setting))
     new = transcribe(problem.cycle(signature, 1), (*t.counts, *t.counts), t.degree, t.kind)
     first, second = u + off * du, u - off * du
 
@@ -122,20 +129,20 @@ def _two_pieces(orbit: Orbit, family: Family, problem: Family, off: float, dp: A
     return start, row / np.linalg.norm(row)
 
 
-def _second_piece(orbit: Orbit, family: Family, setting: Setting) -> Signature:
-    """The phases that follow those of the computed piece: the same ones, or those that a symmetry makes of them."""
-    if orbit.repeats == 1:
+def _second_piece(orbit: Orbit, both: Family, setting: Setting) -> Signature:
+    """The phases that follow those of the computed piece, as `both` calls them: the images of those by S^-1 (x + c)."""
+    form = with_sections(both.system, both.sections)
+    S, shift = orbit.cycle.closure, np.array(orbit.cycle.shift or np.zeros(orbit.scale.size))
+    if orbit.repeats == 1 and not any(section.state == TURNS for section in both.sections):
         return orbit.signature
-    form = with_sections(family.system, family.sections)
-    S, shift = np.array(family.closure.matrix), np.array(family.closure.shift)
     found = []
     for arc in orbit.arcs:
-        for candidate in _candidates(family, arc):
+        for candidate in _candidates(both, arc):
             if is_symmetry(form, [_segment(arc, arc.mode, arc.event), candidate], S, shift, setting.p, orbit.scale):
                 found.append((candidate.mode, candidate.event))
                 break
         else:
-            raise NoOrbit(f"no mode of {family.title} is the mirror image of {arc.mode!r}", Status.NOT_CONVERGED)
+            raise NoOrbit(f"no mode of {both.title} is the mirror image of {arc.mode!r}", Status.NOT_CONVERGED)
     return tuple(found)
 
 

@@ -27,12 +27,12 @@ from ..compiled import alone
 from ..continuation.fold_conditions import data_of
 from ..orbits.orbit import unknowns_of
 from ..servo.problem import HuntingFold
-from ..servo.servo import PARAMETERS
+from ..servo.servo import PARAMETERS, PID_PARAMETERS
 
 Array = np.ndarray
 
-NAMES = tuple(name for name in PARAMETERS if name != "gain")
-"""Parameters that a fold gain depends on."""
+NAMES = tuple(dict.fromkeys(name for name in (*PARAMETERS, *PID_PARAMETERS) if name != "gain"))
+"""Parameters that a fold gain may depend on; the controller's are those of one of its two forms."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,15 @@ def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     """
     t, u, setting = unknowns_of(fold.orbit)
     p = setting.p
-    sizes = {name: p[PARAMETERS.index(name)] or 1.0 for name in NAMES}
-    settings = [replace(setting, dp=fold.orbit.problem.direction(name) * sizes[name]) for name in NAMES]
+    names = fold.orbit.servo.names
+    sizes = {name: p[i] or 1.0 for i, name in enumerate(names) if name != "gain"}
+    settings = [replace(setting, dp=fold.orbit.problem.direction(name) * sizes[name]) for name in sizes]
     derivatives: dict[str, float] = {}
     elasticities: dict[str, float] = {}
-    for name, column in zip(NAMES, _parameter_columns(t, u, settings), strict=True):
+    for name, column in zip(sizes, _parameter_columns(t, u, settings), strict=True):
         relative = 0.0 - float(fold.multipliers @ column)
         derivatives[name] = fold.gain * relative / sizes[name]
-        elasticities[name] = relative if p[PARAMETERS.index(name)] else 0.0
+        elasticities[name] = relative if p[names.index(name)] else 0.0
     return Sensitivities(fold.gain, derivatives, elasticities)
 
 

@@ -144,6 +144,39 @@ def is_symmetry(
     return True
 
 
+def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array) -> bool:
+    """Whether a symmetry maps the field of a mode of a forced system to what it is half a turn later.
+
+    Parameters
+    ----------
+    system, mode
+        the system and the name of the mode.
+    states
+        (n, m) states at which it is tried, and beside them.
+    p, scale
+        (np,) parameters; (n,) sizes of the states.
+
+    Returns
+    -------
+    True where one does.
+    """
+    here = system.vector_form.modes[mode]
+    rng = np.random.default_rng(0)
+    points = states.T + BESIDE_MOTION * scale * rng.standard_normal(states.T.shape)
+    later = np.zeros(scale.size)
+    later[-1] = 0.5
+
+    def agrees(S: Array) -> bool:
+        for x in points:
+            f = S @ (scale * field_at(here.field, x / scale, here.sign, p, scale)) / scale
+            g = field_at(here.field, (S @ x + later) / scale, here.sign, p, scale)
+            if not np.max(np.abs(f - g)) <= EQUAL * max(1.0, float(np.max(np.abs(f)))):
+                return False
+        return True
+
+    return any(agrees(S) for S in symmetries(system))
+
+
 def _exit(form: engine.System, segment: Segment) -> engine.Exit:
     return next(e for e in form.exits[segment.mode] if e.event.name == segment.event)
 

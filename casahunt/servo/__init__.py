@@ -3,6 +3,7 @@
     J x2' = m - F(x2),    m = -(kp x1 + kd x2 + ki x3),    x1' = x2,    x3' = x1
 
 friction.py       friction records and laws
+controller.py     the controller in its two forms, by times and by gains
 servo.py          the servo record; TOML in and out
 linear_loop.py    the loop without dry friction: stability, poles, margins
 delayed_loop.py   the same with a delay: margins of phase and gain

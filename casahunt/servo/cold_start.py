@@ -320,11 +320,11 @@ def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
         fast["the bristle (square root of inertia/stiffness)"] = math.sqrt(J / f.stiffness)
         fast["the damping of the bristle (inertia/damping)"] = J / f.damping if f.damping else math.inf
     if math.isnan(gain):
-        fast["the shorter one alone"] = min(c.lead_time, c.integral_time) or math.inf
+        fast["the shorter one alone"] = min(c.corners) or math.inf
     else:
         kp, kd, _ = servo.torque_gains(gain)
         slow[f"the controller at gain {gain:g}"] = max(math.sqrt(J / kp), (kd + f.viscous) / kp)
-    whole = c.lead_time + c.integral_time
+    whole = c.reset_time
     early = [(what, t) for what, t in (both | fast).items() if t < whole / SPREAD]
     for what, t in [*early, *((what, t) for what, t in (both | slow).items() if t > SPREAD * whole)]:
         raise InputError(
@@ -347,4 +347,4 @@ def stiff_at(servo: Servo, gain: float) -> bool:
     True where J/(kd + sigma2) is less than 1/`SPREAD` of tau_d + tau_i.
     """
     c, (_, kd, _) = servo.controller, servo.torque_gains(gain)
-    return SPREAD * servo.inertia < (kd + servo.friction.viscous) * (c.lead_time + c.integral_time)
+    return SPREAD * servo.inertia < (kd + servo.friction.viscous) * c.reset_time

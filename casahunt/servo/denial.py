@@ -8,10 +8,11 @@ integrated over a period (F is a function of v but for v = 0, where it lies betw
 F + s v grows with v if s is at least the steepest fall of F.  Then its part of int v' dF is not negative, at the jumps
 of F at a stop or a reversal neither, and
 
-    (kd + sigma2 - s) (tau_i + tau_d) > J,      s = sqrt(2/e) (Fs - Fc)/vs       [N m s/rad]
+    (kd + sigma2 - s) kp/ki > J,      s = sqrt(2/e) (Fs - Fc)/vs                 [N m s/rad]
 
-leaves no solution but v = 0: there is no cycle, symmetric or not, at that gain and above, since kd grows with it and
-kp/ki = tau_i + tau_d.  Without a drop of friction, s = 0, that is the loop's stability without dry friction, and the
+leaves no solution but v = 0: there is no cycle, symmetric or not, at that gain and above, since kd grows with it (or
+stays 0) and kp/ki = tau_i + tau_d does not.  Of the controller only kp > 0 and ki > 0 are used: its zeros may be
+complex.  Without a drop of friction, s = 0, that is the loop's stability without dry friction, and the
 theorem of Bisoffi et al.; where that loop is unstable, motions far out grow and near the set point they settle, and
 an unstable cycle parts the two.
 
@@ -22,9 +23,9 @@ where h' = -|v| h/zc between two stops, and |z| <= zc on a cycle, so 0 <= h <= 2
     int z' v'  = 1/(2 zc) int |v|^3 h         int z'' v' = A - B/3,     A = int v'^2 h,   B = 1/zc^2 int v^4 h,
 
 and B^2 <= 9 A B by Cauchy and Schwarz, so that A - B/3 >= -2 A >= -4 int v'^2.  The torque balance, differentiated,
-times v' + v/(tau_i + tau_d), with F = sigma0 z + sigma1 z' + sigma2 v, then leaves no solution but v = 0 where
+times v' + v ki/kp, with F = sigma0 z + sigma1 z' + sigma2 v, then leaves no solution but v = 0 where
 
-    (kd + sigma2 - 4 sigma1) (tau_i + tau_d) > J      and      sigma1 <= sigma0 (tau_i + tau_d)
+    (kd + sigma2 - 4 sigma1) kp/ki > J      and      sigma1 <= sigma0 kp/ki
 
 This is sufficient, and far from necessary: the bristle of Table 1 is damped too strongly.  What then holds in the limit
 of a stiff bristle is said to hold there, and no more (cold_start.py).
@@ -53,13 +54,13 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     A clause that says why; "" where that is not proved.
     """
     f, c = servo.friction, servo.controller
-    drop, both = f.static > f.coulomb, c.lead_time + c.integral_time
-    if model == "lugre" and (drop or f.damping > f.stiffness * both):
+    drop, reset = f.static > f.coulomb, c.reset_time
+    if model == "lugre" and (drop or f.damping > f.stiffness * reset):
         return ""
     steepest = math.sqrt(2 / math.e) * (f.static - f.coulomb) / f.stribeck_velocity if drop else 0.0
     taken = 4 * f.damping if model == "lugre" else steepest
-    derivative = gain * servo.motor_gain * c.lead_time
-    if not (derivative + f.viscous - taken) * both > servo.inertia:
+    derivative = gain * servo.motor_gain * c.shape[1]
+    if not (derivative + f.viscous - taken) * reset > servo.inertia:
         return ""
     if model == "lugre":
         return (

@@ -25,10 +25,10 @@ One eigenvalue is always 0, along the segment.  The other three are in the open 
 (kd + sigma2 + sigma1 c)(kp + sigma0 c) > J ki (Routh-Hurwitz), and the left side grows with c: the worst member is
 c = 0, at the ends |q| = Fs/sigma0 of the segment, and there the condition is
 
-    sharp     K cm tau_d + sigma2 > J/(tau_i + tau_d)
+    sharp     kd + sigma2 > J/(kp/ki),   kp/ki = tau_i + tau_d, kd = K cm tau_d for a controller by times,
 
 the stability of the linear loop (linear_loop.py), independent of sigma0 and sigma1.  For all K > 0 at once it is
-    simple    sigma2/J > 1/(tau_i + tau_d)   (>= where tau_d > 0)
+    simple    sigma2/J > 1/(kp/ki)   (>= where kd > 0)
 which is the report's sigma2/J > pi (section 4.1) only for its times tau_i = tau_d = 1/(2 pi).  It is sufficient for one
 K, and necessary as well for all of them.
 Where the sharp condition fails only members with c below `threshold` are unstable, a layer at the ends of the
@@ -70,8 +70,8 @@ class Equilibria:
     integral_limit : Fs/ki: |x3| of the ends of the segment [rad s].
     position_limit : Fs/kp: |x1| of the strip of the stick region where x3 = 0 [rad].
     bristle_limit : Fs/sigma0 [rad]; 0 for Switch.
-    sharp : (left, right) sides of K cm tau_d + sigma2 > J/(tau_i + tau_d) [N m s/rad].
-    simple : (left, right) sides of sigma2/J > 1/(tau_i + tau_d) [1/s].
+    sharp : (left, right) sides of kd + sigma2 > J/(kp/ki) [N m s/rad].
+    simple : (left, right) sides of sigma2/J > 1/(kp/ki) [1/s].
     q, alpha : (Q,), (A,) grid of the generalised Jacobian; empty for Switch.
     largest : (Q, A) largest real part [1/s] of the three eigenvalues of each member that are not the zero.
     threshold : members with c below it have an eigenvalue in the right half-plane; 0 where none has.
@@ -199,7 +199,7 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     """
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
-    f, c = servo.friction, servo.controller
+    f, reset = servo.friction, servo.controller.reset_time
     kp, kd, ki = servo.torque_gains(gain)
     q, alpha, largest = np.zeros(0), np.zeros(0), np.zeros((0, 0))
     limit = f.static / f.stiffness if model == "lugre" else 0.0
@@ -208,7 +208,6 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
         values = 1 - np.outer(q / limit, 2 * alpha - 1)
         roots = [np.roots(row) for row in cubic(servo, gain, values.ravel())]
         largest = np.max(np.real(roots), axis=1).reshape(values.shape)
-    times = c.integral_time + c.lead_time
     return Equilibria(
         model=model,
         servo=servo,
@@ -216,8 +215,8 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
         integral_limit=f.static / ki,
         position_limit=f.static / kp,
         bristle_limit=limit,
-        sharp=(kd + f.viscous, servo.inertia / times),
-        simple=(f.viscous / servo.inertia, 1 / times),
+        sharp=(kd + f.viscous, servo.inertia / reset),
+        simple=(f.viscous / servo.inertia, 1 / reset),
         q=q,
         alpha=alpha,
         largest=largest,

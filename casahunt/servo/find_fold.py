@@ -1,9 +1,9 @@
 """The largest gain at which a servo can hunt: from nothing but the servo to its confirmed fold (continuation/fold.py).
 
-The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below
-which the frictionless linear loop is unstable, J / (cm tau_d (tau_d + tau_i)) (Routh-Hurwitz; report, section
-2), goes up and down from there in factors of two to the first cycle, and then up as far as the event map
-finds one.  Where motions go farther out at one of these gains, and not at the next, cycles are looked for in between.
+The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below which the
+frictionless linear loop is unstable, J / (cm kd' kp/ki) (Routh-Hurwitz; report, section 2), goes up and down from there
+in factors of two to the first cycle, and then up as far as the event map finds one.  Where motions go farther out at
+one of these gains, and not at the next, cycles are looked for in between.
 The ways stand in the tables `PLACES`, to gains at which there may be a cycle; `WALKS`, from a cycle to the fold; and
 `LOCATING`, once it is between two orbits.
 
@@ -31,7 +31,7 @@ from .cold_start import check_hunts, check_problem, check_times, stable_at
 from .event_map.fixed_points import fixed_points
 from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import Model
-from .linear_loop import routh_hurwitz_gain
+from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
 from .servo import Servo
 from .strategies import Strategy, first_of
@@ -77,9 +77,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     InputError : unknown model, or times too far apart (`check_times`).
     NoOrbit : there is provably none (status None), or none of the gains searched has one; says which were searched.
     """
-    base = routh_hurwitz_gain(servo)
-    if not np.isfinite(base):
-        base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
+    base = typical_gain(servo)
     check_problem(servo, model, base)
     check_times(servo, model)
     check_hunts(servo, model)

@@ -1,6 +1,6 @@
 """The hunting servo as a hybrid system: modes, events, and its cycles as phase sequences.
 
-Controller (see servo.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
+Controller (see controller.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
 
 Switch friction, states (x1, x2, x3), a Filippov system with eta -> 0:
     slip+, slip-   s x2 > 0:  F = s g(x2) + sigma2 x2, until x2 = 0 ("stop")
@@ -31,8 +31,9 @@ import numpy as np
 from ..collocation.scheme import Kind
 from ..compiled import kept
 from ..hybrid.system import Cycle, Event, Exit, Mode, Phase, Signature, System
+from .controller import torque_gains_of_gains, torque_gains_of_times
 from .friction import bristle_rate, stribeck
-from .servo import PARAMETERS
+from .servo import PARAMETERS, PID_PARAMETERS, STICK_BAND
 
 Model = Literal["switch", "lugre"]
 MODELS: tuple[Model, ...] = ("switch", "lugre")
@@ -63,19 +64,31 @@ class _Symbols(NamedTuple):
     sigma1: Any
 
 
-_PLACES = {name.rsplit(".", 1)[-1]: i for i, name in enumerate(PARAMETERS)}
-_VS = _PLACES["stribeck_velocity"]
+def _places(names: tuple[str, ...]) -> dict[str, int]:
+    return {name.rsplit(".", 1)[-1]: i for i, name in enumerate(names)}
+
+
+_PLACES = {
+    len(names): _places(names)
+    for own in (PARAMETERS, PID_PARAMETERS)
+    for names in (own, own + STICK_BAND)
+}
+"""By the length of p: two forms of the controller, without and with a stick band."""
+_VS = PARAMETERS.index("friction.stribeck_velocity")
 
 
 def _symbols(p: Any) -> _Symbols:
-    at = _PLACES
+    at = _PLACES[p.shape[0]]
     factor = p[at["gain"]] * p[at["motor_gain"]]
-    lead, integral = p[at["lead_time"]], p[at["integral_time"]]
+    if "kp" in at:
+        kp, kd, ki = torque_gains_of_gains(factor, p[at["kp"]], p[at["ki"]], p[at["kd"]])
+    else:
+        kp, kd, ki = torque_gains_of_times(factor, p[at["lead_time"]], p[at["integral_time"]])
     return _Symbols(
         J=p[at["inertia"]],
-        kp=factor * (1 + lead / integral),
-        kd=factor * lead,
-        ki=factor / integral,
+        kp=kp,
+        kd=kd,
+        ki=ki,
         Fs=p[at["static"]],
         Fc=p[at["coulomb"]],
         vs=p[at["stribeck_velocity"]],
@@ -351,7 +364,9 @@ def softened(signature: Signature, k: int) -> Signature | None:
 
 
 @kept(maxsize=256)
-def hunting_cycle(model: Model, signature: Signature, *, half: bool = True) -> Cycle:
+def hunting_cycle(
+    model: Model, signature: Signature, *, half: bool = True, parameters: tuple[str, ...] = PARAMETERS
+) -> Cycle:
     """The hunting cycle with a given phase sequence.
 
     Parameters
@@ -363,6 +378,8 @@ def hunting_cycle(model: Model, signature: Signature, *, half: bool = True) -> C
     half
         closed by x(T/2) = -x(0); False gives the full cycle, the sequence and its mirror image, closed
         by x(T) = x(0).
+    parameters
+        servo.PARAMETERS or servo.PID_PARAMETERS.
 
     Returns
     -------
@@ -374,7 +391,7 @@ def hunting_cycle(model: Model, signature: Signature, *, half: bool = True) -> C
     return Cycle(
         name=f"{model} {'half' if half else 'full'} cycle",
         states=system.states,
-        parameters=PARAMETERS,
+        parameters=parameters,
         phases=tuple(Phase(system.modes[mode], _EVENTS[event]) for mode, event in sequence),
         closure=-np.eye(n) if half else np.eye(n),
         repeats=2 if half else 1,

@@ -1,14 +1,14 @@
 """The servo without dry friction as a linear loop: stability, poles, margins.
 
     plant         P(s) = cm / (s (J s + sigma2))                            [rad/V]
-    controller    C(s) = K (tau_d s + 1)(tau_i s + 1) / (tau_i s)           [V/rad]
+    controller    C(s) = (kp + kd s + ki/s)/cm, times K: controller.py      [V/rad]
     loop          L(s) = C(s) P(s)
-    closed loop   chi(s) = J s^3 + (kd + sigma2) s^2 + kp s + ki,
-                  kp = K cm (1 + tau_d/tau_i),  kd = K cm tau_d,  ki = K cm / tau_i
+    closed loop   chi(s) = J s^3 + (kd + sigma2) s^2 + kp s + ki
 
-Routh-Hurwitz, all coefficients being positive: chi is stable if and only if (kd + sigma2) kp > J ki, that is
+Routh-Hurwitz, all coefficients being positive: chi is stable if and only if (kd + sigma2) kp > J ki, that is, with the
+reset time kp/ki = tau_i + tau_d and kd = K cm kd', kd' = tau_d for a controller by times,
 
-    K cm tau_d + sigma2 > J / (tau_i + tau_d).
+    K cm kd' + sigma2 > J / (kp/ki).
 
 Without viscous friction this is K > J / (cm tau_d (tau_i + tau_d)), the report's lower bound (sections 2 and 5;
 0.0321 for its Table 1).  With the viscous friction of Table 1, sigma2 = 0.1 > J/(tau_i + tau_d) = 0.0817, it holds
@@ -16,10 +16,10 @@ for every K > 0: the report's bound ignores sigma2.  A stable linear loop does n
 hunt; dry friction is what hunting comes from.
 
 Crossovers of this loop, w = omega^2:
-    |L| = 1      tau_i^2 w^2 (J^2 w + sigma2^2) = (K cm)^2 (tau_d^2 w + 1)(tau_i^2 w + 1): one change of sign in the
-                 coefficients, so exactly one (Descartes)
-    arg L = pi   w = (J - sigma2 (tau_i + tau_d)) / (J tau_i tau_d): one or none; lowering the gain to the Routh-Hurwitz
-                 limit, not raising it, makes the loop unstable there
+    |L| = 1      w^2 (J^2 w + sigma2^2) = kd^2 w^2 + (kp^2 - 2 kd ki) w + ki^2: with real zeros kp^2 >= 4 kd ki, one
+                 change of sign in the coefficients, so exactly one (Descartes); with kp^2 < 2 kd ki up to three
+    arg L = pi   w = (J ki - sigma2 kp) / (J kd): one or none; lowering the gain to the Routh-Hurwitz limit, not raising
+                 it, makes the loop unstable there
 `gain_crossovers` and `phase_crossovers` make no use of that and find all crossovers of any rational loop.
 
 Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, section 2, Figure 1 and Table 1.
@@ -35,6 +35,7 @@ import numpy as np
 
 from ..checks import COMPUTED, sensible
 from ..errors import InputError
+from .controller import Pid
 from .servo import Servo
 
 Array = np.ndarray
@@ -95,20 +96,54 @@ class LinearLoop:
 
 
 def routh_hurwitz_gain(servo: Servo) -> float:
-    """Gain above which the loop without friction is stable, J / (cm tau_d (tau_d + tau_i)); inf for no lead."""
-    lead, integral = servo.controller.lead_time, servo.controller.integral_time
-    if lead == 0:
+    """Gain above which the loop without friction is stable, J / (cm kd' kp/ki); inf for no derivative action."""
+    c = servo.controller
+    if c.shape[1] == 0:
         return float("inf")
-    return servo.inertia / (servo.motor_gain * lead * (lead + integral))
+    return servo.inertia / (servo.motor_gain * c.shape[1] * c.reset_time)
+
+
+def typical_gain(servo: Servo) -> float:
+    """A gain of the right size, where a search for hunting begins.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    `routh_hurwitz_gain`, or where that is infinite `integral_gain` [V/rad].
+    """
+    base = routh_hurwitz_gain(servo)
+    return base if math.isfinite(base) else integral_gain(servo)
+
+
+def integral_gain(servo: Servo) -> float:
+    """The gain at which inertia and integral action are equally fast.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    J/(cm tau_i^2) for a controller by times; J/(cm kp' (kp'/ki')^2) by gains, the same where there is no kd [V/rad].
+    """
+    c, base = servo.controller, servo.inertia
+    if isinstance(c, Pid):
+        return base / (servo.motor_gain * c.kp * c.reset_time**2)
+    return base / (servo.motor_gain * c.integral_time**2)
 
 
 def lowest_stable_gain(servo: Servo) -> float:
     """Gain above which the loop with viscous friction is stable; 0: for every K > 0; inf: for none."""
-    lead, integral = servo.controller.lead_time, servo.controller.integral_time
-    missing = servo.inertia / (integral + lead) - servo.friction.viscous
-    if lead == 0:
+    c = servo.controller
+    missing = servo.inertia / c.reset_time - servo.friction.viscous
+    if c.shape[1] == 0:
         return 0.0 if missing < 0 else float("inf")
-    return max(0.0, missing / (servo.motor_gain * lead))
+    return max(0.0, missing / (servo.motor_gain * c.shape[1]))
 
 
 def characteristic_polynomial(servo: Servo, gain: float) -> Array:
@@ -132,6 +167,22 @@ def characteristic_polynomial(servo: Servo, gain: float) -> Array:
     return np.array([servo.inertia, kd + servo.friction.viscous, kp, ki])
 
 
+def stable(servo: Servo, gain: float) -> bool:
+    """Whether the loop is stable, by the Routh-Hurwitz inequality.
+
+    Parameters
+    ----------
+    servo, gain
+        the loop; gain K [V/rad].
+
+    Returns
+    -------
+    Whether (kd + sigma2) kp > J ki.
+    """
+    kp, kd, ki = servo.torque_gains(gain)
+    return bool((kd + servo.friction.viscous) * kp > servo.inertia * ki)
+
+
 def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
     """Frequency response C(j omega) of the controller.
 
@@ -146,9 +197,7 @@ def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
     -------
     (m,) complex [V/rad].
     """
-    s = 1j * np.asarray(frequencies)
-    c = servo.controller
-    return gain * (c.lead_time * s + 1) * (c.integral_time * s + 1) / (c.integral_time * s)
+    return servo.controller.response(gain, 1j * np.asarray(frequencies))
 
 
 def loop_response(servo: Servo, gain: float, frequencies: Array) -> Array:
@@ -182,10 +231,9 @@ def loop_polynomials(servo: Servo, gain: float) -> tuple[Array, Array]:
     -------
     Coefficients of numerator and denominator, highest power first.
     """
-    lead, integral = servo.controller.lead_time, servo.controller.integral_time
-    numerator = gain * servo.motor_gain * np.array([lead * integral, lead + integral, 1.0])
-    denominator = integral * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
-    return np.trim_zeros(numerator, "f"), denominator
+    numerator, factor = servo.controller.polynomials
+    denominator = factor * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
+    return np.trim_zeros(gain * servo.motor_gain * numerator, "f"), denominator
 
 
 def linear_loop(servo: Servo, gain: float) -> LinearLoop:
@@ -217,7 +265,7 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
         kd=kd,
         ki=ki,
         poles=poles,
-        stable=bool(chi[1] * kp > servo.inertia * ki),
+        stable=stable(servo, gain),
         gain_crossovers=gain_crossovers(numerator, denominator),
         phase_crossovers=crossings,
         lowest_factor=max((f for f in factors if f <= 1), default=0.0),

@@ -1,6 +1,6 @@
 """The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
 
-A problem is (model, servo, gain): p is the vector of servo.PARAMETERS, the gain K is what is followed, and the cycles
+A problem is (model, servo, gain): p is the vector of `Servo.names`, the gain K is what is followed, and the cycles
 are those of hunting.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
 """
 
@@ -20,7 +20,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.restart import Start
 from .hunting import SCHEMES, SYSTEMS, Model, hunting_cycle
 from .sequences import harden, merge_vanishing, next_sequence, remarch
-from .servo import PARAMETERS, Servo, flatten
+from .servo import Servo, flatten
 
 Array = np.ndarray
 
@@ -90,8 +90,8 @@ class Hunting(Problem):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """servo.PARAMETERS."""
-        return PARAMETERS
+        """servo.PARAMETERS, or PID_PARAMETERS."""
+        return self.servo.names
 
     @property
     def principal(self) -> str:
@@ -109,7 +109,7 @@ class Hunting(Problem):
         return LARGEST_WALK_STEP[self.model]
 
     def vector(self) -> Array:
-        """(np,) the values of servo.PARAMETERS."""
+        """(np,) the values of `names`."""
         return self.servo.parameters(self.gain)
 
     def record(self) -> dict[str, Any]:
@@ -122,7 +122,7 @@ class Hunting(Problem):
         Parameters
         ----------
         name, value
-            name in servo.PARAMETERS, and its value.
+            name in `names`, and its value.
 
         Returns
         -------
@@ -158,7 +158,8 @@ class Hunting(Problem):
         if any(mode not in modes for mode, _ in signature):
             raise ValueError(f"{self.title} has no cycle with the phases {signature}")
         half = repeats == 2
-        return hunting_cycle(self.model, signature if half else signature[: len(signature) // 2], half=half)
+        signature = signature if half else signature[: len(signature) // 2]
+        return hunting_cycle(self.model, signature, half=half, parameters=self.names)
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
         """Starting points for other phase sequences: see `sequences.next_sequence`.

@@ -23,6 +23,7 @@ from ..hybrid.system import Cycle, Signature
 from ..motion.march import MarchFailure, Segment, march
 from ..orbits.restart import Start, assembled, breaks_of, cut, from_segments, merged, piece, relabelled
 from .hunting import SYSTEMS, Model, hunting_cycle, mirrored, softened
+from .servo import PARAMETERS, PID_PARAMETERS
 
 Array = np.ndarray
 
@@ -99,7 +100,9 @@ def from_half_cycle(
         signature, sign = mirrored(signature), -1.0
     factors = (sign,) if half else (sign, -sign)
     passes = [(factor, segment) for factor in factors for segment in segments]
-    return from_segments(hunting_cycle(model, signature, half=half), passes, p, dp, degree=degree, kind=kind)
+    names = PID_PARAMETERS if p.size == len(PID_PARAMETERS) else PARAMETERS
+    cycle = hunting_cycle(model, signature, half=half, parameters=names)
+    return from_segments(cycle, passes, p, dp, degree=degree, kind=kind)
 
 
 def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
@@ -167,7 +170,7 @@ def split_reversals(
 
 def _like(model: Model, t: Transcription, signature: Signature) -> Cycle:
     """The cycle with another half cycle, closed as that of `t` is."""
-    return hunting_cycle(model, signature, half=t.cycle.repeats == 2)
+    return hunting_cycle(model, signature, half=t.cycle.repeats == 2, parameters=t.cycle.parameters)
 
 
 def _in_every_pass(t: Transcription, k: int, length: int) -> list[int]:

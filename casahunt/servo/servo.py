@@ -1,14 +1,13 @@
-"""The servo: one inertia with friction under a PID-type controller, as frozen records; TOML in and out.
+"""The servo: one inertia with friction under a PID controller, as frozen records; TOML in and out.
 
-    C(s) = K (tau_d s + 1)(tau_i s + 1) / (tau_i s)                   [V/rad], times cm [N m/V]
-    kp = K cm (1 + tau_d/tau_i),   kd = K cm tau_d,   ki = K cm / tau_i
-    m = -(kp x1 + kd x2 + ki x3)                                      motor torque on the inertia [N m]
+    m = -(kp x1 + kd x2 + ki x3)         motor torque on the inertia [N m]; kp, kd, ki: controller.py, times K cm
     J x2' = m - F,   x1' = x2,   x3' = x1                             report, section 3.2
 
 x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3 = integral of x1 [rad s].  The gain K is not part
 of the servo: it is the argument of every computation.
 
-Numerical modules see a servo as the vector p of `PARAMETERS`, gain last.
+Numerical modules see a servo as a vector p, the gain last: of `PARAMETERS` where the controller is given by its times,
+of `PID_PARAMETERS` by its gains.  The length tells which; what is neither controller nor gain has one place in both.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ import numpy as np
 
 from ..checks import known, number, quoted, require, sensible
 from ..errors import InputError
+from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .friction import Friction
 
 PARAMETERS = (
@@ -40,27 +40,18 @@ PARAMETERS = (
     "friction.damping",
     "gain",
 )
-"""Names of the entries of the parameter vector p, in order."""
-
-_TABLE_1_TIME = 1 / (2 * np.pi)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Controller:
-    """Shape of the controller; the gain K multiplies it.
-
-    Attributes
-    ----------
-    lead_time : tau_d [s], >= 0.
-    integral_time : tau_i [s], > 0.
-    """
-
-    lead_time: float = _TABLE_1_TIME
-    integral_time: float = _TABLE_1_TIME
-
-    def __post_init__(self) -> None:
-        sensible("controller.lead_time", self.lead_time, zero=True)
-        sensible("controller.integral_time", self.integral_time)
+"""Names of the entries of the parameter vector p, in order, for a controller by times."""
+PID_PARAMETERS = (
+    *PARAMETERS[:2],
+    "controller.kp",
+    "controller.ki",
+    *PARAMETERS[4:10],
+    "controller.kd",
+    "gain",
+)
+"""The same for a controller by gains."""
+STICK_BAND = ("friction.stick_band", "friction.stick_rate")
+"""Entries behind those of the servo where its stick has a band (stick_band.py)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,15 +67,25 @@ class Servo:
 
     inertia: float = 0.026
     motor_gain: float = 16.0
-    controller: Controller = field(default_factory=Controller)
+    controller: Controller | Pid = field(default_factory=Controller)
     friction: Friction = field(default_factory=Friction)
 
     def __post_init__(self) -> None:
         sensible("servo.inertia", self.inertia)
         sensible("servo.motor_gain", self.motor_gain)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`PARAMETERS` or `PID_PARAMETERS`."""
+        return PID_PARAMETERS if isinstance(self.controller, Pid) else PARAMETERS
+
+    @property
+    def controller_names(self) -> tuple[str, ...]:
+        """The numbers of the controller, dotted: its times, or its gains."""
+        return tuple(_GAINS if isinstance(self.controller, Pid) else _TIMES)
+
     def parameters(self, gain: float) -> np.ndarray:
-        """The vector p of `PARAMETERS` for this servo at controller gain `gain` > 0."""
+        """The vector p of `names` for this servo at controller gain `gain` > 0."""
         p = self._parameters.copy()
         p[-1] = require("gain", gain, above=0)
         return p
@@ -92,22 +93,34 @@ class Servo:
     @cached_property
     def _parameters(self) -> np.ndarray:
         values = flatten(self) | {"gain": np.nan}
-        return np.array([values[name] for name in PARAMETERS])
+        return np.array([values[name] for name in self.names])
 
     def torque_gains(self, gain: float) -> tuple[float, float, float]:
         """(kp, kd, ki) in N m/rad, N m s/rad and N m/(rad s) at controller gain `gain`."""
-        factor = gain * self.motor_gain
-        lead, integral = self.controller.lead_time, self.controller.integral_time
-        return factor * (1 + lead / integral), factor * lead, factor / integral
+        return self.controller.torque_gains(gain * self.motor_gain)
 
     def replace(self, **changes: float) -> Servo:
         """A copy with values changed by dotted key: ``servo.replace(**{"friction.static": 0.5})``.
 
+        A controller by times becomes one by gains where kp, ki and kd are given, and the other way round.
+
         Raises
         ------
-        InputError : unknown key, or a value out of range.
+        InputError : unknown key, controller numbers of both forms or too few of the other one, or a value out of range.
         """
-        return unflatten(flatten(self) | {known("key", k, KEYS): number(k, v) for k, v in changes.items()})
+        values = {known("key", k, KEYS): number(k, v) for k, v in changes.items()}
+        own = flatten(self)
+        others = _TIMES if isinstance(self.controller, Pid) else _GAINS
+        asked = [key for key in others if key in values]
+        if asked:
+            missing = [key for key in others if key not in values]
+            if missing:
+                raise InputError(
+                    f"{asked[0]}: must come with {' and '.join(missing)}, where the servo's controller is given by "
+                    f"{' and '.join(key.split('.')[1] for key in own if key.startswith('controller.'))}"
+                )
+            own = {key: value for key, value in own.items() if not key.startswith("controller.")}
+        return unflatten(own | values)
 
 
 def _record_keys(section: str, record: type) -> list[str]:
@@ -118,9 +131,11 @@ KEYS = (
     "servo.inertia",
     "servo.motor_gain",
     *_record_keys("controller", Controller),
+    *_record_keys("controller", Pid),
     *_record_keys("friction", Friction),
 )
-"""Every key of a servo file, dotted."""
+"""Every key of a servo file, dotted; a controller has those of one of its two forms."""
+_TIMES, _GAINS = ([f"controller.{name}" for name in names] for names in (BY_TIMES, BY_GAINS))
 
 
 def flatten(servo: Servo) -> dict[str, float]:
@@ -142,7 +157,7 @@ def unflatten(values: Mapping[str, float]) -> Servo:
         tree[section][name] = number(key, value)
     return Servo(
         **tree["servo"],
-        controller=Controller(**tree["controller"]),
+        controller=controller_of(tree["controller"]),
         friction=Friction(**tree["friction"]),
     )
 

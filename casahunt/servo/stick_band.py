@@ -1,6 +1,6 @@
 """The Switch servo of the report's simulation, with a stick band of width eta instead of an exact stick.
 
-Controller (see servo.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
+Controller (see controller.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
 
     slip+, slip-               |x2| > eta:              F = sgn(x2) g(x2) + sigma2 x2
     stick                      |x2| <= eta, |m| <= Fs:  F = m + J alpha x2, which is x2' = -alpha x2
@@ -13,7 +13,7 @@ stick rows and the slip rows of its state equation are right.
 As eta -> 0 the motion tends to that of the exact Switch servo (hunting.SWITCH), with a difference of the
 order of sqrt(eta): the time to cross the band at breakaway is sqrt(2 J eta/(ki |x1|)).
 
-Symbols: eta [rad/s] and alpha [1/s] are the entries `EXTRA` of the parameter vector, after servo.PARAMETERS.
+Symbols: eta [rad/s] and alpha [1/s] are the entries servo.STICK_BAND of the parameter vector, its last.
 """
 
 from __future__ import annotations
@@ -27,11 +27,9 @@ from ..hybrid.system import Event, Exit, Mode, System
 from .hunting import BREAKAWAY_DOWN, BREAKAWAY_UP, SWITCH, motor_torque
 from .servo import PARAMETERS, Servo
 
-EXTRA = ("friction.stick_band", "friction.stick_rate")
-"""Parameters beyond servo.PARAMETERS, in order."""
 _NAMES = ("servo.inertia", "friction.static", "friction.stribeck_velocity")
 _J, _FS, _VS = (PARAMETERS.index(name) for name in _NAMES)
-_ETA, _ALPHA = len(PARAMETERS), len(PARAMETERS) + 1
+_ETA, _ALPHA = -2, -1
 
 
 def parameters(servo: Servo, gain: float) -> np.ndarray:
@@ -44,7 +42,7 @@ def parameters(servo: Servo, gain: float) -> np.ndarray:
 
     Returns
     -------
-    servo.PARAMETERS, then `EXTRA`: eta [rad/s] and alpha [1/s].
+    `Servo.names`, then servo.STICK_BAND: eta [rad/s] and alpha [1/s].
     """
     return np.append(servo.parameters(gain), [servo.friction.stick_band, servo.friction.stick_rate])
 

@@ -9,13 +9,13 @@ file holds it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import heyoka as hy
 import numpy as np
 
-from .taylor_machine import Cycle, Machine, Piece, Way, cycle
+from .taylor_machine import Cycle, L, Machine, Piece, Way, cycle
 
 Array = np.ndarray
 NOTHING = hy.expression(0.0)
@@ -57,7 +57,78 @@ def belt() -> Cycles:
         yield f"speed {speed:g}", cycle(back, [1.0])
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt)}
+PI2 = 2 * L("3.14159265358979323846264338327950288")
+
+
+def impact_oscillator() -> Cycles:
+    """Stroboscopic, from rest."""
+    x, v = hy.make_vars("x", "v")
+    for w, c, d in ((1.0, 0.1, 1.0), (0.7, 0.1, 1.0), (0.5, 0.1, 1.0), (2.8, 0.1, 0.0)):
+
+        def struck(z: Array, t: Any, d: float = d) -> Array:
+            return np.array([d, -L(0.8) * z[1]], L)
+
+        free = [(x, v), (v, hy.cos(w * hy.time) - c * v - x)]
+        machine = Machine({"free": Piece(free, [Way("impact", x - d, +1, "free", struck)])})
+
+        def back(y: Array, watch: bool, machine: Machine = machine, w: float = w) -> tuple[Array, Any]:
+            _, z, time = machine.run("free", y, end=PI2 / L(w), watch=watch)
+            return z, time
+
+        yield f"w = {w:g}, c = {c:g}, d = {d:g}", cycle(back, [d - 1.0, 0.0], settle=100)
+
+
+def dry_friction() -> Cycles:
+    """From one stop to the next but one, in x and the time."""
+    x, v = hy.make_vars("x", "v")
+    zeta, eta = 0.05, 1.0
+    for f0, w, tau in ((1.5, 0.9, 1.1), (1.5, 0.3, 1.1), (3.0, 0.9, 1.1), (1.5, 0.6, 1.0)):
+        pull = f0 * hy.cos(w * hy.time) - x
+
+        def after(z: Array, t: Any, f0: float = f0, w: float = w, tau: float = tau) -> str:
+            force = f0 * np.cos(L(w) * t) - z[0]
+            return "stick" if abs(force) <= tau else "forwards" if force > 0 else "backwards"
+
+        def slip(sign: int, pull: Any = pull, after: Callable[[Array, Any], str] = after) -> Piece:
+            return Piece([(x, v), (v, pull - 2.0 * zeta * v - eta * sign)], [Way("stops", v, -sign, after)])
+
+        held = [Way("f", pull - tau, +1, "forwards"), Way("b", pull + tau, -1, "backwards")]
+        stick = Piece([(x, NOTHING), (v, NOTHING)], held)
+        machine = Machine({"forwards": slip(+1), "backwards": slip(-1), "stick": stick})
+
+        def back(
+            y: Array, watch: bool, machine: Machine = machine, w: float = w, after: Callable[[Array, Any], str] = after
+        ) -> tuple[Array, Any]:
+            _, z, t = machine.run(after(y, y[1]), [y[0], 0], y[1], until="stops", times=2, watch=watch)
+            return np.array([z[0], t - PI2 / L(w)]), PI2 / L(w)
+
+        yield f"f0 = {f0:g}, w = {w:g}, tau = {tau:g}", cycle(back, [f0 - 0.5, 0.0], settle=60)
+
+
+def canudas() -> Cycles:
+    """From x = 0 in mid-slip to the next one, mirrored; in between the mass turns as often as it will."""
+    x, v, w, z = hy.make_vars("x", "v", "w", "z")
+    s0, s1, s2, Fc, Fs, vs, kp, kv, ki = 1e5, 1e5**0.5, 0.4, 1.0, 1.5, 1e-3, 3.0, 6.0, 4.0
+
+    def moving(sign: int, to: str) -> Piece:
+        z_rate = v - s0 * sign * v * z / (Fc + (Fs - Fc) * hy.exp(-(v / vs) * (v / vs)))
+        force = -(kp * x + kv * v + ki * w) - (s0 * z + s1 * z_rate + s2 * v)
+        ways = [Way("turns", v, -sign, to), Way("centre", x, +1, "forwards"), Way("centre", x, -1, "backwards")]
+        return Piece([(x, v), (v, force), (w, x), (z, z_rate)], ways, blind=1e-7)
+
+    machine = Machine({"forwards": moving(+1, "backwards"), "backwards": moving(-1, "forwards")})
+
+    def back(y: Array, watch: bool) -> tuple[Array, Any]:
+        """y = (v, w, z) at x = 0, v > 0."""
+        mode = "forwards" if y[0] > 0 else "backwards"
+        _, end, time = machine.run(mode, [0, *y], until="centre", watch=watch)
+        return end[1:], time
+
+    _, start, _ = machine.run("backwards", [1.0, 0, 0, 0], until="centre", times=12)
+    yield "LuGre", cycle(back, start[1:], settle=4, mirror=True)
+
+
+ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas)}
 
 
 def main(names: list[str]) -> None:

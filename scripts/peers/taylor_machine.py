@@ -23,12 +23,15 @@ DIFFERENCE = 1e-6
 
 
 class Way(NamedTuple):
-    """A way out of a mode: name, heyoka's expression, +1 rising or -1 falling, next mode, (x, t) -> x behind it."""
+    """A way out of a mode: name, heyoka's expression, +1 rising or -1 falling, next mode, (x, t) -> x behind it.
+
+    The next mode may be a function (x, t), too.
+    """
 
     name: str
     function: Any
     direction: int
-    to: str
+    to: str | Callable[[Array, Any], str]
     reset: Callable[[Array, Any], Array] | None = None
 
 
@@ -87,7 +90,7 @@ class Machine:
 
             self._blind[name] = built()
             self._seeing[name] = built(t_events=ends)
-            self._watching[name] = built(t_events=ends, nt_events=watch)
+            self._watching[name] = built(nt_events=watch)
 
     def run(
         self, mode: str, x: Any, t: Any = 0, *, until: str = "", times: int = 1, end: Any = np.inf, watch: bool = False
@@ -102,17 +105,22 @@ class Machine:
             first.propagate_until(min(t + L(piece.blind), L(end)))
             if first.time >= end:
                 return mode, first.state.copy(), first.time
-            seeing = (self._watching if watch else self._seeing)[mode]
+            seeing = self._seeing[mode]
             seeing.reset_cooldowns()
             seeing.state[:], seeing.time = first.state, first.time
             outcome = seeing.propagate_until(min(L(end), first.time + L(1e6)))[0]
+            if watch:  # the same once more: events that do not end anything make heyoka overlook some that do
+                watching = self._watching[mode]
+                watching.state[:], watching.time = first.state, first.time
+                watching.propagate_until(seeing.time)
             x, t = seeing.state.copy(), seeing.time
             TURNS.append(x.copy())
             index = -int(outcome) - 1
             if not 0 <= index < len(piece.ways):
                 return mode, x, t
             way = piece.ways[index]
-            mode, x = way.to, x if way.reset is None else way.reset(x, t)
+            x = x if way.reset is None else way.reset(x, t)
+            mode = way.to if isinstance(way.to, str) else way.to(x, t)
             left -= way.name == until
             if until and left == 0:
                 return mode, x, t

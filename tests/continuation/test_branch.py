@@ -208,3 +208,48 @@ def test_nothing_is_reported_that_is_not_there(seed):
         found = [special.orbit.problem.value("s") for special in branch.special]
         np.testing.assert_allclose(found, there, atol=1e-7)
         assert not branch.missed
+
+
+DUFFING = System(
+    "Duffing", ("x", "v"), {"A": 1.0, "d": 0.2},
+    (Mode("smooth", field=lambda x, p: {"x": x.v, "v": p.A * ca.cos(x.t) - p.d * x.v - x.x**3}),),
+    forcing_period=lambda p: 2 * math.pi,
+)  # fmt: skip
+
+
+def one_turn(A: float, x: float, v: float, t: float, steps: int = 4000) -> np.ndarray:
+    """Duffing's oscillator 2 pi later, by the classical Runge-Kutta method."""
+
+    def f(t: float, y: np.ndarray) -> np.ndarray:
+        return np.array([y[1], A * math.cos(t) - 0.2 * y[1] - y[0] ** 3])
+
+    y, h = np.array([x, v]), 2 * math.pi / steps
+    for _ in range(steps):
+        k1 = f(t, y)
+        k2 = f(t + h / 2, y + h / 2 * k1)
+        k3 = f(t + h / 2, y + h / 2 * k2)
+        k4 = f(t + h, y + h * k3)
+        y, t = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), t + h
+    return y
+
+
+def test_a_symmetric_cycle_becomes_lopsided():
+    """x(t + T/2) = -x(t) is found and used; where it is lost two cycles branch off, each the other's mirror image."""
+    symmetric = find_cycle(DUFFING, x=0.0, v=0.0)
+    assert symmetric.repeats == 2
+    branch = follow(symmetric, "A", to=4.0, options=TIGHT)
+    (lost,) = branch.special
+    assert lost.kind == "symmetry breaking"
+    one, other = (follow(branch_off(lost, "A", off=off), "A", to=2.8, options=TIGHT).orbits[-1]
+                  for off in (0.02, -0.02))
+    low, high = one.extrema("x")
+    mirrored = other.extrema("x")
+    assert abs(high.value + low.value) > 0.05
+    assert high.value == pytest.approx(-mirrored.low.value, rel=1e-6)
+    for orbit in (one, other):
+        assert orbit.repeats == 1 and orbit.stable and orbit.period == pytest.approx(2 * math.pi, rel=1e-10)
+        x, v, turns = orbit.arcs[0].states[0, 0]
+        np.testing.assert_allclose(one_turn(2.8, x, v, 2 * math.pi * turns), [x, v], rtol=0, atol=1e-7)
+    x, v, turns = lost.orbit.arcs[0].states[0, 0]
+    A = lost.orbit.problem.value("A")
+    np.testing.assert_allclose(one_turn(A, x, v, 2 * math.pi * turns), [x, v], rtol=0, atol=1e-7)

@@ -57,7 +57,7 @@ def test_no_loop_of_a_dense_grid_is_worse(ranges, gain, delay, factors):
     assert found.phase <= least + 1e-9
     assert found.phase == pytest.approx(least, abs=3e-2)  # the spacing of the grid
     # It is a loop of the box.
-    own = np.array([[found.inertia, found.viscous, found.lead_time, found.integral_time, 1.0]])
+    own = np.array([[*(found.values[name] for name in NAMES[:4]), 1.0]])
     assert phases(own, np.array([found.kappa]), delay)[0] == pytest.approx(found.phase, abs=1e-8)
     low, high = np.array([ranges.get(name, (value, value)) for name, value in zip(NAMES, base, strict=True)]).T
     assert (low[:4] <= own[0, :4]).all() and (own[0, :4] <= high[:4]).all()

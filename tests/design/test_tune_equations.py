@@ -11,7 +11,7 @@ from tuning import TIME, crossover_phase
 
 from casahunt import Servo, find_fold
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
-from casahunt.design.tune.demands import TIMES, Demands, log_times
+from casahunt.design.tune.demands import Demands, log_numbers
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
@@ -28,7 +28,7 @@ def test_fold_conditions_hold_at_a_fold_and_their_jacobian_is_the_derivative(ser
     fold = find_fold(servo, model)
     t, u, setting = unknowns_of(fold.orbit)
     data = data_of(replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain))
-    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in TIMES))
+    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in servo.controller_names))
     size = float(np.max(np.abs(fold.multipliers)))
     q = np.log([servo.controller.lead_time, servo.controller.integral_time])
     x = np.concatenate([q, u, [0.0], fold.multipliers / size])
@@ -100,7 +100,7 @@ def test_gain_margins_of_one_problem(servo, factor):
     J, cm, T, f = servo.inertia, servo.motor_gain, TIME, factor
 
     def gain_of(each: Servo, cost: str, demand: str, off: float, lag: float) -> float:
-        q = log_times(each)
+        q = log_numbers(each)
         cut = Cut(each.replace(**{"servo.motor_gain": off * cm}), demand, 0.0)
         point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (1e-3, 100.0), 1.1, [], [cut], lag))
         assert point.converged and np.max(point.slack) < 1e-9

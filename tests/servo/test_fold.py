@@ -299,7 +299,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     assert refused.value.status is None
     monkeypatch.setattr(fold, "check_hunts", lambda servo, model: None)
     monkeypatch.setattr(fold, "SEARCH_FACTORS", 0)
-    monkeypatch.setattr(fold, "routh_hurwitz_gain", lambda servo: gain)
+    monkeypatch.setattr(fold, "typical_gain", lambda servo: gain)
     monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
     with pytest.raises(NoOrbit, match=r"does not prove .*: 1 gains .* at most at 0\.98") as refused:
         find_fold(NEVER_HUNTS, "switch")

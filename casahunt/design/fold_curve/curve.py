@@ -164,7 +164,7 @@ def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
     ------
     InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
     """
-    known("parameter", vary, NAMES)
+    known("parameter", vary, [name for name in NAMES if name in servo.names])
     if start == end:
         raise InputError(f"from = to = {shown(start)}: must differ")
     for bound in (start, end):
@@ -243,10 +243,10 @@ def _ending(
 def unfed(servo: Servo) -> bool:
     """Whether the loop without dry friction, damped by the least slope of the friction curve, is stable at every gain.
 
-    Routh-Hurwitz: K cm tau_d + sigma > J/(tau_i + tau_d), where sigma = sigma2 - (Fs - Fc)/vs sqrt(2/e) is the least
+    Routh-Hurwitz: kd + sigma > J/(kp/ki), where sigma = sigma2 - (Fs - Fc)/vs sqrt(2/e) is the least
     slope of g(v) + sigma2 v.  Fold gains tend to zero on the way there; pure Coulomb friction lies beyond it where
     sigma2 does.
     """
-    f, c = servo.friction, servo.controller
+    f = servo.friction
     least = f.viscous - (f.static - f.coulomb) / f.stribeck_velocity * np.sqrt(2 / np.e)
-    return bool(least >= servo.inertia / (c.integral_time + c.lead_time)) or f.static == f.coulomb
+    return bool(least >= servo.inertia / servo.controller.reset_time) or f.static == f.coulomb

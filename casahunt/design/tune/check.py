@@ -271,10 +271,7 @@ def _loops(
         for name in DEMANDS:
             least = answer.loops[name]
             motor_gain = min(max(least.kappa / gain, _bound(uncertainty, servo, 0)), _bound(uncertainty, servo, 1))
-            values = {
-                "servo.inertia": least.inertia, "friction.viscous": least.viscous, "servo.motor_gain": motor_gain,
-                "controller.lead_time": least.lead_time, "controller.integral_time": least.integral_time,
-            }  # fmt: skip
+            values = least.values | {"servo.motor_gain": motor_gain}
             corners[name] = {key: value for key, value in values.items() if key in names}
             named[name] = servo.replace(**corners[name])
         loop_like = np.array([n in ("servo.inertia", "friction.viscous", "servo.motor_gain") or "controller" in n

@@ -1,6 +1,6 @@
 """What a tuning may be asked for: demands, bounds, costs.
 
-    cost    c = ln K, ln(K tau_d) (high-frequency gain), or -ln rho (settling)
+    cost    c = ln K, ln(K tau_d), ln(K kd') by gains (high-frequency gain), or -ln rho (settling)
 
 rho [1/s] is the decay rate of the slowest pole of the linear loop without delay; settling time to two per cent:
 ln(50)/rho.  Symbols as in servo/servo.py.
@@ -16,25 +16,24 @@ import numpy as np
 
 from ...checks import known, require, sensible, shown
 from ...errors import InputError
+from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.linear_loop import linear_loop
-from ...servo.servo import Servo
+from ...servo.servo import Servo, flatten
 from .loop_set import LoopDemands
 
 Array = np.ndarray
 
 COSTS = {
     "gain": "gain K [V/rad]",
-    "high-frequency": "high-frequency gain K tau_d [V s/rad]",
+    "high-frequency": "high-frequency gain K tau_d, or K kd [V s/rad]",
     "settling": "settling time of the linear loop to two per cent [s]",
 }
-FREE = ("lead_time", "integral_time")
-BOUNDED = ("gain", *FREE)
 LARGEST_FACTOR = 1e6
 """Largest margins that can be asked for; loops keep 10 or 100."""
-TIMES_FACTOR = 2.0
-"""Default bounds of a free time: this factor to both sides."""
-TIMES = ("controller.lead_time", "controller.integral_time")
-"""The parameters behind `FREE`."""
+FREE_FACTOR = 2.0
+"""Default bounds of a free number of the controller: this factor to both sides."""
+NUMBERS = BY_TIMES + BY_GAINS
+"""What may be freed: the numbers of the servo's controller, of one of its two forms."""
 
 
 def silent(sentence: str) -> None:
@@ -85,25 +84,28 @@ def check_bounds(
     Parameters
     ----------
     servo
-        its times are where the search starts.
+        its controller is where the search starts.
     free
-        the times to be tuned.
+        the numbers of the controller to be tuned.
     bounds
         (low, high) by name; K in V/rad, times in s.
 
     Returns
     -------
-    (low, high) of every free time, by default `WIDE` to both sides, and of the gain where given.
+    (low, high) of every free number, by default `FREE_FACTOR` to both sides, and of the gain where given.
 
     Raises
     ------
-    InputError : an unknown name, a bound that is no bound, or one that leaves the servo's own time out.
+    InputError : an unknown name, a bound that is no bound, or one that leaves the servo's own number out.
     """
+    own = tuple(name.removeprefix("controller.") for name in servo.controller_names)
     for name in free:
-        known("free", name, FREE)
+        known("free", name, own)
+    if len(free) == len(BY_GAINS):
+        raise InputError(f"free {', '.join(free)}: must leave one out, because the gain multiplies all three")
     found: dict[str, tuple[float, float]] = {}
     for name, (low, high) in bounds.items():
-        known("bounds", name, BOUNDED)
+        known("bounds", name, ("gain", *own))
         sensible(f"bounds {name}", low)
         sensible(f"bounds {name}", high)
         if not low < high:
@@ -116,7 +118,7 @@ def check_bounds(
         value = getattr(servo.controller, name)
         if value <= 0:
             raise InputError(f"free {name}: controller.{name} = {shown(value)} must be greater than 0 to be tuned")
-        low, high = found.setdefault(name, (value / TIMES_FACTOR, value * TIMES_FACTOR))
+        low, high = found.setdefault(name, (value / FREE_FACTOR, value * FREE_FACTOR))
         if not low <= value <= high:
             raise InputError(
                 f"bounds {name} = {shown(low)},{shown(high)}: must contain the servo's own value {shown(value)}, "
@@ -142,25 +144,53 @@ def cost_of(cost: str, servo: Servo, gain: float) -> float:
     if cost == "gain":
         return gain
     if cost == "high-frequency":
-        return gain * servo.controller.lead_time
+        return gain * servo.controller.shape[1]
     rate = -float(np.max(linear_loop(servo, gain).poles.real))
     return math.log(50) / rate if rate > 0 else math.inf
 
 
-def log_times(servo: Servo) -> Array:
-    """(2,) ln tau_d, ln tau_i."""
-    return np.log([servo.controller.lead_time, servo.controller.integral_time])
+def controller_said(servo: Servo) -> str:
+    """The controller's numbers for a person.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    Names, values and units, such as "lead_time 0.15915 s, integral_time 0.15915 s".
+    """
+    values, unit = flatten(servo), {"kp": "", "ki": " 1/s"}
+    names = [(name, name.removeprefix("controller.")) for name in servo.controller_names]
+    return ", ".join(f"{short} {values[name]:.5g}{unit.get(short, ' s')}" for name, short in names)
 
 
-def with_times(servo: Servo, q: Array) -> Servo:
-    """The servo with other controller times.
+def log_numbers(servo: Servo) -> Array:
+    """Logarithms of the controller's numbers.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+
+    Returns
+    -------
+    (2,) of tau_d, tau_i [s], or (3,) of kp, ki, kd.
+    """
+    values = flatten(servo)
+    return np.log([values[name] for name in servo.controller_names])
+
+
+def with_numbers(servo: Servo, q: Array) -> Servo:
+    """The servo with other controller numbers.
 
     Parameters
     ----------
     servo
         the servo.
     q
-        (2,) ln of lead and integral time [s].
+        their logarithms, as `log_numbers` gives them.
 
     Returns
     -------
@@ -168,6 +198,6 @@ def with_times(servo: Servo, q: Array) -> Servo:
 
     Raises
     ------
-    InputError : a time that a controller cannot have.
+    InputError : a number that a controller cannot have.
     """
-    return servo.replace(**{name: float(value) for name, value in zip(TIMES, np.exp(q), strict=True)})
+    return servo.replace(**{name: float(value) for name, value in zip(servo.controller_names, np.exp(q), strict=True)})

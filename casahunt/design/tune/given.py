@@ -23,12 +23,13 @@ from ...errors import NoOrbit
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import Model
+from ...servo.linear_loop import integral_gain
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ..uncertainty.nearby import fold_beside
 from ..uncertainty.set import Uncertainty
 from ..uncertainty.worst_corner import WorstCase, worst_corner
-from .demands import TIMES, Demands, cost_of, log_times, silent, with_times
+from .demands import Demands, cost_of, log_numbers, silent, with_numbers
 from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
 from .problem import Cut
 from .refusal import Nearest
@@ -120,7 +121,7 @@ class Given:
         """
         if "gain" in self.limits:
             return self.limits["gain"]
-        base = needed or (1 + self.demands.margin) * crossover_gain(servo)
+        base = needed or (1 + self.demands.margin) * integral_gain(servo)
         return GAINS[0] * base, GAINS[1] * base
 
     def boxes(self, q: Array) -> list[LoopBox]:
@@ -137,7 +138,7 @@ class Given:
 
     def at(self, q: Array) -> Servo:
         """The nominal servo with the times exp(q), where they are free."""
-        return with_times(self.servo, q) if self.free else self.servo
+        return with_numbers(self.servo, q) if self.free else self.servo
 
     def answer(self, q: Array) -> tuple[Answer | None, WorstCase]:
         """The best gain at these times, the whole set considered; None where there is none."""
@@ -222,7 +223,9 @@ class Given:
         Whether it is a new one.
         """
         self.folds.setdefault(worst.servo, worst.fold)
-        own = with_times(worst.servo, log_times(worst.servo) - q + log_times(self.servo)) if self.free else worst.servo
+        own = worst.servo
+        if self.free:
+            own = with_numbers(own, log_numbers(own) - q + log_numbers(self.servo))
         if any(_same(own, member) for member in self.members):
             return False
         self.members.append(own)
@@ -246,12 +249,12 @@ class Given:
         for name in DEMANDS:
             for box in self.boxes(q):
                 _, loop = shortfall([box], self.demands.loops, gain, name)
-                values = {
-                    "servo.inertia": loop.inertia, "friction.viscous": loop.viscous,
-                    "servo.motor_gain": loop.kappa / gain,
-                    TIMES[0]: math.exp(math.log(loop.lead_time) - q[0] + log_times(self.servo)[0]),
-                    TIMES[1]: math.exp(math.log(loop.integral_time) - q[1] + log_times(self.servo)[1]),
-                }  # fmt: skip
+                moved = log_numbers(self.servo)
+                own = {
+                    name: math.exp(math.log(loop.values[name]) - q[i] + moved[i])
+                    for i, name in enumerate(self.servo.controller_names)
+                }
+                values = loop.values | {"servo.motor_gain": loop.kappa / gain} | own
                 cut = Cut(self.servo.replace(**values), name, self.demands.loops.least(name) + self.guard)
                 if not any(_same(cut.servo, c.servo, 1e-6) and c.demand == name for c in self.cuts):
                     self.cuts.append(cut)
@@ -281,8 +284,8 @@ class Given:
         ------
         NoOrbit : one was not computed.
         """
-        moved = q - log_times(self.servo)
-        members = [with_times(m, log_times(m) + moved) if moved.any() else m for m in self.members]
+        moved = q - log_numbers(self.servo)
+        members = [with_numbers(m, log_numbers(m) + moved) if moved.any() else m for m in self.members]
         return [fold for fold in map(self._fold, members) if fold is not None]
 
     # Times as they look
@@ -357,11 +360,6 @@ def fastest(servo: Servo, low: float, high: float) -> float:
         c, d = b * (a / b) ** part, a * (b / a) ** part
         a, b = (a, d) if settling(c) <= settling(d) else (c, b)
     return min([*best, math.sqrt(a * b)], key=settling)
-
-
-def crossover_gain(servo: Servo) -> float:
-    """A gain [V/rad] of the right size for a servo without a fold: J/(cm tau_i^2)."""
-    return servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
 
 
 def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:

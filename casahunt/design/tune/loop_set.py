@@ -1,18 +1,16 @@
 """The linear loops of a box of servos: the worst one, and the gains that keep the margins for every one.
 
-With kappa = K cm g, where g is a factor by which the gain may be off, and w = omega^2, |L| g = 1 at
+kappa = K cm g [N m/rad], g a factor by which the gain may be off, and phi [rad] at |L| g = 1: crossover.py.
 
-    kappa = tau_i w sqrt(J^2 w + sigma2^2) / sqrt((tau_d^2 w + 1)(tau_i^2 w + 1)),                       [N m/rad]
-    phi   = atan(tau_d omega) + atan(tau_i omega) - atan2(J omega, sigma2) - omega D                       [rad]
-
-(servo/delayed_loop.py; kappa rises with omega, so each kappa has one crossover).  What is asked of every servo of the
-box:
+What is asked of every servo of the box:
 
     phase margin               phi >= PM     for g = 1
     gain margin (lowering)     phi >= 0      for 1/f <= g <= 1        stable at every gain from K/f
     gain margin (raising)      phi >= 0      for 1 <= g <= f          ... to f K
 
-cm and g are in kappa alone, so each is a bound on the smallest phi over a box in (J, sigma2, tau_d, tau_i, kappa).
+cm and g are in kappa alone, so each is a bound on the smallest phi over a box in (J, sigma2, c, kappa), c the numbers
+of the controller: (tau_d, tau_i) or (kp', ki', kd').  With several crossovers phi > 0 at all of them is enough for a
+stable loop, and not needed: loops that are stable otherwise are passed over.
 
 `worst` finds it: a grid with all corners of the box, then grids of 3^d points around the `SEARCH_STARTS` best ones,
 halved `HALVINGS` times; phi may have its minimum inside of the box.  `Table` gives the smallest phi at many kappa at
@@ -31,14 +29,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...servo.servo import Servo
+from ...servo.servo import Servo, flatten
+from .crossover import crossover_phase, log_kappa, phase_at
 
 Array = np.ndarray
 
-PARAMETERS = (
-    "servo.inertia", "friction.viscous", "controller.lead_time", "controller.integral_time", "servo.motor_gain",
-)  # fmt: skip
-"""What the loop depends on besides the gain, in the order of every array here."""
 Intervals = list[tuple[float, float]]
 
 DEMANDS = ("phase margin", "gain margin (lowering)", "gain margin (raising)")
@@ -61,10 +56,13 @@ class LoopBox:
 
     Attributes
     ----------
-    low, high : (5,) bounds of `PARAMETERS`.
+    names : what the loops depend on besides the gain, in the order of every array here: inertia, viscous friction, the
+        numbers of the controller, motor gain.
+    low, high : (names,) bounds.
     lag : D [s].
     """
 
+    names: tuple[str, ...]
     low: Array
     high: Array
     lag: float
@@ -77,15 +75,12 @@ class WorstLoop:
     Attributes
     ----------
     phase : phi there [rad].
-    inertia, viscous, lead_time, integral_time : of the servo.
+    values : {parameter: value} of inertia, viscous friction and controller.
     kappa : K cm g there [N m/rad].
     """
 
     phase: float
-    inertia: float
-    viscous: float
-    lead_time: float
-    integral_time: float
+    values: dict[str, float]
     kappa: float
 
 
@@ -105,39 +100,10 @@ def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float
     -------
     LoopBox.
     """
-    c = servo.controller
-    values = (servo.inertia, servo.friction.viscous, c.lead_time, c.integral_time, servo.motor_gain)
-    pairs = [bounds.get(name, (value, value)) for name, value in zip(PARAMETERS, values, strict=True)]
-    low, high = np.array(pairs, float).T
-    return LoopBox(low, high, lag)
-
-
-def _log_kappa(J: Array, sigma2: Array, lead: Array, integral: Array, y: Array) -> Array:
-    """ln kappa of the loop that crosses at omega = exp(y)."""
-    w = np.exp(2 * y)
-    zeros = np.log(lead**2 * w + 1) + np.log(integral**2 * w + 1)
-    return np.log(integral) + 2 * y + np.log(J**2 * w + sigma2**2) / 2 - zeros / 2
-
-
-def _phase_at(J: Array, sigma2: Array, lead: Array, integral: Array, omega: Array, lag: float) -> Array:
-    """phi [rad]."""
-    return np.arctan(lead * omega) + np.arctan(integral * omega) - np.arctan2(J * omega, sigma2) - omega * lag
-
-
-def _crossover_phase(points: Array, lag: float) -> Array:
-    """(m,) phi [rad] at the crossovers of loops (m, 5): J, sigma2, tau_d, tau_i, ln kappa."""
-    J, sigma2, lead, integral, goal = points.T
-    low, high = np.full(goal.size, -60.0), np.full(goal.size, 60.0)
-    J2, viscous2, lead2, integral2, k2 = J**2, sigma2**2, lead**2, integral**2, np.exp(2 * goal) / integral**2
-    for _ in range(48):  # without logarithms: most of the time of a search is spent here
-        middle = (low + high) / 2
-        w = np.exp(2 * middle)
-        below = w * w * (J2 * w + viscous2) < k2 * (lead2 * w + 1) * (integral2 * w + 1)
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    y, h = (low + high) / 2, 1e-5
-    slope = (_log_kappa(J, sigma2, lead, integral, y + h) - _log_kappa(J, sigma2, lead, integral, y - h)) / (2 * h)
-    y = y - (_log_kappa(J, sigma2, lead, integral, y) - goal) / slope
-    return _phase_at(J, sigma2, lead, integral, np.exp(y), lag)
+    own = flatten(servo)
+    names = ("servo.inertia", "friction.viscous", *servo.controller_names, "servo.motor_gain")
+    low, high = np.array([bounds.get(name, (own[name], own[name])) for name in names], float).T
+    return LoopBox(names, low, high, lag)
 
 
 def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
@@ -156,13 +122,13 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     -------
     WorstLoop.
     """
-    ends = math.log(gain * factors[0] * box.low[4]), math.log(gain * factors[1] * box.high[4])
-    low, high = np.append(box.low[:4], ends[0]), np.append(box.high[:4], ends[1])
+    ends = math.log(gain * factors[0] * box.low[-1]), math.log(gain * factors[1] * box.high[-1])
+    low, high = np.append(box.low[:-1], ends[0]), np.append(box.high[:-1], ends[1])
     varied = np.flatnonzero(high > low)
     points = _grid(low, high, varied, GRID_POINTS)
-    phases = _crossover_phase(points, box.lag)
+    phases = crossover_phase(points, box.lag)
     if not varied.size:
-        return _worst_loop(points[0], float(phases[0]))
+        return _worst_loop(box, points[0], float(phases[0]))
     best = _apart(points, phases, (high - low)[varied], varied)
     along = _along(varied.size, GRID_POINTS)
     width = (high - low)[varied] / (along - 1)
@@ -171,17 +137,17 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     for _ in range(HALVINGS):
         tried = np.repeat(best[:, None, :], len(offsets), axis=1)
         tried[:, :, varied] = np.clip(tried[:, :, varied] + offsets * width, low[varied], high[varied])
-        found = _crossover_phase(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
+        found = crossover_phase(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
         pick = np.argmin(found, axis=1)
         best, values = tried[np.arange(len(best)), pick], found[np.arange(len(best)), pick]
         width = width / 2
     i = int(np.argmin(values))
-    return _worst_loop(best[i], float(values[i]))
+    return _worst_loop(box, best[i], float(values[i]))
 
 
-def _worst_loop(point: Array, phase: float) -> WorstLoop:
-    J, sigma2, lead, integral, kappa = map(float, point)
-    return WorstLoop(phase, J, sigma2, lead, integral, math.exp(kappa))
+def _worst_loop(box: LoopBox, point: Array, phase: float) -> WorstLoop:
+    *values, kappa = map(float, point)
+    return WorstLoop(phase, dict(zip(box.names[:-1], values, strict=True)), math.exp(kappa))
 
 
 def _along(d: int, most: int) -> int:
@@ -262,37 +228,44 @@ class Table:
 
     def _of_box(self, box: LoopBox, demands: LoopDemands) -> Array:
         f, k = demands.gain_margin, np.log(self.gains)
-        first, last = k[0] + math.log(box.low[4] / f), k[-1] + math.log(box.high[4] * f)
+        first, last = k[0] + math.log(box.low[-1] / f), k[-1] + math.log(box.high[-1] * f)
         x = np.arange(first, last + LOG_STEP, LOG_STEP)
         least = _least_phase(box, x)
         missed = []
         for name in DEMANDS:
             g = demands.factors(name)
-            left, right = k + math.log(g[0] * box.low[4]), k + math.log(g[1] * box.high[4])
+            left, right = k + math.log(g[0] * box.low[-1]), k + math.log(g[1] * box.high[-1])
             missed.append(demands.least(name) - _window_minimum(x, least, left, right))
         return np.array(missed)
 
 
 def _least_phase(box: LoopBox, x: Array) -> Array:
-    """(m,) smallest phi at ln kappa = x over J, sigma2, tau_d, tau_i of the box."""
-    varied = np.flatnonzero(box.high[:4] > box.low[:4])
-    points = _grid(box.low[:4], box.high[:4], varied, TABLE_POINTS)
+    """(m,) smallest phi at ln kappa = x over J, sigma2 and the controller of the box."""
+    varied = np.flatnonzero(box.high[:-1] > box.low[:-1])
+    points = _grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS)
+    if points.shape[1] == 5:
+        return np.min([_least_phase_by_gains(point, x, box.lag) for point in points], axis=0)
     ends = []
     for goal in (x[0], x[-1]):
         lows, highs = np.full(len(points), -60.0), np.full(len(points), 60.0)
         for _ in range(30):
             middle = (lows + highs) / 2
             J, sigma2, lead, integral = points.T
-            below = _log_kappa(J, sigma2, lead, integral, middle) < goal
+            below = log_kappa(J, sigma2, lead, integral, middle) < goal
             lows, highs = np.where(below, middle, lows), np.where(below, highs, middle)
         ends.append((float(lows.min()), float(highs.max())))
     y = np.arange(ends[0][0] - LOG_STEP, ends[1][1] + LOG_STEP, LOG_STEP / 2)
     found = np.full(x.size, np.inf)
     for point in points:
         J, sigma2, lead, integral = point
-        phi = _phase_at(J, sigma2, lead, integral, np.exp(y), box.lag)
-        found = np.minimum(found, np.interp(x, _log_kappa(J, sigma2, lead, integral, y), phi))
+        phi = phase_at(J, sigma2, lead, integral, np.exp(y), lag=box.lag)
+        found = np.minimum(found, np.interp(x, log_kappa(J, sigma2, lead, integral, y), phi))
     return found
+
+
+def _least_phase_by_gains(point: Array, x: Array, lag: float) -> Array:
+    """(m,) smallest phi at ln kappa = x of one loop by gains, of all its crossovers."""
+    return crossover_phase(np.column_stack([np.tile(point, (x.size, 1)), x]), lag)
 
 
 def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array:

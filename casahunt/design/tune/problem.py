@@ -1,6 +1,6 @@
-"""One problem of a tuning for IPOPT: cost, folds and linear loops in gain and controller times.
+"""One problem of a tuning for IPOPT: cost, folds and linear loops in gain and controller times, or gains.
 
-    minimise    c(K, tau_d, tau_i)     demands.py
+    minimise    c(K, tau_d, tau_i)     demands.py; by gains (kp, ki, kd) stand for the times here and below
     subject to  ln K >= ln(1 + margin) + ln K_b                     for every servo b that must not hunt
                 G_b = 0,  G_b,u^T nu_b = 0,  nu_b . G_b,lambda = 1,   K_b = K_b0 (1 + lambda_b)   its fold
                 |L_c(j w_c)| = 1,    phi_c(w_c) >= least             for every loop c in the way (loop_set.py)
@@ -28,16 +28,19 @@ from ...collocation.ipopt import minimise
 from ...compiled import alone
 from ...continuation.fold_conditions import data_of, fold_conditions
 from ...orbits.orbit import unknowns_of
-from ...servo.delayed_loop import crossover, log_magnitude, phase
+from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
+from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
 from ...servo.linear_loop import linear_loop
 from ...servo.problem import HuntingFold
-from ...servo.servo import PARAMETERS, Servo
-from .demands import TIMES, log_times, with_times
+from ...servo.servo import Servo
+from .demands import log_numbers, with_numbers
 from .loop_set import DEMANDS
 
 Array = np.ndarray
 
 PRICE = 1e3
+DERIVATIVE = ("controller.lead_time", "controller.kd")
+"""What the high-frequency gain grows with."""
 SLACKS = ("hunting margin", *DEMANDS)
 
 
@@ -108,17 +111,19 @@ class Round:
 @alone
 def solve_round(r: Round) -> Point:
     """Solve one problem, from its start."""
-    k, times, slack = ca.MX.sym("k"), ca.MX.sym("q", 2), ca.MX.sym("slack", len(SLACKS))
+    k, times, slack = ca.MX.sym("k"), ca.MX.sym("q", r.q.size), ca.MX.sym("slack", len(SLACKS))
     p = _Problem()
     p.add(k, [r.k], math.log(r.gains[0]), math.log(r.gains[1]))
     p.add(times, r.q, r.low, r.high)
     p.add(slack, np.zeros(len(SLACKS)), 0.0, np.inf)
     gain = math.exp(r.k)
     for cut in r.cuts:
-        _loop(p, cut, log_times(cut.servo) - log_times(r.servo), r, k, times, slack)
-    cost = {"gain": k, "high-frequency": k + times[0]}.get(r.cost)
+        _loop(p, cut, log_numbers(cut.servo) - log_numbers(r.servo), r, k, times, slack)
+    derivative = [n in DERIVATIVE for n in r.servo.controller_names].index(True)
+    cost = {"gain": k, "high-frequency": k + times[derivative]}.get(r.cost)
     if cost is None:
         cost = _settling(p, r.servo, k, times, gain)
+    places = tuple(r.servo.names.index(name) for name in r.servo.controller_names)
     for fold in r.folds:
         t, u, setting = unknowns_of(fold.orbit)
         setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
@@ -131,10 +136,10 @@ def solve_round(r: Round) -> Point:
         p.add(n, fold.multipliers / S, -np.inf, np.inf)
         excess = k - math.log(r.needed * fold.gain) - ca.log(1 + z[t.size]) + slack[0]
         p.row(excess, 0.0, np.inf)
-        p.fold(t, times + (log_times(fold.orbit.servo) - r.q), times, z, n, data_of(setting), S)
+        p.fold(t, places, times + (log_numbers(fold.orbit.servo) - r.q), times, z, n, data_of(setting), S)
     found = p.solve(cost + PRICE * ca.sum1(slack))
-    x = found.x
-    return Point(x[1:3], float(x[0]), x[3 : 3 + len(SLACKS)], found.status.ok, found.message)
+    x, n = found.x, 1 + r.q.size
+    return Point(x[1:n], float(x[0]), x[n : n + len(SLACKS)], found.status.ok, found.message)
 
 
 def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX, slack: ca.MX) -> None:
@@ -142,8 +147,10 @@ def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX
     servo, own = cut.servo, times + offset
     J, cm, sigma2 = servo.inertia, servo.motor_gain, servo.friction.viscous
     y = ca.MX.sym("y")
-    here = with_times(servo, r.q + offset)
-    start = math.log(crossover(here, math.exp(r.k)))
+    here = with_numbers(servo, r.q + offset)
+    gain = math.exp(r.k)
+    by_gains = isinstance(servo.controller, Pid)  # with several crossovers the one of least phi is in the way
+    start = math.log(margins(here, gain, delay=r.lag).frequency if by_gains else crossover(here, gain))
     p.add(y, [start], start - 20, start + 20)
     p.row(log_magnitude(J, cm, sigma2, k, own, y), 0.0, 0.0)
     p.row(phase(J, sigma2, r.lag, own, y) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
@@ -156,10 +163,11 @@ def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) ->
     p.add(y, [math.log(rate)], math.log(rate) - 20, math.log(rate) + 20)
     unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
     J, rho = servo.inertia, ca.exp(y) / unit
-    lead, integral = ca.exp(times[0]), ca.exp(times[1])
-    factor = ca.exp(k) * servo.motor_gain / J
-    a2 = (factor * lead + servo.friction.viscous / J) / unit
-    a1, a0 = factor * (1 + lead / integral) / unit**2, factor / integral / unit**3
+    numbers = [ca.exp(times[i]) for i in range(times.numel())]
+    torque_gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains
+    kp, kd, ki = torque_gains(ca.exp(k) * servo.motor_gain / J, *numbers)
+    a2 = (kd + servo.friction.viscous / J) / unit
+    a1, a0 = kp / unit**2, ki / unit**3
     b2, b1 = a2 - 3 * rho, a1 - 2 * a2 * rho + 3 * rho**2
     b0 = a0 - a1 * rho + a2 * rho**2 - rho**3
     for value in (b2, b1, b0, b2 * b1 - b0):
@@ -191,16 +199,16 @@ class _Problem:
         self.row_bounds.append(np.array([[low, high]]))
         self.jacobians.append(None)
 
-    def fold(self, t, own: ca.MX, times: ca.MX, z: ca.MX, n: ca.MX, data: Array, S: float) -> None:  # type: ignore[no-untyped-def]
-        """The conditions of a fold, with the controller times exp(own), own = times + numbers."""
-        equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in TIMES))
+    def fold(self, t, free, own: ca.MX, times: ca.MX, z: ca.MX, n: ca.MX, data: Array, S: float) -> None:  # type: ignore[no-untyped-def]
+        """The conditions of a fold, with exp(own) at the places `free` of p; own = times + numbers."""
+        equations, jacobian = fold_conditions(t, free)
         self.rows.append(equations(own, z, n, data, S))
         right = np.zeros(2 * t.size + 1)
         right[-1] = 1.0
         self.row_bounds.append(np.column_stack([right, right]))
         J = jacobian(own, z, n, data, S)
-        size = t.size + 1
-        self.jacobians.append((J, [(times, J[:, :2]), (z, J[:, 2 : 2 + size]), (n, J[:, 2 + size :])]))
+        i, j = len(free), len(free) + t.size + 1
+        self.jacobians.append((J, [(times, J[:, :i]), (z, J[:, i:j]), (n, J[:, j:])]))
 
     def solve(self, objective: ca.MX):  # type: ignore[no-untyped-def]
         """IPOPT's answer."""

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...servo.controller import Pid
 from ...servo.servo import Servo
 from ..uncertainty.worst_corner import WorstCase
-from .demands import Demands
+from .demands import Demands, controller_said
 from .loop_set import DEMANDS, Intervals, LoopBox, Table, allowed, common
 
 WIDER = 100.0
@@ -72,11 +73,11 @@ def refusal(near: Nearest, demands: Demands, *, times: int = 0, missed: float = 
     said = "; ".join(_said(name, sets[name], near, demands, table) for name in names)
     where = ""
     if near.free:
-        c = near.servo.controller
-        where = f" at lead_time {c.lead_time:.5g} s, integral_time {c.integral_time:.5g} s"
+        where = f" at {controller_said(near.servo)}"
     if not near.free:
         return f"the tuning cannot be met; in the way: {said}"
-    evidence = f"{times} pairs of controller times between the bounds were tried"
+    what = "controllers" if isinstance(near.servo.controller, Pid) else "pairs of controller times"
+    evidence = f"{times} {what} between the bounds were tried"
     if proven:
         head = f"the tuning cannot be met: {evidence}, and what is missing is everywhere more than it varies in between"
     else:

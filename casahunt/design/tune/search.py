@@ -26,7 +26,7 @@ import numpy as np
 from ...errors import NoOrbit, Status
 from ...servo.problem import HuntingFold
 from ..uncertainty.worst_corner import WorstCase
-from .demands import FREE, cost_of, log_times
+from .demands import cost_of, log_numbers
 from .given import Answer, Given, Outlook
 from .problem import Point, Round, solve_round
 from .refusal import refusal
@@ -70,7 +70,8 @@ class Search:
         self.known = 0
         """Servos and loops known when these times were looked at."""
         self.excluded = False
-        self.axes = self._axes(log_times(given.servo))
+        self.names = [name.removeprefix("controller.") for name in given.servo.controller_names]
+        self.axes = self._axes(log_numbers(given.servo))
 
     def run(self) -> Answer:
         """The answer.
@@ -79,7 +80,7 @@ class Search:
         ------
         NoOrbit : the task cannot be met, or nothing was found; or a fold was not computed.
         """
-        q = log_times(self.given.servo)
+        q = log_numbers(self.given.servo)
         answer, worst = self.given.answer(q)
         if not self.given.free:
             return answer or self._refuse(q, worst)
@@ -204,7 +205,7 @@ class Search:
         """Grid of ln tau for each time, the given ones among them; one point for a time that is not free."""
         points = COARSE[self.given.model][len(self.given.free) - 1]
         axes = []
-        for i, name in enumerate(FREE):
+        for i, name in enumerate(self.names):
             if name not in self.given.free:
                 axes.append([float(q[i])])
                 continue
@@ -261,8 +262,8 @@ class Search:
     def _compass(self, start: Outlook) -> Outlook:
         """From times downhill along the axes and diagonals: in v as long as that is positive, then in the cost."""
         here, step = start, STEP
-        moves = [np.array(m, float) for m in itertools.product((-1, 0, 1), repeat=2) if any(m)]
-        moves = [m for m in moves if all(name in self.given.free or m[i] == 0 for i, name in enumerate(FREE))]
+        moves = [np.array(m, float) for m in itertools.product((-1, 0, 1), repeat=len(self.names)) if any(m)]
+        moves = [m for m in moves if all(name in self.given.free or m[i] == 0 for i, name in enumerate(self.names))]
         low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
         while step >= FINEST_STEP:
             tried = [self._outlook(np.clip(here.q + step * m, low, high)) for m in moves]

@@ -25,10 +25,10 @@ from ...checks import known
 from ...errors import InputError, Status
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS, Model
-from ...servo.servo import Servo
+from ...servo.servo import Servo, flatten
 from ..uncertainty.set import Uncertainty, check_box
 from .check import Verification, verified
-from .demands import COSTS, TIMES, Demands, check_bounds, cost_of, log_times, silent
+from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
 from .given import Answer, Given
 from .search import Search
 
@@ -107,7 +107,8 @@ def tune(
     uncertainty
         a set of servos, each of which must not hunt; default: this servo alone.
     free
-        controller times to be tuned besides the gain: "lead_time", "integral_time".
+        numbers of the controller to be tuned besides the gain: "lead_time", "integral_time", or of a controller by
+        gains up to two of "kp", "ki", "kd".
     bounds
         (low, high) of "gain" [V/rad] and of free times [s]; a free time may double or halve by default.
     cost, options
@@ -130,8 +131,6 @@ def tune(
     demands, options = demands or Demands(), options or Options()
     free = tuple(dict.fromkeys(free))
     limits = check_bounds(servo, free, bounds or {})
-    if servo.controller.lead_time <= 0:
-        raise InputError("controller.lead_time = 0: must be greater than 0 to tune (there is no phase margin)")
     _check_set(servo, uncertainty, free)
     given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
     search = Search(given)
@@ -140,7 +139,7 @@ def tune(
     for _ in range(REPAIRS):
         if verification.set_check is None or not verification.set_check.above:
             break
-        answer = search.again(log_times(answer.servo), list(verification.set_check.above))
+        answer = search.again(log_numbers(answer.servo), list(verification.set_check.above))
         verification = _verified(answer, given)
     return _tuning(search, answer, verification, began)
 
@@ -177,11 +176,14 @@ def _tuning(search: Search, answer: Answer, verification: Verification, began: f
 
 
 def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
+    for name in servo.controller_names:
+        if flatten(servo)[name] == 0:
+            raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")
     for name in uncertainty.parameters if uncertainty is not None else ():
         if name.removeprefix("controller.") in free:
             raise InputError(f"free {name.removeprefix('controller.')}: must be left out, it is in the uncertainty set")
     if uncertainty is not None:
         check_box(servo, uncertainty)
         for name, low in zip(uncertainty.parameters, uncertainty.box(servo)[0], strict=True):
-            if name in TIMES and low <= 0:
+            if name in servo.controller_names and low <= 0:
                 raise InputError(f"{name} = {low:g} in the uncertainty set: must be greater than 0 to tune")

@@ -133,7 +133,7 @@ def values_of(servo: Servo, names: Iterable[str]) -> Array:
     (k,) in the units of the servo.
     """
     values = flatten(servo)
-    return np.array([values[name] for name in names])
+    return np.array([values[known("parameter", name, servo.names)] for name in names])
 
 
 def check_box(servo: Servo, uncertainty: Uncertainty) -> None:

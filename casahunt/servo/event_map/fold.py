@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from ...errors import NoOrbit, Status
 from ...hybrid.roots import Bracket
-from ..linear_loop import routh_hurwitz_gain
+from ..linear_loop import typical_gain
 from ..servo import Servo
 from .fixed_points import FixedPoint, fixed_points
 from .scan import scan
@@ -104,9 +104,7 @@ def map_fold(servo: Servo) -> MapFold:
 
 def _hunting_gain(servo: Servo) -> tuple[float, FixedPoint]:
     """A gain at which the map has a stable fixed point, raised as long as it has; and that fixed point."""
-    base = routh_hurwitz_gain(servo)
-    if not math.isfinite(base):
-        base = servo.inertia / (servo.motor_gain * servo.controller.integral_time**2)
+    base = typical_gain(servo)
     found: tuple[float, FixedPoint] | None = None
     for k in sorted(range(-SEARCH, SEARCH + 1), key=abs):
         found = _outermost(servo, base * 2.0**k)

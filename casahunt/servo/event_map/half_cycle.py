@@ -116,8 +116,7 @@ def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
 
 def patience(servo: Servo) -> float:
     """Time [s] after which a servo that has not moved across counts as being at rest."""
-    c = servo.controller
-    return PATIENCE * (c.integral_time + c.lead_time)
+    return PATIENCE * servo.controller.reset_time
 
 
 def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:

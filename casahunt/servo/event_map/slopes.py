@@ -33,7 +33,7 @@ from ...checks import require
 from ...collocation.interval import field_at, interval_map
 from ...motion.march import MarchFailure, Segment, march
 from ..hunting import SCHEMES, SWITCH, slips_back
-from ..servo import PARAMETERS, Servo
+from ..servo import Servo
 from .half_cycle import patience, state_scale
 
 Array = np.ndarray
@@ -170,8 +170,8 @@ def _sensitivities(
     n = 3
     rows = n * (degree + 1)
     d_rows = rows - n
-    dp = np.zeros(len(PARAMETERS))
-    dp[PARAMETERS.index("gain")] = 1.0
+    dp = np.zeros(p.size)
+    dp[-1] = 1.0  # the gain
     column = dx / scale[:, None]
     duration = 0.0
     for segment in segments:

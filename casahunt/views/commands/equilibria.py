@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"  generalised Jacobian: one eigenvalue 0; of the others, over {found.q.size} x {found.alpha.size} members, "
           f"the largest real part is {found.largest.max():.8g} 1/s")  # fmt: skip
     for name, sides, unit in (("sharp ", found.sharp, "N m s/rad"), ("simple", found.simple, "1/s")):
-        text = {"sharp ": "K cm tau_d + sigma2 > J/(tau_i + tau_d)", "simple": "sigma2/J > 1/(tau_i + tau_d)"}[name]
+        text = {"sharp ": "kd + sigma2 > J ki/kp", "simple": "sigma2/J > ki/kp"}[name]
         print(f"  {name} condition {text}: {sides[0]:.8g} {'>' if sides[0] > sides[1] else '<='} {sides[1]:.8g} {unit}")
     print("    sharp: all members are stable but for the zero, if and only if; simple: sufficient, and for all K > 0")
     if found.threshold:

@@ -1,7 +1,8 @@
 """casahunt tune: gain and controller times of least cost that do not hunt, verified; with an evidence page.
 
 Keys of the JSON object (units: rad, s, V, N m; null where there is no number):
-model; gain, lead_time, integral_time: the answer; cost (its name), cost_meaning, cost_value, cost_unit, cost_gain_only
+model; gain, lead_time, integral_time (kp, ki, kd of a controller by gains): the answer; cost (its name),
+cost_meaning, cost_value, cost_unit, cost_gain_only
 (with the times as given; null where nothing was freed or where that cannot be met);
 fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for), demands {phase_margin, gain_margin,
 delay, sample_time}, free, bounds {gain: [low, high], ...}; worst {corner {parameter: value}, fold_gain, evaluations};
@@ -13,8 +14,8 @@ with the least "phase margin", "gain margin (lowering)", "gain margin (raising)"
 lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
 tasks [{friction, start, time, verdict, reason, status}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
-before {gain, lead_time, integral_time, tasks}, null unless --gain or --out is given; servo {key: value}: as given;
-rounds, evaluations, status, wall_s.
+before {gain, lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or --out is given;
+servo {key: value}: as given; rounds, evaluations, status, wall_s.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from ...checks import known, to_error
-from ...design.tune.demands import COSTS, FREE, Demands
+from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tuning import Tuning, tune
 from ...design.uncertainty.toml import load_uncertainty
 from ...errors import InputError
@@ -49,9 +50,9 @@ def add(commands: Any) -> None:
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
     command.add_argument("--margin", default=0.1, help="gain above the fold gain, relative (default 0.1)")
     command.add_argument("--uncertainty", metavar="FILE.toml", help="servos that must not hunt either")
-    command.add_argument("--free", action="append", default=[], metavar="TIME", help="lead_time, integral_time")
+    command.add_argument("--free", action="append", default=[], metavar="NAME", help=", ".join(NUMBERS))
     command.add_argument(
-        "--bounds", action="append", default=[], metavar="NAME=LOW,HIGH", help="of gain, lead_time, integral_time"
+        "--bounds", action="append", default=[], metavar="NAME=LOW,HIGH", help="of gain and what is free"
     )
     command.add_argument("--cost", default="gain", help=f"{', '.join(COSTS)} (default gain)")
     command.add_argument("--phase-margin", default=30.0, help="of the linear loop, degrees (default 30)")
@@ -77,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
-    free = [known("free", name, FREE) for name in options.free]
+    free = [known("free", name, NUMBERS) for name in options.free]
     bounds = bounds_of(options.bounds)
 
     stream = progress(options.quiet)
@@ -174,8 +175,9 @@ def _print_answer(record: dict[str, Any], error: float, tol: float) -> None:
     known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
     print(f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad")
     if record["free"]:
-        lead, integral = (to_error(record[name], tol) for name in ("lead_time", "integral_time"))
-        print(f"  controller times lead_time {lead} s, integral_time {integral} s")
+        times = {name: f"{name} {to_error(record[name], tol)}" for name in NUMBERS if name in record}
+        said = ", ".join(text + (" s" if name.endswith("time") else "") for name, text in times.items())
+        print(f"  controller {'gains' if 'kp' in times else 'times'} {said}")
     only = record["cost_gain_only"]
     print(
         f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"

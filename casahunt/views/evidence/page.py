@@ -12,6 +12,12 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
+CONTROLLER = {
+    "lead_time": ("lead time", " s"), "integral_time": ("integral time", " s"),
+    "kp": ("proportional gain kp", ""), "ki": ("integral gain ki", " 1/s"), "kd": ("derivative gain kd", " s"),
+}  # fmt: skip
+"""Numbers of a controller in the record: their names, and their units where the gain is in V/rad."""
+
 
 def value_at(record: Mapping[str, Any], key: str) -> Any:
     """The entry of a record at a path.
@@ -159,8 +165,8 @@ def _answer(p: _Page) -> list[str]:
         "<h2>The answer</h2>",
         _table([], [
             ["gain K", p.n("gain", ".10g") + " V/rad"],
-            ["lead time", p.n("lead_time") + " s" + ("" if "lead_time" in free else ", as given")],
-            ["integral time", p.n("integral_time") + " s" + ("" if "integral_time" in free else ", as given")],
+            *[[name, p.n(key) + unit + ("" if key in free else ", as given")]
+              for key, (name, unit) in CONTROLLER.items() if key in record],
             ["cost", f"{html.escape(record['cost_meaning'])}: {p.n('cost_value')} {html.escape(record['cost_unit'])}"
              + only],
             ["what keeps it from being less", ", ".join(map(_words, record["binding"])) or "nothing"],

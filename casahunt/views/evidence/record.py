@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 from ...checks import finite_or_none
@@ -101,8 +102,7 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
     return {
         "model": tuning.model,
         "gain": tuning.gain,
-        "lead_time": tuning.servo.controller.lead_time,
-        "integral_time": tuning.servo.controller.integral_time,
+        **dataclasses.asdict(tuning.servo.controller),
         "cost": tuning.cost,
         "cost_meaning": what,
         "cost_value": finite_or_none(tuning.cost_value),
@@ -173,10 +173,8 @@ def _verification(check: Verification) -> dict[str, Any]:
 
 
 def _before(tuning: Tuning, gain: float, tasks: tuple[Task, ...]) -> dict[str, Any]:
-    controller = tuning.before.controller
     return {
         "gain": gain,
-        "lead_time": controller.lead_time,
-        "integral_time": controller.integral_time,
+        **dataclasses.asdict(tuning.before.controller),
         "tasks": [_task(task) for task in tasks],
     }

@@ -34,12 +34,12 @@ def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) 
         raise InputError(f"{len(folds)} folds with {len(slopes)} sensitivities: must be as many, at least one")
     figure = new_figure()
     axes = figure.subplots()
-    largest = {name: max(abs(s.elasticities[name]) for s in slopes) for name in NAMES}
+    largest = {name: max(abs(s.elasticities.get(name, 0.0)) for s in slopes) for name in NAMES}
     names = sorted((name for name in NAMES if largest[name] > 0), key=lambda name: largest[name])
     place = np.arange(len(names))
     height = 0.8 / len(folds)
     for k, (fold, slope) in enumerate(zip(folds, slopes, strict=True)):
-        values = np.array([slope.elasticities[name] for name in names])
+        values = np.array([slope.elasticities.get(name, 0.0) for name in names])
         look = LOOKS[fold.orbit.model]
         bars = axes.barh(
             place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look.colour,

@@ -1,6 +1,6 @@
 """Bode pictures of the linear loop: the fixed controller shape of the report's Figure 1, and the loop itself.
 
-    C(s) = K (tau_d s + 1)(tau_i s + 1)/(tau_i s) [V/rad],   L(s) = C(s) cm/(s (J s + sigma2))
+    C(s) of servo/controller.py [V/rad],   L(s) = C(s) cm/(s (J s + sigma2))
 
 The gain moves the magnitude curves up and down; the phase curves are the same for every gain.
 """
@@ -41,7 +41,7 @@ def bode(servo: Servo, loops: Sequence[LinearLoop]) -> Figure:
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
     crossings = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
-    corners = [1 / tau for tau in (servo.controller.lead_time, servo.controller.integral_time) if tau > 0]
+    corners = [1 / tau for tau in servo.controller.corners if tau > 0]
     low, high = min(corners + crossings), max(corners + crossings)
     omega = np.geomspace(low / ROOM, high * ROOM, BODE_POINTS)
     figure = new_figure()

@@ -1,0 +1,61 @@
+"""Tuning a controller by gains: as by times where they are the same, complex zeros against folds and margins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import InputError, Options, Pid, find_fold
+from casahunt.design.tune.demands import Demands
+from casahunt.design.tune.tuning import tune
+from casahunt.servo.delayed_loop import margins
+
+
+def test_both_forms_of_a_controller_are_tuned_alike(unscanned, servo):
+    """The same demands bind at the same gain; freed, kd goes to its bound, where that servo's fold gives the answer."""
+    same = replace(servo, controller=servo.controller.pid())
+    demands = Demands(delay=0.005, phase_margin=45)
+    for cost, bounds in (("gain", {}), ("settling", {"gain": (0.5, 5.0)})):
+        a, b = (tune(s, "switch", cost=cost, demands=demands, bounds=bounds) for s in (servo, same))
+        assert b.gain == pytest.approx(a.gain, rel=1e-9) and a.binding == b.binding
+    found = tune(same, "switch", free=["kd"], bounds={"kd": (0.15, 0.2)}, options=Options(tol=1e-8))
+    fold = find_fold(same.replace(**{"controller.kd": 0.2}), "switch", options=Options(tol=1e-8))
+    assert found.servo.controller.kd == pytest.approx(0.2, rel=1e-9)
+    assert found.gain == pytest.approx(1.1 * fold.gain, rel=1e-6)
+    assert found.binding == ("hunting margin", "upper bound of kd") and found.verification.ok
+
+
+@pytest.mark.slow
+def test_two_gains_with_complex_zeros(unscanned, servo):
+    """High-frequency gain with a phase margin over (ki, kd) with kp' = 1, against a grid of folds and margins.
+
+    At a place of the grid the gain is the least that keeps both demands, if there is one.
+    """
+    pid = replace(servo, controller=Pid(kp=1.0, ki=6.0, kd=0.15))  # complex zeros
+    demands = Demands(delay=0.004, phase_margin=50)
+    ranges = {"ki": (4.0, 8.0), "kd": (0.1, 0.2)}
+    found = tune(pid, "switch", cost="high-frequency", free=["ki", "kd"], bounds=ranges, demands=demands)
+    assert found.verification.ok
+    best = math.inf
+    for ki in np.linspace(4, 8, 5):
+        for kd in np.linspace(0.1, 0.2, 5):
+            other = pid.replace(**{"controller.ki": float(ki), "controller.kd": float(kd)})
+            gain = 1.1 * find_fold(other, "switch").gain
+            while margins(other, gain, delay=0.004).phase_margin < 50 and gain < 5:
+                gain *= 1.01
+            if gain < 5 and margins(other, gain, delay=0.004).lowest_factor <= 0.5:
+                best = min(best, gain * kd)
+    assert best * 0.9 < found.cost_value <= best * (1 + 1e-6)
+
+
+def test_three_gains_are_one_too_many(servo):
+    pid = replace(servo, controller=servo.controller.pid())
+    with pytest.raises(InputError, match="free kp, ki, kd: must leave one out, because the gain multiplies all three"):
+        tune(pid, "switch", free=["kp", "ki", "kd"])
+    with pytest.raises(InputError, match="unknown free 'lead_time'"):
+        tune(pid, "switch", free=["lead_time"])
+    with pytest.raises(InputError, match="controller.kd = 0: must be greater than 0 to tune"):
+        tune(pid.replace(**{"controller.kd": 0.0}), "switch")
