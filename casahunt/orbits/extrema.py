@@ -39,7 +39,7 @@ Array = np.ndarray
 Expression = Callable[[Any, Any], Any]
 """(x, p) -> scalar, of CasADi symbols."""
 
-LOOKED_AT = 17
+INTERVAL_LOOKS = 17
 """Points of an interval, both ends among them, between which the rate of g may change its sign."""
 CLOSED_FORM_LOOKS = 129
 """The same for a phase in closed form."""
@@ -209,7 +209,7 @@ class _Look:
         edges = np.concatenate([[0.0], np.cumsum(fractions)]) / np.sum(fractions) * float(self.durations[k])
         j = i - t.phase_intervals(k).start
         h = float(edges[j + 1] - edges[j])
-        tau = np.linspace(0, 1, LOOKED_AT)
+        tau = np.linspace(0, 1, INTERVAL_LOOKS)
         points = (t.scheme.interpolation(tau) @ self.w[i]) * scale
         points[-1] = self.nodes[element + 1] * scale
         stepper = Stepper(mode.field, t.scheme, self.setting.p, scale, mode.sign)
@@ -286,8 +286,8 @@ class _Values:
         function = ca.Function("g", [x, p], [ca.densify(value), ca.densify(rate), gradient])
         self._at_one = caller(function, [n, parameters], [1, 1, n])
         self._at_many = caller(
-            function.map("many", "serial", LOOKED_AT, [1], []),
-            [(LOOKED_AT, n), parameters], [LOOKED_AT, LOOKED_AT, (LOOKED_AT, n)],
+            function.map("many", "serial", INTERVAL_LOOKS, [1], []),
+            [(INTERVAL_LOOKS, n), parameters], [INTERVAL_LOOKS, INTERVAL_LOOKS, (INTERVAL_LOOKS, n)],
         )  # fmt: skip
 
     def __call__(self, points: Array, p: Array) -> tuple[Array, Array, Array]:
@@ -295,8 +295,8 @@ class _Values:
         m = len(points)
         buffers = (self._at_one if m == 1 else self._at_many).buffers
         g, rate, g_x = np.empty(m), np.empty(m), np.empty(points.shape)
-        for first in range(0, m, LOOKED_AT):
-            chunk = slice(first, first + LOOKED_AT)
+        for first in range(0, m, INTERVAL_LOOKS):
+            chunk = slice(first, first + INTERVAL_LOOKS)
             count = len(points[chunk])
             buffers.inputs[0].reshape(-1, points.shape[1])[:count], buffers.inputs[1][:] = points[chunk], p
             buffers.trigger()
