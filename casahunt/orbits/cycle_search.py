@@ -223,7 +223,11 @@ class _Search:
             self.sections = tuple(Section(mode, TURNS, (k + 1) / parts, 1.0) for k in range(parts))
             return
         low, high = late.min(axis=1), late.max(axis=1)
-        i = int(np.argmax((high - low) / self.scale))
+        moves = (high - low) / self.scale
+        others = np.array([name not in self.system.angles for name in names])
+        if moves[others].max(initial=0.0) > STANDSTILL:
+            moves[~others] = -1.0  # an angle that turns passes a plane once
+        i = int(np.argmax(moves))
         level = (low[i] + high[i]) / 2
         if abs(level) < 0.05 * (high[i] - low[i]):
             level = 0.0  # where a symmetry would have it

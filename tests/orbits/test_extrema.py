@@ -24,15 +24,15 @@ def assert_extreme(found, value: float, *, size: float = 1.0) -> None:
 # A circle -------------------------------------------------------------------------------------------------------------
 
 
-def circle(tol: float) -> Orbit:
+def circle(tol: float, rate: float = 1.0) -> Orbit:
     """The unit circle, turned about (0.3, 0) so that nothing is symmetric: x from -0.7 to 1.3, cut anywhere."""
 
     def field(x, p):
         u = x.x - p.off
-        grows = 1 - u**2 - x.y**2
+        grows = p.rate * (1 - u**2 - x.y**2)
         return {"x": grows * u - p.omega * x.y, "y": grows * x.y + p.omega * u}
 
-    system = System("circle", ("x", "y"), {"omega": 1.3, "off": 0.3}, (Mode("smooth", field),))
+    system = System("circle", ("x", "y"), {"omega": 1.3, "off": 0.3, "rate": rate}, (Mode("smooth", field),))
     return find_cycle(system, x=1.0, y=0.0, tol=tol)
 
 
@@ -50,6 +50,17 @@ def test_a_circle(tol):
     ahead = orbit.extrema(lambda x, p: x.x + x.y + p.off)
     assert_extreme(ahead.high, 0.6 + math.sqrt(2))
     assert_extreme(ahead.low, 0.6 - math.sqrt(2))
+
+
+@pytest.mark.parametrize("tol", TOLERANCES[:2])
+def test_a_circle_that_forgets_its_errors(tol):
+    """Errors of the nodes before fade on the way to the place: what is left is that of the last step."""
+    orbit = circle(tol, rate=30.0)
+    y = orbit.extrema("y")
+    assert_extreme(y.low, -1.0)
+    assert_extreme(y.high, 1.0)
+    ahead = orbit.extrema(lambda x, p: x.x + x.y)
+    assert_extreme(ahead.high, 0.3 + math.sqrt(2))
 
 
 def test_an_expression_that_is_constant():

@@ -1,0 +1,74 @@
+"""docs/engine.md and the README's example of a system: every block runs, and gives what its comments promise."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from problems import belt
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "engine.md"
+
+
+def blocks(path: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def scope() -> dict:
+    names: dict = {}
+    for code in blocks(PAGE):
+        exec(compile(code, PAGE.name, "exec"), names)  # the code is our own
+    return names
+
+
+def test_the_belt(scope):
+    truth = belt.TRUTH[0.2]
+    assert scope["orbit"].period == pytest.approx(truth.period, rel=1e-9) and scope["orbit"].error_estimate < 1e-9
+    assert scope["faster"].period == pytest.approx(belt.TRUTH[0.5].period, rel=1e-8)
+    assert scope["branch"].values[-1] == pytest.approx(0.5, rel=1e-12)
+    assert scope["branch"].periods[-1] == pytest.approx(belt.TRUTH[0.5].period, rel=1e-7)
+    position = scope["position"]
+    assert (position.low.value, position.high.value) == pytest.approx(truth.extrema["x"], rel=1e-9)
+    assert [c.event for c in scope["motion"].events[:2]] == ["catches up", "breaks away"]
+    assert scope["motion"].error < 1e-7
+
+
+def test_the_readme(capsys):
+    _, code = blocks(ROOT / "README.md")
+    names: dict = {}
+    exec(compile(code, "README.md", "exec"), names)
+    assert names["orbit"].period == pytest.approx(belt.TRUTH[0.2].period, rel=1e-9)
+    assert capsys.readouterr().out.startswith("12.0010312948")
+
+
+def test_the_others(scope):
+    assert scope["bouncing"].period == pytest.approx(2 * math.pi / 20, rel=1e-12)
+    assert scope["halves"].period == pytest.approx(6.6632868593231301897, rel=1e-6) and scope["halves"].repeats == 2
+    _, x = scope["over"].sample()
+    assert x[0, -1] - x[0, 0] == pytest.approx(2 * math.pi, rel=1e-9)
+
+
+def test_links_lead_somewhere():
+    assert "](docs/engine.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(casahunt(?:\.\w+)+)`", PAGE.read_text(encoding="utf-8"))
+    assert named
+    for name in named:
+        module, _, attribute = name.rpartition(".")
+        assert hasattr(importlib.import_module(module), attribute), name
+
+
+def test_what_is_printed(capsys):
+    names: dict = {}
+    for code in blocks(PAGE):
+        exec(compile(code, PAGE.name, "exec"), names)
+    said = capsys.readouterr().out
+    promised = re.findall(r"# (mode .*|no cycle .* rest) ?\.*$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(promised) == 2
+    for sentence in (*promised, "12.00103129"):
+        assert sentence in said
