@@ -128,7 +128,23 @@ def canudas() -> Cycles:
     yield "LuGre", cycle(back, start[1:], settle=4, mirror=True)
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas)}
+def rossler() -> Cycles:
+    """On y = 0, falling, so many turns; what is unstable by Newton's method from the motion's own section."""
+    x, y, z = hy.make_vars("x", "y", "z")
+    for c, turns, settle in ((2.5, 1, 400), (3.5, 2, 400), (4.0, 4, 400), (4.0, 1, 0), (5.7, 1, 0)):
+        field = [(x, -y - z), (y, x + 0.2 * y), (z, 0.2 + z * (x - c))]
+        machine = Machine({"smooth": Piece(field, [Way("falls", y, -1, "smooth")])})
+
+        def back(u: Array, watch: bool, machine: Machine = machine, turns: int = turns) -> tuple[Array, Any]:
+            _, end, time = machine.run("smooth", [u[0], 0, u[1]], until="falls", times=turns, watch=watch)
+            return end[[0, 2]], time
+
+        found = cycle(back, [-1.3 * c, 0.03], settle=settle)
+        print("    (x, z) on y = 0:", *found.y)
+        yield f"c = {c:g}, {turns} turns", found
+
+
+ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas, rossler)}
 
 
 def main(names: list[str]) -> None:
