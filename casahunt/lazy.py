@@ -23,7 +23,11 @@ def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str]
 
     Returns
     -------
-    Function from a name to its value, which is then kept in the package.  It raises AttributeError for other names.
+    Function from a name to its value, which is then kept in the package.
+
+    Raises
+    ------
+    AttributeError : from that function, for any other name.
     """
     home_of = {name: home for home, names in homes.items() for name in names}
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from casahunt.orbits import Orbit
+from casahunt.orbits import SystemOrbit
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Found(NamedTuple):
     """One cycle of a gallery: its caption, the orbit, what is known of it."""
 
     caption: str
-    orbit: Orbit
+    orbit: SystemOrbit
     truth: Truth
 
 
@@ -69,7 +69,7 @@ def root(function: Callable[[float], float], near: float) -> float:
     return b
 
 
-def errors(orbit: Orbit, truth: Truth) -> dict[str, float]:
+def errors(orbit: SystemOrbit, truth: Truth) -> dict[str, float]:
     """What an orbit is off by.
 
     Parameters
@@ -107,7 +107,7 @@ def line(found: Found) -> str:
     )
 
 
-def portrait(orbit: Orbit, across: str, up: str, ax: Any = None, **style: Any) -> Any:
+def portrait(orbit: SystemOrbit, across: str, up: str, ax: Any = None, **style: Any) -> Any:
     """Draw one state over another, or over the time.
 
     Parameters

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..hybrid.system import Feature
-from .joints import flow_at, linear_in_time
+from .joints import event_rate, flow_at, linear_in_time
 from .scheme import Kind, Scheme, scheme
 from .transcription import Setting, Transcription
 
@@ -85,6 +85,10 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             unclear[t.phase_intervals(k)] |= _hides_feature(mode.feature, w[t.phase_intervals(k)], nodes, t, k, setting)
         if not durations[k] > 0:
             return Verdict(f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s", k, unclear)
+        if phase.direction:
+            rate, size = event_rate(phase, nodes[t.phase_end[k]], float(durations[k]), setting.p)
+            if phase.direction * rate < -NOISE * size:
+                return Verdict(f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side", k, unclear)
         if mode.admissible is None:
             continue
         if t.counts[k]:

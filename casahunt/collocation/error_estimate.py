@@ -33,9 +33,10 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from .interval import point_map
+from .linearisation import Linearisation
 from .mesh import on_halved_mesh, shape, sizes_of_states
 from .scheme import Kind, scheme
-from .transcription import Linearisation, Setting, Transcription
+from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
@@ -132,10 +133,12 @@ def functional_errors(
 
     Parameters
     ----------
-    t, u, setting, border, believed
+    t, u, setting
         as in `estimate`.
     goals
         (k, y) the functionals, k <= node_system.ADJOINTS.
+    border, believed
+        as in `estimate`.
 
     Returns
     -------

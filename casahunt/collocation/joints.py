@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Cycle, Mode
+from ..hybrid.system import Cycle, Mode, Phase
 
 Array = np.ndarray
 
@@ -68,7 +68,19 @@ def joint_function(cycle: Cycle) -> ca.Function:
 
 @kept(maxsize=64)
 def linear_in_time(mode: Mode, n: int, parameters: int) -> bool:
-    """Whether a mode in closed form moves along a straight line, its flow being linear in the time."""
+    """Whether a mode in closed form moves along a straight line, its flow being linear in the time.
+
+    Parameters
+    ----------
+    mode
+        a mode with a flow.
+    n, parameters
+        numbers of states and of parameters.
+
+    Returns
+    -------
+    True where it does.
+    """
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     return not any(ca.which_depends(mode.flow(x, T, p), T, 2, False))
@@ -83,12 +95,58 @@ def _flow_map(mode: Mode, n: int, parameters: int, points: int) -> Caller:
 
 
 def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
-    """States (m, n) of a mode in closed form at the `times` (m,) after x (n,)."""
+    """States of a mode in closed form.
+
+    Parameters
+    ----------
+    mode
+        a mode with a flow.
+    x
+        (n,) state at its start.
+    times
+        (m,) after that.
+    p
+        parameter vector.
+
+    Returns
+    -------
+    (m, n) states.
+    """
     buffers = _flow_map(mode, x.size, p.size, times.size).buffers
     for store, value in zip(buffers.inputs, (x, times, p), strict=True):
         store[...] = value
     buffers.trigger()
     return buffers.outputs[0].copy()
+
+
+@kept(maxsize=64)
+def _event_rate(phase: Phase, n: int, parameters: int) -> Caller:
+    x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
+    gradient = ca.densify(ca.jacobian(phase.end.function(x, T, p), x))
+    f = ca.densify(phase.mode.field(x, p, phase.mode.sign))
+    function = ca.Function("rate", [x, T, p], [gradient @ f, ca.fabs(gradient) @ ca.fabs(f)])
+    return caller(function, [n, 1, parameters], [1, 1])
+
+
+def event_rate(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float, float]:
+    """How fast the event at the end of a phase is crossed.
+
+    Parameters
+    ----------
+    phase
+        the phase.
+    x, duration, p
+        (n,) state at its end, its duration, the parameters.
+
+    Returns
+    -------
+    (h_x . f, |h_x| . |f|): the rate, and the size of what it is the sum of.
+    """
+    buffers = _event_rate(phase, x.size, p.size).buffers
+    for store, value in zip(buffers.inputs, (x, duration, p), strict=True):
+        store[...] = value
+    buffers.trigger()
+    return float(buffers.outputs[0][0]), float(buffers.outputs[1][0])
 
 
 class JointMap:

@@ -18,6 +18,9 @@ from .transcription import Setting, Transcription, transcribe
 
 Array = np.ndarray
 
+AS_GOOD_AS_ZERO = 1e-6
+"""A state that is nowhere larger than this part of its scale is zero but for what a solver leaves: sizes follow an
+orbit in steps, in none of which one shrinks by so much."""
 _INSIDE = np.linspace(0, 1, 17)
 """Times at which the size of a motion in closed form is looked at."""
 
@@ -189,7 +192,7 @@ def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
 
     Returns
     -------
-    (n,) in the units of u, that is of setting.scale; at least 1e-12.
+    (n,) in the units of u, that is of setting.scale; 1 for a state that is zero all along, whose size nobody knows.
     """
     w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0, initial=0.0)
     nodes = t.nodes_of(u)
@@ -199,7 +202,7 @@ def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
             times = float(t.durations_of(u)[k]) * _INSIDE
             inside = flow_at(phase.mode, nodes[t.phase_start[k]] * setting.scale, times, setting.p)
             largest = np.maximum(largest, np.abs(inside).max(axis=0) / setting.scale)
-    return np.maximum(largest, 1e-12)
+    return np.where(largest > AS_GOOD_AS_ZERO, largest, 1.0)
 
 
 def shape(t: Transcription, u: Array) -> Array:

@@ -21,7 +21,8 @@ from typing import Literal
 import numpy as np
 
 from ..errors import Status
-from .transcription import Linearisation, Setting, Transcription
+from .linearisation import Linearisation
+from .transcription import Setting, Transcription
 
 Array = np.ndarray
 Solver = Literal["ipopt", "newton"]

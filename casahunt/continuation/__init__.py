@@ -6,6 +6,7 @@ curve.py            the curve of a branch: its points, tangent and predictor
 walk.py             by pseudo-arclength or by natural continuation
 special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
 bifurcations.py     flips, losses of symmetry and tori, by the multipliers
+branching.py        from a flip or a loss of symmetry to the cycles that branch off
 branch.py           a branch of a user's system, with what is met on the way
 fold_conditions.py  the conditions of a fold as constraints of a larger problem
 turning_point.py    the largest lambda on a mesh by Newton's method alone
@@ -19,7 +20,11 @@ from ..lazy import lazily
 
 if TYPE_CHECKING:
     from .branch import Branch, follow
+    from .branching import branch_off
     from .special_points import Missed, SpecialPoint
 
-__all__ = ["Branch", "Missed", "SpecialPoint", "follow"]
-__getattr__ = lazily(__name__, {"branch": ("Branch", "follow"), "special_points": ("Missed", "SpecialPoint")})
+__all__ = ["Branch", "Missed", "SpecialPoint", "branch_off", "follow"]
+__getattr__ = lazily(
+    __name__,
+    {"branch": ("Branch", "follow"), "branching": ("branch_off",), "special_points": ("Missed", "SpecialPoint")},
+)

@@ -2,26 +2,43 @@
 
     for every two orbits of a walk (walk.py)    the monitors that change sign between them (bifurcations.py), located
 
-Where the phases of the cycle change, as at a grazing, the walk goes on with those that the motion really has
-(orbits/family.py); the place is located to the tolerance.
+Where the phases of the cycle change, the walk goes on with those that the motion really has (orbits/family.py).  Where
+none continues it, an event being met with no speed, the walk has ended at that grazing, to a step of 1e-10.  On the
+other side of the parameter, or on the same one, there may be a cycle that keeps clear of the event: where the motion
+settles on one next to the last, the branch goes on with it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Any, Generic, cast
 
 import numpy as np
 
 from ..checks import known, number
-from ..errors import InputError, NoOrbit
+from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.orbit import AnyOrbit
+from ..orbits.cycle_search import find_cycle
+from ..orbits.family import Family
+from ..orbits.orbit import AnyOrbit, Orbit
 from .bifurcations import monitors_of
-from .special_points import GRAZING, Missed, Monitor, SpecialPoint, crossings
+from .special_points import GRAZING, Missed, Monitor, SpecialPoint, crossings, special_point
 from .walk import walk
 
 Array = np.ndarray
+
+BESIDE_GRAZING = 1e-3
+"""How far beside a grazing, in lambda, the motion is looked at."""
+NEARLY_THE_SAME = 0.05
+"""Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
+
+
+MET_WITHOUT_SPEED = replace(
+    GRAZING,
+    meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,19 +128,86 @@ def follow(
         raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
-    steps = walk(
-        orbit, vary=vary, low=min(to, back), high=max(to, back), sense=float(np.sign(to - here)), previous=previous,
-        options=options, largest_step=largest_step, max_points=max_points,
-    )  # fmt: skip
-    branch = Branch(vary, (orbit,), (), (), "")
+    how: dict[str, Any] = {"low": min(to, back), "high": max(to, back), "largest_step": largest_step}
+    begun = Branch(vary, (orbit,), (), (), "")
+    return _followed(begun, float(np.sign(to - here)), previous, looked_for, options, max_points, how)
+
+
+def _followed(
+    branch: Branch[AnyOrbit],
+    sense: float,
+    previous: AnyOrbit | None,
+    looked_for: tuple[Monitor, ...],
+    options: Options,
+    max_points: int,
+    how: dict[str, Any],
+) -> Branch[AnyOrbit]:
+    """The branch from its last orbit on, past grazings; `how` goes to the walk."""
+    vary = branch.vary
+    while True:
+        steps = walk(
+            branch.orbits[-1], vary=vary, sense=sense, previous=previous, options=options,
+            max_points=max_points - len(branch.orbits), **how,
+        )  # fmt: skip
+        branch, status = _walked(branch, steps, looked_for, options)
+        last = branch.orbits[-1]
+        if status is not Status.INADMISSIBLE or GRAZING not in looked_for:
+            return branch
+        branch = replace(branch, special=(*branch.special, special_point(MET_WITHOUT_SPEED, last, vary)))
+        following = _clear_of_it(last, vary, options)
+        if following is None or len(branch.orbits) + 1 >= max_points:
+            return branch
+        previous = None
+        sense = float(np.sign(following.problem.value(vary) - last.problem.value(vary)))
+        branch = replace(branch, orbits=(*branch.orbits, following))
+
+
+def _walked(
+    branch: Branch[AnyOrbit],
+    steps: Generator[AnyOrbit, None, str],
+    looked_for: tuple[Monitor, ...],
+    options: Options,
+) -> tuple[Branch[AnyOrbit], Status | None]:
+    """The branch with the orbits of a walk, and the status with which that ended."""
     while True:
         try:
             after = next(steps)
         except StopIteration as end:
-            return replace(branch, ended=str(end.value))
+            return replace(branch, ended=str(end.value)), getattr(end.value, "status", None)
         except NoOrbit as error:
-            return replace(branch, ended=str(error))
-        found, missed = crossings(branch.orbits[-1], after, vary=vary, monitors=looked_for, options=options)
-        branch = Branch(
-            vary, (*branch.orbits, after), (*branch.special, *found), (*branch.missed, *missed), branch.ended
-        )
+            return replace(branch, ended=str(error)), error.status
+        before = branch.orbits[-1]
+        found, missed = crossings(before, after, vary=branch.vary, monitors=looked_for, options=options)
+        orbits, special = (*branch.orbits, after), (*branch.special, *found)
+        branch = replace(branch, orbits=orbits, special=special, missed=(*branch.missed, *missed))
+
+
+def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
+    family = last.problem
+    if not isinstance(family, Family):
+        return None
+    arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
+    for side in (1.0, -1.0):
+        value = family.moved(vary, side * BESIDE_GRAZING)
+        start = family.system.names.numbers(arc.states[len(arc.states) // 2, 0], family.vector())
+        parameters = dict(zip(family.names, family.values, strict=True)) | {vary: value}
+        with suppress(NoOrbit):
+            other = find_cycle(
+                family.system, arc.mode, parameters=parameters, follow=family.followed, measure=family.measured,
+                options=options, start=start,
+            )  # fmt: skip
+            if other.signature != last.signature and _alike(last, other):
+                return cast(AnyOrbit, other)
+    return None
+
+
+def _alike(one: Orbit, other: Orbit) -> bool:
+    """Whether the ranges of all states and the periods are nearly the same."""
+    if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
+        return False
+    states = len(one.problem.system.states) if isinstance(one.problem, Family) else one.scale.size
+    x, y = one.sample()[1][:states], other.sample()[1][:states]
+    size = np.ptp(x, axis=1)
+    off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))
+    return bool(np.all(off <= NEARLY_THE_SAME * size))

@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
-from ..collocation.transcription import Linearisation, Setting, Transcription
+from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import curve_border
 from ..orbits.orbit import Orbit, Solved, unknowns_of

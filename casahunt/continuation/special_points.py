@@ -147,8 +147,11 @@ def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0
     -------
     SpecialPoint.
     """
-    value = to_error(parameter_value(orbit, vary), error or orbit.parameter_error or orbit.error_estimate)
-    meaning = monitor.meaning.format(name=vary, value=float(value), beyond=orbit.problem.beyond_a_fold)
+    value = parameter_value(orbit, vary)
+    relative = error or orbit.parameter_error or orbit.error_estimate
+    absolute = relative * abs(orbit.problem.unit(vary))
+    digits = to_error(value, absolute / abs(value)) if abs(value) > absolute else "0"
+    meaning = monitor.meaning.format(name=vary, value=float(digits), beyond=orbit.problem.beyond_a_fold)
     return SpecialPoint(monitor.kind, orbit, meaning)
 
 

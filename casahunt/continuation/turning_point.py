@@ -19,8 +19,9 @@ import numpy as np
 
 from ..collocation.graphs import graphs
 from ..collocation.ipopt import Maximum
+from ..collocation.linearisation import Linearisation
 from ..collocation.newton import Solution, newton
-from ..collocation.transcription import Linearisation, Setting, Transcription
+from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import Status
 from ..orbits.adapt import curve_border

@@ -25,7 +25,7 @@ from ..collocation.transcription import Setting
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
-from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, Solved, orbit_of
 from .curve import Point, along, bend, cosine, curve_point, in_units_of, parameter_value, point_at, predict, secant
 
 Array = np.ndarray
@@ -99,7 +99,8 @@ def walk(
             ceiling = CAUTION * ds
             ds *= 0.4
             if ds < SMALLEST_STEP:
-                return f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
+                sentence = f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
+                return Complaint(sentence, getattr(outcome, "status", None))
             outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
         orbit, following, iterations = outcome
         yield orbit

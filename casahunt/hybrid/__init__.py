@@ -5,6 +5,7 @@
 system.py    modes, exits and phases; a cycle x(start) = S x(end) as phases in order
 vector_form.py  functions of named states and parameters as functions of vectors
 problem.py   the contract: what the engine must know of whoever poses a problem
+expressions.py  what a user's functions return, checked
 language.py  what a user writes: Event, Mode, System with names
 roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """

@@ -12,18 +12,21 @@ parameters p.name.  They are called with symbols, once; whatever else they use i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from keyword import iskeyword
+from numbers import Real
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..checks import known, number, quoted
+from ..checks import known, number, quoted, require
 from ..compiled import alone, kept
 from ..errors import InputError
 from . import system as engine
+from .expressions import check_scalar, check_states, evaluated
 from .vector_form import (
     TIME,
     Always,
@@ -93,9 +96,9 @@ class Mode:
     feature: Function | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class System:
-    """A hybrid system with named states and parameters.
+    """A hybrid system with named states and parameters.  Compared by value, functions by identity.
 
     Attributes
     ----------
@@ -121,19 +124,26 @@ class System:
     forcing_period: Callable[[Named], Any] | None = None
     symmetries: tuple[Any, ...] = ()
     angles: tuple[str, ...] = ()
-    names: Names = field(init=False, repr=False, compare=False)
-    _hash: int = field(init=False, repr=False, compare=False)
+    names: Names = field(init=False, repr=False)
+    _key: tuple[int, tuple[Any, ...]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         _check_shapes(self)
-        object.__setattr__(self, "parameters", {k: number(f"parameter {k!r}", v) for k, v in self.parameters.items()})
+        values = {name: number(f"parameter {name!r}", value) for name, value in self.parameters.items()}
+        object.__setattr__(self, "parameters", MappingProxyType(values))
+        matrices = tuple(tuple(tuple(map(float, row)) for row in np.asarray(S)) for S in self.symmetries)
+        object.__setattr__(self, "symmetries", matrices)
         object.__setattr__(self, "names", Names(self.states, tuple(self.parameters), self.forcing_period))
-        key = (self.name, self.states, tuple(self.parameters.items()), self.modes, self.forcing_period)
-        object.__setattr__(self, "_hash", hash(key))
+        key = (self.name, self.states, tuple(values.items()), self.modes, self.forcing_period, matrices, self.angles)
+        object.__setattr__(self, "_key", (hash(key), key))
         _check_functions(self)
+        self.values()
 
     def __hash__(self) -> int:
-        return self._hash
+        return self._key[0]
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or isinstance(other, System) and self._key == other._key
 
     def __reduce__(self) -> Any:
         given = (self.name, self.states, dict(self.parameters), self.modes)
@@ -150,14 +160,33 @@ class System:
         return next(mode for mode in self.modes if mode.name == name)
 
     def values(self, parameters: Mapping[str, float] | None = None) -> Array:
-        """(np,) the parameter vector, some of them changed.  Raises InputError for an unknown name or no number."""
+        """(np,) the parameter vector, some of them changed.
+
+        Raises
+        ------
+        InputError : an unknown name, no number, or a forcing whose turns take no time then.
+        """
         changed = dict(self.parameters)
         for name, value in (parameters or {}).items():
             changed[known("parameter", name, self.parameters)] = number(name, value)
-        return np.array(list(changed.values()), float)
+        p = np.array(list(changed.values()), float)
+        if self.forcing_period is not None:
+            require(f"system {self.name!r}: forcing_period", float(self.names.turn(p)), above=0.0)
+        return p
 
-    def state(self, values: Mapping[str, float]) -> Array:
-        """(n,) the state vector of the engine, all states given by name; the time in a forced system is t, default 0.
+    def state(self, values: Mapping[str, float], parameters: Mapping[str, float] | None = None) -> Array:
+        """The state vector of the engine.
+
+        Parameters
+        ----------
+        values
+            all states by name; in a forced system t is the time, default 0.
+        parameters
+            those that differ from the system's, by name: a turn of the forcing may last longer with them.
+
+        Returns
+        -------
+        (n,) vector.
 
         Raises
         ------
@@ -168,10 +197,10 @@ class System:
             known("state", name, allowed)
         missing = [name for name in self.states if name not in values]
         if missing:
-            raise InputError(f"{self.name}: no value is given for {listed(missing)}")
-        x = [number(name, values[name]) for name in self.states]
+            raise InputError(f"{self.name}: no value is given for the state {listed(missing)}")
+        x = [number(f"state {name}", values[name]) for name in self.states]
         if self.forcing_period:
-            x.append(number(TIME, values.get(TIME, 0.0)) / float(self.names.turn(self.values())))
+            x.append(number(TIME, values.get(TIME, 0.0)) / float(self.names.turn(self.values(parameters))))
         return np.array(x)
 
 
@@ -200,7 +229,9 @@ def _vector_form(system: System) -> engine.System:
             engine.Exit(
                 engine.Event(event.name, EventValue(Scalar(event.function, names))),
                 event.direction,
-                Always(event.to) if isinstance(event.to, str) else Successor(event.to, names),
+                Always(event.to) if isinstance(event.to, str) else Successor(
+                    event.to, names, f"event {event.name!r} of mode {mode.name!r}", tuple(m.name for m in system.modes)
+                ),
                 mark=event.to == mode.name or event.reset is not None,
                 reset=None if event.reset is None else Reset(event.reset, names),
             )
@@ -244,10 +275,17 @@ def _check_structure(what: str, system: System) -> None:
         if angle not in system.states:
             raise InputError(f"{what}: the angle {angle!r} is none of the states {listed(system.states)}")
     n = len(system.states)
+    if not isinstance(system.symmetries, tuple):
+        raise InputError(f"{what}: symmetries must be a tuple of matrices, such as (numpy.diag([1, -1]),)")
     for S in system.symmetries:
-        if np.shape(S) != (n, n) or not np.allclose(np.asarray(S) @ np.asarray(S), np.eye(n)):
+        try:
+            matrix = np.asarray(S, float)
+        except (TypeError, ValueError):
+            matrix = np.zeros(0)
+        if matrix.shape != (n, n) or not np.allclose(matrix @ matrix, np.eye(n)):
             raise InputError(
-                f"{what}: a symmetry must be an ({n}, {n}) matrix S with S S = 1; a jump is the reset of an event"
+                f"{what}: a symmetry must be a matrix S of shape ({n}, {n}) with S S = 1; where a "
+                "state jumps, its event has a reset"
             )
 
 
@@ -255,7 +293,7 @@ def _check_names(what: str, which: str, names: Any, *, empty: bool = False) -> N
     if isinstance(names, str) or not isinstance(names, tuple) or not (names or empty):
         raise InputError(f"{what}: {which} must be a tuple of names, such as ('x', 'v')")
     for name in names:
-        if not isinstance(name, str) or not name.isidentifier() or name.startswith("__"):
+        if not isinstance(name, str) or not name.isidentifier() or iskeyword(name) or name[0] == "_":
             raise InputError(f"{what}: {quoted(name)} among its {which} is no name that can be written as x.name")
     if len(set(names)) < len(names):
         raise InputError(f"{what}: one of its {which} stands there twice: {listed(names)}")
@@ -267,6 +305,8 @@ def _check_callable(what: str, which: str, function: Any) -> None:
 
 
 def _check_mode(mode: Mode, modes: list[str]) -> None:
+    if not isinstance(mode.name, str) or not mode.name:
+        raise InputError(f"the name of a mode must be a text, not {quoted(mode.name)}")
     what = f"mode {mode.name!r}"
     if mode.field is None and mode.flow is None:
         raise InputError(f"{what}: needs a field, or a flow")
@@ -277,28 +317,32 @@ def _check_mode(mode: Mode, modes: list[str]) -> None:
         raise InputError(f"{what}: ends must be a tuple of Events, such as (Event(...),)")
     if number(f"{what}: slack", mode.slack) < 0:
         raise InputError(f"{what}: slack = {mode.slack:g}: must not be negative")
-    seen = set()
     for event in mode.ends:
-        where = f"event {event.name!r} of {what}"
-        if event.name in seen or not event.name:
-            raise InputError(f"{where}: the events of a mode need different names")
-        seen.add(event.name)
-        _check_callable(where, "function", event.function)
-        if isinstance(event.direction, bool) or event.direction not in (1, -1):
-            raise InputError(f"{where}: direction = {quoted(event.direction)}: must be +1 (rising) or -1 (falling)")
-        if isinstance(event.to, str) and event.to not in modes:
-            raise InputError(f"{where}: leads to {event.to!r}, which is none of the modes {listed(modes)}")
-        if not isinstance(event.to, str):
-            _check_callable(where, "to", event.to)
-        if event.reset is not None:
-            _check_callable(where, "reset", event.reset)
+        _check_event(event, what, modes)
+        if [e.name for e in mode.ends].count(event.name) > 1:
+            raise InputError(f"event {event.name!r} of {what}: the events of a mode need different names")
+
+
+def _check_event(event: Event, mode: str, modes: list[str]) -> None:
+    if not isinstance(event.name, str) or not event.name:
+        raise InputError(f"{mode}: the name of an event must be a text, not {quoted(event.name)}")
+    what = f"event {event.name!r} of {mode}"
+    _check_callable(what, "function", event.function)
+    if isinstance(event.direction, bool) or not isinstance(event.direction, Real) or abs(event.direction) != 1:
+        raise InputError(f"{what}: direction = {quoted(event.direction)}: must be +1 (rising) or -1 (falling)")
+    if isinstance(event.to, str) and event.to not in modes:
+        raise InputError(f"{what}: leads to {event.to!r}, which is none of the modes {listed(modes)}")
+    if not isinstance(event.to, str):
+        _check_callable(what, "to", event.to)
+    if event.reset is not None:
+        _check_callable(what, "reset", event.reset)
 
 
 def _user_functions(system: System) -> Iterator[tuple[str, Callable[[Any, Any, Any], Any], str]]:
     """(what it is called, function of symbols (x, T, p), what it must return) of everything the user wrote."""
     if system.forcing_period is not None:
         turn = system.forcing_period
-        yield f"system {system.name!r}: forcing_period", lambda x, T, p: turn(p), "scalar"
+        yield f"system {system.name!r}: forcing_period", lambda x, T, p: turn(p), "turn"
     for mode in system.modes:
         what = f"mode {mode.name!r}"
         for which in ("field", "holds", "feature"):
@@ -310,7 +354,7 @@ def _user_functions(system: System) -> Iterator[tuple[str, Callable[[Any, Any, A
             yield f"{what}: flow", mode.flow, "states"
         for event in mode.ends:
             where = f"event {event.name!r} of {what}"
-            yield f"{where}: function", _of_three(event.function), "scalar"
+            yield f"{where}: function", _of_three(event.function), "event"
             if event.reset is not None:
                 yield f"{where}: reset", _of_three(event.reset), "some states"
 
@@ -323,39 +367,13 @@ def _of_three(function: Function) -> Callable[[Any, Any, Any], Any]:
 def _check_functions(system: System) -> None:
     """Every function is called with symbols: it must name what there is, and return what it should."""
     names = system.names
-    x, T, p = ca.SX.sym("x", len(names.entries)), ca.SX.sym("T"), ca.SX.sym("p", len(names.parameters))
+    x, T, p = symbols = [ca.SX.sym("x", len(names.entries)), ca.SX.sym("T"), ca.SX.sym("p", len(names.parameters))]
     for what, function, kind in _user_functions(system):
-        try:
-            value = function(names.x(x, p) if "forcing_period" not in what else None, T, names.p(p))
-        except InputError as error:
-            raise InputError(f"{what}: {error}") from None
-        except Exception as error:  # whatever a user's function raises
-            raise InputError(f"{what} cannot be evaluated with CasADi's symbols: {error}") from error
-        if kind == "scalar":
-            _check_scalar(what, value)
-        else:
-            _check_states(what, value, system.states, partly=kind == "some states")
-
-
-def _check_scalar(what: str, value: Any) -> None:
-    try:
-        shape = ca.SX(value).shape
-    except Exception:  # whatever CasADi makes of a dict, a text, None
-        raise InputError(f"{what} must return a scalar, not {quoted(value)}") from None
-    if shape != (1, 1):
-        raise InputError(f"{what} must return a scalar, not one of shape {shape}")
-    if ca.SX(value).is_constant() and not math.isfinite(float(ca.DM(ca.SX(value)))):
-        raise InputError(f"{what} is {float(ca.DM(ca.SX(value)))}, whatever the state")
-
-
-def _check_states(what: str, values: Any, states: tuple[str, ...], *, partly: bool) -> None:
-    if not isinstance(values, Mapping):
-        raise InputError(f"{what} must return states by name, such as {{{states[0]!r}: ...}}, not {quoted(values)}")
-    unknown = [str(name) for name in values if name not in states]
-    if unknown:
-        raise InputError(f"{what} speaks of {listed(unknown)}; the states are {listed(states)}")
-    missing = [name for name in states if name not in values]
-    if missing and not partly:
-        raise InputError(f"{what} says nothing of the state {listed(missing)}")
-    for name, value in values.items():
-        _check_scalar(f"{what} of the state {name!r}", value)
+        state = None if kind == "turn" else names.x(x, p)
+        value = evaluated(what, function, state, T, names.p(p))
+        if kind in ("states", "some states"):
+            check_states(what, value, system.states, symbols, partly=kind == "some states")
+            continue
+        scalar = check_scalar(what, value, symbols)
+        if kind == "event" and ca.jacobian(scalar, x).is_zero():
+            raise InputError(f"{what} does not change with any state; an event is where a scalar goes through zero")

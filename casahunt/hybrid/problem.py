@@ -129,11 +129,31 @@ class Problem(ABC):
         return self.value(name)
 
     def moved(self, name: str, lam: float) -> float:
-        """Value of a parameter at `lam`."""
+        """Value of a parameter along a branch.
+
+        Parameters
+        ----------
+        name, lam
+            one of `names`; lambda, 0 at the problem's own value.
+
+        Returns
+        -------
+        Its value there.
+        """
         return self.value(name) * (1 + lam)
 
     def distance(self, name: str, value: float) -> float:
-        """The lambda that leads from here to a value of a parameter."""
+        """The lambda that leads from here to a value of a parameter.
+
+        Parameters
+        ----------
+        name, value
+            one of `names`, and the value.
+
+        Returns
+        -------
+        lambda, so that `moved(name, lambda)` is the value.
+        """
         return value / self.value(name) - 1
 
     def range_of(self, name: str) -> tuple[float, float]:
@@ -141,9 +161,10 @@ class Problem(ABC):
         return 0.0, math.inf
 
     def direction(self, name: str) -> Array:
-        """(np,) direction dp in parameter space that moves one parameter."""
+        """(np,) direction dp in parameter space that moves one parameter; (0,) where there is none to move."""
         dp = np.zeros(len(self.names))
-        dp[self.names.index(name)] = 1.0
+        if self.names:
+            dp[self.names.index(name)] = 1.0
         return dp
 
     def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:

@@ -86,11 +86,19 @@ class Event:
 
 @dataclass(frozen=True)
 class Phase:
-    """One mode, followed until its event; the state jumps there by `reset`, or None."""
+    """One mode, followed until its event.
+
+    Attributes
+    ----------
+    mode, end : the mode, and the event at its end.
+    reset : the jump of the state there, or None.
+    direction : +1 where the event rises through zero at the end, -1 where it falls; 0 where nobody asks.
+    """
 
     mode: Mode
     end: Event
     reset: Reset | None = None
+    direction: int = 0
 
 
 @dataclass(frozen=True)

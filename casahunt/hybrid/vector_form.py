@@ -49,7 +49,9 @@ class Named:
         try:
             return self._values[name]
         except KeyError:
-            raise InputError(f"there is no {self._kind} {name!r}; there is {listed(self._values)}") from None
+            timeless = self._kind == "state" and name == TIME
+            hint = "; a system has a time where it says its forcing_period" if timeless else ""
+            raise InputError(f"there is no {self._kind} {name!r}; there is {listed(self._values)}{hint}") from None
 
 
 def listed(names: Iterable[str]) -> str:
@@ -86,14 +88,51 @@ class Names:
         return self.forcing_period(self.p(p))
 
     def x(self, x: Any, p: Any) -> Named:
-        """States by name, from the vectors; and the time in a forced system."""
+        """States by name, from the vectors; and the time in a forced system.
+
+        Parameters
+        ----------
+        x, p
+            (n,) or (n, m), and (np,): numbers or symbols.
+
+        Returns
+        -------
+        Named; an entry of (n, m) is (m,).
+        """
         named = {name: x[i] for i, name in enumerate(self.states)}
         if self.forcing_period is not None:
             named[TIME] = x[len(self.states)] * self.turn(p)
         return Named("state", named)
 
+    def numbers(self, x: Array, p: Array) -> dict[str, float]:
+        """Numbers by name; with the time in a forced system.
+
+        Parameters
+        ----------
+        x, p
+            (n,) state and (np,) parameters.
+
+        Returns
+        -------
+        Name: number.
+        """
+        found = dict(zip(self.states, map(float, x), strict=False))
+        return found if self.forcing_period is None else found | {TIME: float(x[-1]) * float(self.turn(p))}
+
     def column(self, values: Mapping[str, Any], turns: Any) -> Any:
-        """The vector of one value for every state; `turns` is that of the time in a forced system."""
+        """The vector of one value for every state.
+
+        Parameters
+        ----------
+        values
+            state: its entry.
+        turns
+            the entry of the time in a forced system; left out in any other.
+
+        Returns
+        -------
+        (n,) of CasADi.
+        """
         return ca.vertcat(*[values[name] for name in self.states], *([] if self.forcing_period is None else [turns]))
 
 
@@ -148,13 +187,18 @@ class Reset:
 
 @dataclass(frozen=True)
 class Successor:
-    """(x, p) -> name of the next mode, where it depends on the numbers."""
+    """(x, p) -> name of the next mode, where it depends on the numbers; `what` is the event's name for a refusal."""
 
     function: Callable[[Named, Named], str]
     names: Names
+    what: str
+    modes: tuple[str, ...]
 
     def __call__(self, x: Array, p: Array) -> str:
-        return self.function(self.names.x(x, p), self.names.p(p))
+        name = self.function(self.names.x(x, p), self.names.p(p))
+        if name not in self.modes:
+            raise InputError(f"{self.what}: leads to {name!r}, which is none of the modes {listed(self.modes)}")
+        return name
 
 
 @dataclass(frozen=True)

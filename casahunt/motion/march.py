@@ -33,6 +33,10 @@ ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
 LENGTHENING = 2.5  # of an interval's length from one to the next
 BROKEN = 1e-6  # a condition below zero by this much does not hold
 VANISHED = "the step size vanished"
+CROWD, CROWDED = 100, 1e-7
+"""So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
+UNLIKE_ITS_FIELD = 1e-2
+"""A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +126,8 @@ def march(
             _check_holds(system.modes[segment.mode], segment, p, time)
         segments.append(segment)
         time += segment.duration
+        if strict and len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
+            raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
         used += len(segment.w)
         if segment.event == "" or until(segment):
             return segments
@@ -141,7 +147,7 @@ def _phase(
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
     segment, successor = _collocated(system, name, x, stepper, tol, max_time, intervals)
-    return segment if mode.flow is None else _polished(system, segment, p), successor
+    return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
 def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
@@ -171,12 +177,21 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
     return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor
 
 
-def _polished(system: System, segment: Segment, p: Array) -> Segment:
-    """A phase in closed form whose end was found by intervals: its duration to rounding."""
+def _polished(system: System, segment: Segment, p: Array, scale: Array) -> Segment:
+    """A phase in closed form whose end was found by intervals: its duration to rounding.
+
+    Raises MarchFailure where the closed form ends elsewhere: x(s + t) from x is x(t) from x(s) in a flow alone.
+    """
     mode, exits = system.modes[segment.mode], system.exits[segment.mode]
     named = [e for e in exits if e.event.name == segment.event]
     way_out = min(named, key=lambda e: abs(float(e.event.function(segment.end, 0.0, p))), default=None)
     duration, end = flow_to(mode, exits, way_out, segment.start, segment.duration, p)
+    off = np.abs(end - segment.end) / np.maximum(scale, np.abs(segment.end))
+    if np.isfinite(duration) and not np.max(off) <= UNLIKE_ITS_FIELD:
+        raise MarchFailure(
+            f"mode {segment.mode!r}: after {duration:.6g} its closed form is {np.max(off):.2g} of the sizes off "
+            "the motion along its field"
+        )
     jumped = None if way_out is None else behind(way_out, end, p)
     return Segment(segment.mode, segment.event, duration, np.array([0.0, 1.0]), segment.start[None], end, jumped)
 

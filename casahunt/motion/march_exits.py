@@ -42,7 +42,19 @@ class TooLong(Exception):
 
 @kept(maxsize=64)
 def ends_linear_in_time(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> bool:
-    """Whether the events of all exits of a mode in closed form are linear in the time spent in it."""
+    """Whether the events of all exits of a mode in closed form are linear in the time spent in it.
+
+    Parameters
+    ----------
+    mode, exits
+        a mode with a flow, and its exits.
+    n, parameters
+        numbers of states and of parameters.
+
+    Returns
+    -------
+    True where they are.
+    """
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     end = mode.flow(x, T, p)
@@ -58,7 +70,21 @@ def _reset_map(reset: Reset, n: int, parameters: int) -> Caller:
 
 
 def behind(way_out: Exit, end: Array, p: Array) -> Array | None:
-    """(n,) the state behind an exit that is reached at `end`; None where it does not jump."""
+    """The state behind an exit.
+
+    Parameters
+    ----------
+    way_out
+        the exit.
+    end
+        (n,) state in front of it.
+    p
+        parameter vector.
+
+    Returns
+    -------
+    (n,) state behind it; None where it does not jump.
+    """
     if way_out.reset is None:
         return None
     buffers = _reset_map(way_out.reset, end.size, p.size).buffers
@@ -127,7 +153,25 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
 def flow_to(
     mode: Mode, exits: tuple[Exit, ...], way_out: Exit | None, x: Array, T: float, p: Array
 ) -> tuple[float, Array]:
-    """(duration, state) at the end of a phase in closed form that takes about T, to rounding; T where it has no end."""
+    """The end of a phase in closed form that is known nearly.
+
+    Parameters
+    ----------
+    mode, exits
+        a mode with a flow, and its exits.
+    way_out
+        that of the phase, one of them; None where the time is over.
+    x
+        (n,) state at its start.
+    T
+        its duration, nearly [s].
+    p
+        parameter vector.
+
+    Returns
+    -------
+    Duration, to rounding, and (n,) state at the end.
+    """
     motion = _flow_map(mode, exits, x.size, p.size)
     if way_out is not None:
         i = exits.index(way_out)

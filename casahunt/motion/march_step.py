@@ -42,7 +42,19 @@ class Stepper:
         return -self._call(np.tile(x, self.scheme.degree + 1), 0.0)[rows + 1, rows - x.size :]
 
     def through(self, x: Array, stages: Array, h: float) -> Array:
-        """(n, n) derivative of the end by the start of an interval whose stages are these, all scaled."""
+        """Sensitivity of the end of an interval to its start.
+
+        Parameters
+        ----------
+        x, stages
+            (n,) start and (n d,) stages, scaled.
+        h
+            its length.
+
+        Returns
+        -------
+        (n, n) d end/d start, scaled.
+        """
         n, rows = x.size, x.size + stages.size
         columns = self._call(np.concatenate([x, stages]), h).T
         by_stages = columns[:, n + 1 : rows + 1]

@@ -104,7 +104,23 @@ class Motion:
 def sampled(
     system: engine.System, phases: tuple[Segment, ...] | list[Segment], p: Array, kind: Kind, per_interval: int
 ) -> tuple[Array, Array]:
-    """(times (m,), states (n, m)) of marched phases, `per_interval` points in an interval and both ends of a phase."""
+    """Marched phases at points.
+
+    Parameters
+    ----------
+    system
+        the hybrid system.
+    phases
+        of a march, one after the other.
+    p, kind
+        parameter vector and collocation scheme of the march.
+    per_interval
+        points in an interval; both ends of a phase are there besides.
+
+    Returns
+    -------
+    Times (m,) from the start, states (n, m).
+    """
     tau = np.linspace(0, 1, per_interval, endpoint=False)
     times, states, start = [], [], 0.0
     for phase in phases:
@@ -147,8 +163,10 @@ def simulate(
         those that differ from the system's, by name.
     tol
         error of an interval, relative to the sizes of the states.
-    start, states
-        all states at the start, by name, in a mapping or as keywords; in a forced system t is the time, default 0.
+    start
+        states at the start, by name; in a forced system t is the time, default 0.
+    **states
+        the same as keywords, for those that are not in `start`.
 
     Returns
     -------
@@ -161,7 +179,7 @@ def simulate(
     """
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)
-    p, x = system.values(parameters), system.state({**(start or {}), **states})
+    p, x = system.values(parameters), system.state({**(start or {}), **states}, parameters)
     name = system.mode(mode).name if mode is not None else system.modes[0].name
     kind: Kind = "radau" if any(m.stiff for m in system.modes) else "gauss"
     form = system.vector_form
@@ -176,7 +194,29 @@ def simulate(
 def follow_for(
     form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float, tol: float
 ) -> list[Segment]:
-    """The phases of a motion for exactly this time.  Raises MarchFailure."""
+    """The phases of a motion for exactly this time.
+
+    Parameters
+    ----------
+    form, mode
+        the hybrid system and the mode that it starts in.
+    x, p, scale
+        (n,) state at the start; parameter vector; (n,) sizes of the states.
+    kind
+        collocation scheme.
+    duration
+        how long.
+    tol
+        error of an interval, relative to the sizes.
+
+    Returns
+    -------
+    The phases; their durations sum up to `duration`.
+
+    Raises
+    ------
+    MarchFailure : see `march`.
+    """
     phases = march(
         form, mode, x, p, scale=scale, until=lambda segment: False, tol=tol, degree=MARCH_DEGREE, kind=kind,
         max_time=duration, strict=True,
@@ -190,7 +230,27 @@ def follow_for(
 
 
 def sizes(form: engine.System, mode: str, x: Array, p: Array, duration: float, kind: Kind) -> Array:
-    """(n,) largest magnitude of each state in the motion, from a look or two at it.  Raises MarchFailure."""
+    """Largest magnitude of each state in a motion, from a look or two at it.
+
+    Parameters
+    ----------
+    form, mode
+        the hybrid system and the mode that it starts in.
+    x, p
+        (n,) state at the start; parameter vector.
+    duration
+        how long it is looked at.
+    kind
+        collocation scheme.
+
+    Returns
+    -------
+    (n,) sizes, 1 for a state that stays zero and for the time.
+
+    Raises
+    ------
+    MarchFailure : see `march`.
+    """
     scale = np.where(x != 0, np.abs(x), 1.0)
     for _ in range(2):
         _, states = sampled(form, follow_for(form, mode, x, p, scale, kind, duration, 1e-4), p, kind, 4)

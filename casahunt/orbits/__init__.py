@@ -8,6 +8,7 @@ orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 archive.py   orbits in files
+system_orbit.py  a cycle of a user's system, as its user reads it
 family.py    the cycles of a user's system at one p
 recurrence.py  when a motion repeats, as it is or mirrored
 cycle_search.py the cycle that a motion of a user's system settles on
@@ -20,7 +21,18 @@ from ..lazy import lazily
 if TYPE_CHECKING:
     from .adapt import Options
     from .cycle_search import find_cycle
+    from .family import load_orbit
     from .orbit import Orbit
+    from .system_orbit import SystemOrbit
 
-__all__ = ["Options", "Orbit", "find_cycle"]
-__getattr__ = lazily(__name__, {"adapt": ("Options",), "cycle_search": ("find_cycle",), "orbit": ("Orbit",)})
+__all__ = ["Options", "Orbit", "SystemOrbit", "find_cycle", "load_orbit"]
+__getattr__ = lazily(
+    __name__,
+    {
+        "adapt": ("Options",),
+        "cycle_search": ("find_cycle",),
+        "family": ("load_orbit",),
+        "orbit": ("Orbit",),
+        "system_orbit": ("SystemOrbit",),
+    },
+)

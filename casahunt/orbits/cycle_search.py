@@ -29,9 +29,9 @@ from ..motion.march import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
 from .family import Closure, Family, Section, with_sections
-from .orbit import Orbit
-from .recurrence import Recurrence, rebased, recurrences
+from .recurrence import Recurrence, rebased, recurrences, turns_over
 from .restart import from_segments
+from .system_orbit import SystemOrbit
 
 Array = np.ndarray
 
@@ -41,6 +41,8 @@ FIRST_LOOK = 20.0
 MOST_LOOKS, LOOK_LONGER = 12, 4.0
 """Looks, each this much longer than the one before, until there is something to see."""
 ENOUGH_EVENTS, ENOUGH_INTERVALS = 12, 300
+LOOKED_AT = 16
+"""States at which a forced system is tried for a symmetry between the halves of a turn."""
 RETURNED = 1e-2
 """A motion repeats when it comes back this near, in units of the state scale; each failure asks for a tenth of it."""
 WITHIN = 0.2
@@ -62,7 +64,7 @@ def find_cycle(
     options: Options | None = None,
     start: Mapping[str, float] | None = None,
     **states: float,
-) -> Orbit:
+) -> SystemOrbit:
     """The cycle that the motion from these states settles on.
 
     Parameters
@@ -82,8 +84,10 @@ def find_cycle(
         the states lie next to a cycle already, stable or not: the first return is taken.
     options
         more than a tolerance: scheme, solver; overrides `tol`.
-    start, states
-        all states at the start, by name, in a mapping or as keywords; in a forced system t is the time, default 0.
+    start
+        states at the start, by name; in a forced system t is the time, default 0.
+    **states
+        the same as keywords, for those that are not in `start`.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def find_cycle(
         system=system,
         p=system.values(parameters),
         mode=system.mode(mode).name if mode is not None else system.modes[0].name,
-        x=system.state({**(start or {}), **states}),
+        x=system.state({**(start or {}), **states}, parameters),
         followed=known("parameter", follow, names) if follow else (names[0] if names else ""),
         measured=known("state", measure, system.states) if measure else system.states[0],
         options=options or Options(tol=tol),
@@ -124,12 +128,12 @@ class _Search:
     settled: bool
     kind: Kind
     scale: Array = field(default_factory=lambda: np.ones(0))
-    section: Section | None = None
+    sections: tuple[Section, ...] = ()
     form: engine.System | None = None
     segments: list[Segment] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
 
-    def run(self) -> Orbit:
+    def run(self) -> SystemOrbit:
         """The cycle.  Raises NoOrbit."""
         try:
             return self.looked_for()
@@ -137,7 +141,7 @@ class _Search:
             sentence = f"the motion of {self.system.name} cannot be followed: {failure}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
 
-    def looked_for(self) -> Orbit:
+    def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, believe."""
         self.watch()
         near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
@@ -187,7 +191,7 @@ class _Search:
             self.mode, self.x = seen[-1].mode, seen[-1].end
         if self.system.forcing_period is not None:
             self.x[-1] -= np.floor(self.x[-1] + 1e-9)  # rounding is no turn
-        self.form = with_sections(self.system, (self.section,) if self.section else ())
+        self.form = with_sections(self.system, self.sections)
 
     def first_span(self) -> float:
         """A time in which something happens: that of a turn of the forcing, or of a state that moves by its size."""
@@ -213,24 +217,30 @@ class _Search:
             raise self.not_found("the motion comes to rest, and meets no event")
         names = self.system.names.entries
         if self.system.forcing_period is not None:
-            self.section = Section(mode, TURNS, 1.0, 1.0)
+            some = late[:, :: max(1, late.shape[1] // LOOKED_AT)]
+            parts = 2 if turns_over(self.system, mode, some, self.p, self.scale) else 1
+            self.sections = tuple(Section(mode, TURNS, (k + 1) / parts, 1.0) for k in range(parts))
             return
         low, high = late.min(axis=1), late.max(axis=1)
         i = int(np.argmax((high - low) / self.scale))
         level = (low[i] + high[i]) / 2
         if abs(level) < 0.05 * (high[i] - low[i]):
             level = 0.0  # where a symmetry would have it
-        self.section = Section(mode, names[i], float(level), float(self.scale[i]))
+        self.sections = (Section(mode, names[i], float(level), float(self.scale[i])),)
+
+    @property
+    def by_turns(self) -> bool:
+        """The motion is cut by the turns of its forcing, or their halves."""
+        return bool(self.sections) and self.sections[0].state == TURNS
 
     # March ----------------------------------------------------------------------------------------------------
 
     def march_on(self, phases: int) -> None:
         """So many phases more."""
         assert self.form is not None
-        by_turns = self.section is not None and self.section.state == TURNS
         goal = len(self.segments) + phases
         while len(self.segments) < goal:
-            count = 1 if by_turns else goal - len(self.segments)
+            count = 1 if self.by_turns else goal - len(self.segments)
             found: list[Segment] = []
 
             def enough(segment: Segment, found: list[Segment] = found, count: int = count) -> bool:
@@ -247,12 +257,12 @@ class _Search:
             last = self.form.exits[new[-1].mode]
             way_out = next(e for e in last if e.event.name == new[-1].event)
             self.mode, self.x = way_out.successor(new[-1].behind, self.p), new[-1].behind.copy()
-            if by_turns:
+            if self.by_turns and self.x[-1] > 1 - 1e-9:
                 self.x[-1] -= 1.0
 
     # Solve and believe -----------------------------------------------------------------------------------------
 
-    def solved(self, r: Recurrence) -> Orbit | None:
+    def solved(self, r: Recurrence) -> SystemOrbit | None:
         """The cycle of a recurrence, or None with a refusal."""
         sections, passes, closure = self.sections_for(r)
         problem = Family(self.system, tuple(self.p), closure, self.followed, self.measured, sections)
@@ -280,16 +290,19 @@ class _Search:
     def sections_for(self, r: Recurrence) -> tuple[tuple[Section, ...], list[Segment], Closure]:
         """(sections, phases, closure) of a recurrence: turns are counted on from phase to phase."""
         passes = self.segments[-r.phases :]
-        if self.section is None or self.section.state != TURNS:
-            return (self.section,) if self.section else (), rebased(self.system, passes), r.closure
-        sections = tuple(replace(self.section, level=float(k + 1)) for k in range(r.phases))
+        if not self.by_turns:
+            return self.sections, rebased(self.system, passes), r.closure
+        part = 1.0 / len(self.sections)
+        began = round(float(passes[0].start[-1]) / part) * part
+        sections = tuple(replace(self.sections[0], level=began + (k + 1) * part) for k in range(r.phases))
         counted = []
         for k, (s, section) in enumerate(zip(passes, sections, strict=True)):
             up = section.exits(self.system.names.entries)[0].event.name
+            ahead = round(began + k * part - float(s.start[-1]))
             w, end = s.w.copy(), s.end.copy()
-            w[:, self.x.size - 1 :: self.x.size] += k
-            end[-1] += k
+            w[:, self.x.size - 1 :: self.x.size] += ahead
+            end[-1] += ahead
             counted.append(Segment(s.mode, up, s.duration, s.breaks, w, end))
         shift = np.array(r.closure.shift)
-        shift[-1] = float(r.phases)
+        shift[-1] = r.phases * part
         return sections, counted, Closure(r.closure.matrix, tuple(map(float, shift)), r.closure.repeats)

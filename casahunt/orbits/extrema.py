@@ -6,10 +6,11 @@ The polynomial of an interval brackets the place; there an interval of its own, 
 solved by the equations of collocation, whose end is as accurate as a node.  At such a place g does not change with the
 time, so its error is that of the state alone,
 
-    g(exact) - g(found) = g_x A dx_e,        A = d x(place)/d x_e,
+    g(exact) - g(found) = g_x A dx_e + g_x (what the step to the place adds),        A = d x(place)/d x_e,
 
-a linear functional of the node x_e before it, whose error the adjoint gives as it gives that of the period
-(collocation/error_estimate.py).
+linear functionals of the nodes before and behind it, whose errors the adjoint gives as it gives that of the period
+(collocation/error_estimate.py): the node behind holds what a whole step adds, taken back by A B^-1, B the derivative of
+the whole step.
 
 Symbols: n states, m points.
 """
@@ -47,6 +48,8 @@ WORTH_POLISHING = 0.05
 PLACED = 1e-13
 """A place is known to this part of its interval: g is flat there."""
 SOLVED_TO = 1e-22
+INVERTIBLE = 1e8
+"""Condition number of a step up to which the error of its end is taken back into it."""
 MOST_POLISHING = 60
 
 
@@ -72,12 +75,14 @@ class Extrema(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A place where g may be extreme: element of the chain, time inside of it, value, and g_x A at its first node."""
+    """A place where g may be extreme: time, value, and the functionals whose larger error is that of the value.
 
-    element: int
+    `weights` are (node of the chain, (n,) weight).
+    """
+
     time: float
     value: float
-    weight: Array
+    weights: tuple[tuple[int, Array], ...]
 
 
 def extrema(t: Transcription, u: Array, setting: Setting, g: Expression) -> Extrema:
@@ -129,7 +134,23 @@ class _Later:
 
 
 def scalar_of(what: Any, names: Names) -> Scalar:
-    """A state by name, or the user's function, as a scalar of the vectors.  Raises InputError for anything else."""
+    """A state, or a function of the user's, as a scalar of the vectors.
+
+    Parameters
+    ----------
+    what
+        name of a state, or a function (x, p) of named states and parameters.
+    names
+        what the entries of the vectors are called.
+
+    Returns
+    -------
+    Scalar.
+
+    Raises
+    ------
+    InputError : it is neither.
+    """
     if isinstance(what, str):
         i = names.entries.index(known("state", what, names.states))
         return Scalar(_Coordinate(names.states[i]), names)
@@ -171,8 +192,8 @@ class _Look:
         for at, points, times, element, state_at in candidates:
             g, rate, g_x = at(points, self.setting.p)
             for i in (0, -1):
-                weight = self.through(element, float(times[i] - times[0])) if i else np.eye(self.t.n)
-                yield _Place(element, float(times[i]), float(g[i]), (g_x[i] * self.setting.scale) @ weight)
+                weight = g_x[i] * self.setting.scale
+                yield _Place(float(times[i]), float(g[i]), ((element if i == 0 else element + 1, weight),))
             extreme = (np.maximum(g[:-1], g[1:]) > high - margin) | (np.minimum(g[:-1], g[1:]) < low + margin)
             for j in np.flatnonzero(((rate[:-1] > 0) != (rate[1:] > 0)) & extreme):
                 yield self.polished(at, state_at, element, times, rate, int(j))
@@ -229,8 +250,13 @@ class _Look:
                 time = bracket.illinois
         x = state_at(time)
         g, _, g_x = at(x[None], self.setting.p)
-        weight = (g_x[0] * self.setting.scale) @ self.through(element, time)
-        return _Place(element, first + time, float(g[0]), weight)
+        A = self.through(element, time)
+        weight = g_x[0] * self.setting.scale
+        weights = [(element, weight @ A)]
+        whole = self.through(element, float(times[-1]) - first)
+        if np.linalg.cond(whole) < INVERTIBLE:
+            weights.append((element + 1, weight @ A @ np.linalg.inv(whole)))
+        return _Place(first + time, float(g[0]), tuple(weights))
 
     def through(self, element: int, time: float) -> Array:
         """(n, n) d x(time)/d x(start of the element), scaled."""
@@ -246,9 +272,10 @@ class _Look:
 
     def error(self, place: _Place) -> float:
         """Estimated error of the value there."""
-        goals = np.zeros((1, self.t.system.size))
-        goals[0, place.element * self.t.n : (place.element + 1) * self.t.n] = place.weight
-        return float(functional_errors(self.t, self.u, self.setting, goals)[0][0])
+        goals = np.zeros((len(place.weights), self.t.system.size))
+        for goal, (node, weight) in zip(goals, place.weights, strict=True):
+            goal[node * self.t.n : (node + 1) * self.t.n] = weight
+        return float(functional_errors(self.t, self.u, self.setting, goals)[0].max())
 
 
 class _Values:

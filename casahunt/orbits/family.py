@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,9 @@ from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Phase, Signature
 from ..hybrid.vector_form import TURNS, Always, Names
 from ..motion.march import MarchFailure, march
+from . import archive
 from .restart import Start, from_segments, in_scale
+from .system_orbit import SystemOrbit
 
 Array = np.ndarray
 
@@ -92,7 +95,17 @@ class Closure:
 
     @classmethod
     def of(cls, matrix: Array, shift: Array, repeats: int) -> Closure:
-        """From arrays (n, n) and (n,)."""
+        """The closure of arrays.
+
+        Parameters
+        ----------
+        matrix, shift, repeats
+            S (n, n), c (n,), and how often the phases make up the period.
+
+        Returns
+        -------
+        Closure.
+        """
         return cls(tuple(tuple(map(float, row)) for row in matrix), tuple(map(float, shift)), repeats)
 
 
@@ -109,6 +122,8 @@ class Family(Problem):
     measured : the state whose largest magnitude at the ends of phases is the amplitude.
     sections : planes at which phases may end besides the events of the system.
     """
+
+    orbit_type = SystemOrbit
 
     system: System
     values: tuple[float, ...]
@@ -142,7 +157,21 @@ class Family(Problem):
         return np.array(self.values, float)
 
     def with_value(self, name: str, value: float) -> Family:
-        """The same at another p.  Raises InputError for an unknown name or no number."""
+        """The same at another p.
+
+        Parameters
+        ----------
+        name, value
+            a parameter of the system, and its value.
+
+        Returns
+        -------
+        Family.
+
+        Raises
+        ------
+        InputError : there is no such parameter, or it is no number.
+        """
         at = self.names.index(known("parameter", name, self.names))
         return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
 
@@ -155,11 +184,31 @@ class Family(Problem):
         return max(abs(self.value(name)), abs(self.system.parameters[name])) or 1.0
 
     def moved(self, name: str, lam: float) -> float:
-        """The value at lambda: it may pass through zero."""
+        """Value of a parameter along a branch, in steps of its `unit`.
+
+        Parameters
+        ----------
+        name, lam
+            a parameter of the system; lambda.
+
+        Returns
+        -------
+        Its value there, which may be zero or below.
+        """
         return self.value(name) + lam * self.unit(name)
 
     def distance(self, name: str, value: float) -> float:
-        """The lambda that leads to a value."""
+        """The lambda that leads from here to a value of a parameter.
+
+        Parameters
+        ----------
+        name, value
+            a parameter of the system, and the value.
+
+        Returns
+        -------
+        lambda.
+        """
         return (value - self.value(name)) / self.unit(name)
 
     def range_of(self, name: str) -> tuple[float, float]:
@@ -168,6 +217,17 @@ class Family(Problem):
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
+
+        Parameters
+        ----------
+        signature
+            the phases, (mode, event) each.
+        repeats
+            how often they make up the period: that of the closure.
+
+        Returns
+        -------
+        Cycle.
 
         Raises
         ------
@@ -208,6 +268,17 @@ class Family(Problem):
 def posed(system: System, record: Mapping[str, Any]) -> Family:
     """The family of a system that a `Family.record` describes.
 
+    Parameters
+    ----------
+    system
+        the system.
+    record
+        what `Family.record` gave.
+
+    Returns
+    -------
+    Family.
+
     Raises
     ------
     KeyError, ValueError : it is of another system.
@@ -221,8 +292,42 @@ def posed(system: System, record: Mapping[str, Any]) -> Family:
     return Family(system, values, closure, record["followed"], record["measured"], sections)
 
 
+def load_orbit(path: str | Path, system: System) -> SystemOrbit:
+    """Read a cycle of a system that `SystemOrbit.save` has written.
+
+    Parameters
+    ----------
+    path
+        the file (npz).
+    system
+        the system: functions are not kept in files.
+
+    Returns
+    -------
+    SystemOrbit.
+
+    Raises
+    ------
+    InputError : it is none of this system, or damaged; says what is wrong.
+    """
+    loaded: SystemOrbit = archive.load_orbit(path, lambda record: posed(system, record))
+    return loaded
+
+
 def with_sections(system: System, sections: tuple[Section, ...]) -> engine.System:
-    """The system for a march that stops at the sections too."""
+    """The system for a march that stops at the sections too.
+
+    Parameters
+    ----------
+    system
+        the system.
+    sections
+        planes in its modes.
+
+    Returns
+    -------
+    The system in the terms of the engine, with their exits.
+    """
     form = system.vector_form
     exits = dict(form.exits)
     for section in sections:
@@ -276,7 +381,7 @@ def _cycle(
         way_out = next((e for e in form.exits.get(mode, ()) if e.event.name == event), None)
         if way_out is None:
             raise ValueError(f"{system.name} has no mode {mode!r} that ends with {event!r}")
-        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset))
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, way_out.direction))
     shift = closure.shift if any(closure.shift) else ()
     return Cycle(
         system.name, form.states, system.names.parameters, tuple(phases),
@@ -292,7 +397,21 @@ def turns(system: System) -> Array:
 
 
 def turned(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
-    """(n,) what angles and the time have grown on the way from x to `later`: whole turns, of the time also parts."""
+    """What angles and the time have grown on the way from one state to another.
+
+    Parameters
+    ----------
+    system
+        the system.
+    x, later
+        (n,) states.
+    parts
+        the time is counted in turns divided by this.
+
+    Returns
+    -------
+    (n,) whole turns of the angles, turns and parts of them of the time; 0 for the other states.
+    """
     turn = turns(system)
     unit = np.array([1.0 / parts if name == TURNS else t for name, t in zip(system.names.entries, turn, strict=True)])
     return np.where(turn > 0, unit * np.round((later - x) / np.where(turn > 0, unit, 1.0)), 0.0)

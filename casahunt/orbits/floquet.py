@@ -34,7 +34,8 @@ import casadi as ca
 import numpy as np
 
 from ..collocation.interval import point_function
-from ..collocation.transcription import Linearisation, Setting, Transcription
+from ..collocation.linearisation import Linearisation
+from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import NoOrbit, Status
 from ..hybrid.system import Mode

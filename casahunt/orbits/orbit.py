@@ -154,11 +154,6 @@ class Orbit:
         cycle = self.cycle
         return extrema(*unknowns_of(self), scalar_of(what, self.problem.vocabulary(cycle.states)))
 
-    @property
-    def parameters(self) -> dict[str, float]:
-        """The parameters, by name."""
-        return dict(zip(self.problem.names, map(float, self.problem.vector()), strict=True))
-
     def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
         """The full period, dense where the motion is fast.
 
@@ -290,6 +285,18 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
 
 
+class Complaint(str):
+    """A sentence about what went wrong, with the status that it belongs to; None where no solve has ended so."""
+
+    status: Status | None
+
+    def __new__(cls, sentence: str, status: Status | None = None) -> Complaint:
+        """A sentence and a status."""
+        self = super().__new__(cls, sentence)
+        self.status = status
+        return self
+
+
 @dataclass(frozen=True, eq=False)
 class Solved:
     """An orbit in the solver's terms.
@@ -310,9 +317,9 @@ class Solved:
     iterations: int
     note: str = ""
 
-    def complaint(self) -> str:
+    def complaint(self) -> Complaint:
         """The advice of the status with the note."""
-        return self.status.advice + (f" ({self.note})" if self.note else "")
+        return Complaint(self.status.advice + (f" ({self.note})" if self.note else ""), self.status)
 
 
 def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:

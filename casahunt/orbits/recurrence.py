@@ -45,9 +45,22 @@ class Recurrence:
 def recurrences(
     system: System, form: engine.System, segments: Sequence[Segment], p: Array, scale: Array, near: float
 ) -> list[Recurrence]:
-    """The ways in which the end of a motion is `near` an earlier state of it, the one with fewest phases first.
+    """The ways in which the end of a motion is near an earlier state of it.
 
-    `segments` start at events, but for the first one.
+    Parameters
+    ----------
+    system, form
+        the system, and what was marched: with its sections.
+    segments
+        the motion, phase after phase; all but the first start at events.
+    p, scale
+        parameter vector; (n,) sizes of the states.
+    near
+        how near, in those units.
+
+    Returns
+    -------
+    Recurrences, the one with fewest phases first; at most one in which nothing is mirrored.
     """
     found = []
     n = scale.size
@@ -87,7 +100,22 @@ def is_symmetry(
 ) -> bool:
     """Whether x -> S^-1 (x + shift) maps the first half of `segments`, with all that belongs to it, to the second.
 
-    Fields, conditions, events and jumps are compared at states of the motion and at others around them.
+    Fields, events and jumps are compared at states of the motion and at others around them.
+
+    Parameters
+    ----------
+    form
+        what was marched.
+    segments
+        an even number of phases.
+    S, shift
+        (n, n) and (n,).
+    p, scale
+        parameter vector; (n,) sizes of the states.
+
+    Returns
+    -------
+    True where everything agrees.
     """
     m = len(segments) // 2
     inverse = np.linalg.inv(S)
@@ -116,6 +144,39 @@ def is_symmetry(
     return True
 
 
+def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array) -> bool:
+    """Whether a symmetry maps the field of a mode of a forced system to what it is half a turn later.
+
+    Parameters
+    ----------
+    system, mode
+        the system and the name of the mode.
+    states
+        (n, m) states at which it is tried, and beside them.
+    p, scale
+        (np,) parameters; (n,) sizes of the states.
+
+    Returns
+    -------
+    True where one does.
+    """
+    here = system.vector_form.modes[mode]
+    rng = np.random.default_rng(0)
+    points = states.T + BESIDE_MOTION * scale * rng.standard_normal(states.T.shape)
+    later = np.zeros(scale.size)
+    later[-1] = 0.5
+
+    def agrees(S: Array) -> bool:
+        for x in points:
+            f = S @ (scale * field_at(here.field, x / scale, here.sign, p, scale)) / scale
+            g = field_at(here.field, (S @ x + later) / scale, here.sign, p, scale)
+            if not np.max(np.abs(f - g)) <= EQUAL * max(1.0, float(np.max(np.abs(f)))):
+                return False
+        return True
+
+    return any(agrees(S) for S in symmetries(system))
+
+
 def _exit(form: engine.System, segment: Segment) -> engine.Exit:
     return next(e for e in form.exits[segment.mode] if e.event.name == segment.event)
 
@@ -135,7 +196,19 @@ def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:
 
 
 def rebased(system: System, segments: Sequence[Segment]) -> list[Segment]:
-    """Segments with the whole turns taken off that angles and the time have at the start."""
+    """Segments with the whole turns taken off that angles and the time have at the start.
+
+    Parameters
+    ----------
+    system
+        the system.
+    segments
+        phases of a motion.
+
+    Returns
+    -------
+    The same phases, their first state within the first turn.
+    """
     turn = turns(system)
     start = segments[0].start
     off = np.where(turn > 0, turn * np.floor(start / np.where(turn > 0, turn, 1.0)), 0.0)

@@ -1,0 +1,160 @@
+"""From a flip, or a loss of symmetry, to the cycles that branch off there.
+
+A multiplier of the computed piece is -1: its equations with an antiperiodic closure are singular,
+
+    J_k du = 0 in every phase,    x_0 = -S x_E:    the direction in which the map of the piece turns over.
+
+Two pieces one after the other, the first moved by +eps du and the second by -eps du, are next to the new cycle: of
+twice the period where the piece was the period, a lopsided one where it was half of a symmetric cycle.  The phases of
+the second piece are those of the first, or their mirror images.  The new cycle is solved with its distance held and
+the parameter free; it can be followed from there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..collocation.mesh import phase_breaks
+from ..collocation.transcription import Setting, Transcription, transcribe
+from ..errors import InputError, NoOrbit, Status
+from ..hybrid.system import Signature
+from ..hybrid.vector_form import TURNS
+from ..motion.march import Segment
+from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.family import Closure, Family, Section, with_sections
+from ..orbits.orbit import Arc, Orbit, orbit_of, unknowns_of
+from ..orbits.recurrence import is_symmetry
+from ..orbits.restart import Start
+from .bifurcations import FLIP, SYMMETRY_LOST
+from .curve import along
+from .special_points import SpecialPoint
+
+Array = np.ndarray
+
+OFF = 0.02
+"""Distance of the new cycle from the old one, in units of the state scale."""
+SINGULAR = 1e-4
+"""Smallest over largest singular value below which there is a direction that turns over."""
+
+
+def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, options: Options | None = None) -> Orbit:
+    """The cycle that branches off: of twice the period at a flip, lopsided where a symmetric one loses its symmetry.
+
+    Parameters
+    ----------
+    special
+        a located flip or symmetry breaking of a cycle of a user's system.
+    vary
+        name of the parameter.
+    off
+        how far from the old cycle, in units of the state scale; of a lopsided pair -off gives the other one.
+    options
+        tolerance and method; default those of the orbit at the special point.
+
+    Returns
+    -------
+    Orbit, next to the special point; the parameter is what it turns out to be.
+
+    Raises
+    ------
+    InputError : nothing branches off at such a point.
+    NoOrbit : the new cycle was not computed, or is the old one.
+    """
+    began = time.perf_counter()
+    orbit, family = special.orbit, special.orbit.problem
+    if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or not isinstance(family, Family):
+        raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
+    options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    problem = replace(family, closure=_twice(family.closure), sections=_both_sections(family))
+    start, row = _two_pieces(orbit, family, problem, off, along(family, vary))
+    solved = solve_adaptively(problem, start, options, solver="newton", border=row)
+    if not solved.status.ok:
+        sentence = f"what branches off at the {special.meaning} was not computed: {solved.complaint()}"
+        raise NoOrbit(sentence, solved.status)
+    problem = problem.with_value(vary, problem.moved(vary, solved.solution.parameter))
+    found: Orbit = orbit_of(solved, problem, wall_s=time.perf_counter() - began)
+    first, second = found.arcs[0].states[0, 0], found.arcs[len(orbit.arcs)].states[0, 0]
+    if np.max(np.abs(orbit.cycle.opened(first) - second) / found.scale) < abs(off) * 1e-2:
+        sentence = f"next to the {special.meaning}: only the old cycle was found"
+        raise NoOrbit(sentence, Status.NOT_CONVERGED)
+    return found
+
+
+def _twice(closure: Closure) -> Closure:
+    """How two pieces close: x(start) = S S x(end) - (c + S c)."""
+    S, c = np.array(closure.matrix), np.array(closure.shift)
+    return Closure.of(S @ S, c + S @ c, 1)
+
+
+def _both_sections(family: Family) -> tuple[Section, ...]:
+    """The sections of both pieces: turns of the forcing are counted on in the second."""
+    turns = [s for s in family.sections if s.state == TURNS]
+    return (*family.sections, *(replace(s, level=s.level + family.closure.shift[-1]) for s in turns))
+
+
+def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
+    """(size,) du with x_0 = -S x_E, its first node of length one in scaled states."""
+    lin = t.linearise(u, setting)
+    antiperiodic = replace(lin, closure=-lin.closure)
+    matrix = t.system.dense(antiperiodic.matrix(t.system.border(parameter=1.0)))
+    _, values, rows = np.linalg.svd(matrix)
+    y = rows[-1]
+    if not values[-1] < SINGULAR * values[0]:
+        raise NoOrbit("no direction is turned over by the map here: nothing branches off", Status.NOT_CONVERGED)
+    return lin.expand(y, 0.0) / float(np.linalg.norm(y[: t.n]))
+
+
+def _two_pieces(orbit: Orbit, family: Family, problem: Family, off: float, dp: Array) -> tuple[Start, Array]:
+    """(starting point, border row) of two pieces of a cycle, moved by +off du and by -off du."""
+    t, u, setting = unknowns_of(orbit)
+    du = _turned_over(t, u, setting)
+    signature = (*t.cycle.signature, *_second_piece(orbit, problem, setting))
+    new = transcribe(problem.cycle(signature, 1), (*t.counts, *t.counts), t.degree, t.kind)
+    first, second = u + off * du, u - off * du
+
+    def opened(states: Array) -> Array:
+        return t.cycle.opened(states * setting.scale) / setting.scale
+
+    w = t.intervals_of(second).reshape(t.intervals, t.degree + 1, t.n)
+    w = np.concatenate([t.intervals_of(first), opened(w).reshape(t.intervals, t.rows)])
+    nodes = np.concatenate([t.nodes_of(first)[:-1], opened(t.nodes_of(second))])
+    durations = np.concatenate([t.durations_of(first), t.durations_of(second)])
+    fractions = np.concatenate([np.zeros(0), *(np.diff(b) for b in 2 * phase_breaks(t, setting.fractions))])
+    row = np.concatenate([du[t.node_index[0]], [0.0, 0.0]])
+    start = new, new.pack(w, nodes, durations), replace(setting, fractions=fractions, dp=dp)
+    return start, row / np.linalg.norm(row)
+
+
+def _second_piece(orbit: Orbit, both: Family, setting: Setting) -> Signature:
+    """The phases that follow those of the computed piece, as `both` calls them: the images of those by S^-1 (x + c)."""
+    form = with_sections(both.system, both.sections)
+    S, shift = orbit.cycle.closure, np.array(orbit.cycle.shift or np.zeros(orbit.scale.size))
+    if orbit.repeats == 1 and not any(section.state == TURNS for section in both.sections):
+        return orbit.signature
+    found = []
+    for arc in orbit.arcs:
+        for candidate in _candidates(both, arc):
+            if is_symmetry(form, [_segment(arc, arc.mode, arc.event), candidate], S, shift, setting.p, orbit.scale):
+                found.append((candidate.mode, candidate.event))
+                break
+        else:
+            raise NoOrbit(f"no mode of {both.title} is the mirror image of {arc.mode!r}", Status.NOT_CONVERGED)
+    return tuple(found)
+
+
+def _segment(arc: Arc, mode: str, event: str) -> Segment:
+    """An arc as a marched segment, of another name perhaps."""
+    w = arc.states.reshape(len(arc.states), -1)
+    return Segment(mode, event, arc.duration, arc.breaks, w, arc.end)
+
+
+def _candidates(family: Family, arc: Arc) -> Iterator[Segment]:
+    """Segments of every mode and exit."""
+    form = with_sections(family.system, family.sections)
+    for mode, exits in form.exits.items():
+        for way_out in exits:
+            yield _segment(arc, mode, way_out.event.name)

@@ -1,0 +1,65 @@
+"""A cycle of a user's system, as its user reads it: named parameters, a sentence, a curve, a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..checks import error_text, known, to_error
+from . import archive
+from .orbit import Orbit
+
+
+class SystemOrbit(Orbit):
+    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what it holds."""
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The parameters, by name."""
+        return dict(zip(self.problem.names, map(float, self.problem.vector()), strict=True))
+
+    def __str__(self) -> str:
+        count = len(self.arcs) * self.repeats
+        phases = f"{count} phase{'s' * (count > 1)}" + (", symmetric" if self.repeats > 1 else "")
+        stability = "stability not known" if not self.multipliers.trusted else "stable" if self.stable else "unstable"
+        period = to_error(self.period, self.period_error)
+        return f"{self.problem.title}: period {period}, {phases}, {stability}, error {error_text(self.error_estimate)}"
+
+    def plot(self, across: str, up: str, *, ax: Any, per_interval: int = 24, **style: Any) -> Any:
+        """Draw one state over another, or over the time.
+
+        Parameters
+        ----------
+        across, up
+            names of states; "t" is the time from the start of the first phase.
+        ax
+            matplotlib axes.
+        per_interval
+            points in an interval.
+        **style
+            for `ax.plot`.
+
+        Returns
+        -------
+        The axes.
+
+        Raises
+        ------
+        InputError : there is no such state.
+        """
+        times, states = self.sample(per_interval)
+        curves = {**dict(zip(self.cycle.states, states, strict=True)), "t": times}
+        for name in (across, up):
+            known("state", name, curves)
+        ax.plot(curves[across], curves[up], **style)
+        ax.set(xlabel=across, ylabel=up)
+        return ax
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a file (npz), which `casahunt.orbits.load_orbit` reads.
+
+        Raises
+        ------
+        InputError : `archive.save_orbit` says why it cannot be written.
+        """
+        archive.save_orbit(self, path)

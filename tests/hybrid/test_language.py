@@ -1,0 +1,255 @@
+"""A user's system: what is wrong with it is said in one sentence that names the culprit; systems are data."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt.errors import InputError
+from casahunt.hybrid import Event, Mode, System
+from casahunt.hybrid.system import Cycle, Phase
+from casahunt.motion.simulation import simulate
+from casahunt.orbits import find_cycle
+
+
+def van_der_pol(x, p):
+    return {"x": x.v, "v": p.mu * (1 - x.x**2) * x.v - x.x}
+
+
+def height(x, p):
+    return x.x
+
+
+def turn(p):
+    return 2 * math.pi / p.mu
+
+
+def turned_back(x, p):
+    return {"v": -0.8 * x.v}
+
+
+def system(*modes: Mode, **changed: Any) -> System:
+    """The van der Pol oscillator, in part another."""
+    given: dict[str, Any] = {
+        "name": "oscillator", "states": ("x", "v"), "parameters": {"mu": 1.0},
+        "modes": modes or (Mode("free", van_der_pol),),
+    }  # fmt: skip
+    return System(**(given | changed))
+
+
+def with_field(function: Any) -> Callable[[], System]:
+    return lambda: system(Mode("free", function))
+
+
+def with_event(**changed: Any) -> Callable[[], System]:
+    event = Event("hits", height, -1, to="free")
+    return lambda: system(Mode("free", van_der_pol, ends=(replace(event, **changed),)))
+
+
+def v_is(value: Callable[[Any, Any], Any]) -> Callable[[], System]:
+    return with_field(lambda x, p: {"x": x.v, "v": value(x, p)})
+
+
+EVENT = Event("hits", height, -1, to="free")
+FIELD, HITS, SYSTEM = "mode 'free': field", "event 'hits' of mode 'free'", "system 'oscillator'"
+BAD: dict[str, tuple[Callable[[], System], str]] = {
+    # Fields
+    "unknown state": (v_is(lambda x, p: x.w), f"{FIELD}: there is no state 'w'; there is x, v"),
+    "unknown parameter": (v_is(lambda x, p: p.nu), f"{FIELD}: there is no parameter 'nu'; there is mu"),
+    "time": (v_is(lambda x, p: x.t), f"{FIELD}: there is no state 't'.* forcing_period"),
+    "missing derivative": (with_field(lambda x, p: {"x": x.v}), f"{FIELD} says nothing of the state v"),
+    "one too many": (with_field(lambda x, p: {"x": 0, "v": 0, "w": 0}), f"{FIELD} speaks of w; the states are x, v"),
+    "list": (with_field(lambda x, p: [x.v, x.x]), f"{FIELD} must return states by name, such as .'x': .*, not .SX"),
+    "vector": (v_is(lambda x, p: ca.vertcat(x.x, x.v)), rf"{FIELD} of the state 'v' must return a scalar.*\(2, 1\)"),
+    "none": (v_is(lambda x, p: None), f"{FIELD} of the state 'v' must return a scalar, not None"),
+    "math": (v_is(lambda x, p: math.sin(x.x) - x.v), f"{FIELD} of the state 'v' is NaN.* casadi.sin, not"),
+    "nan": (v_is(lambda x, p: math.nan * x.x), f"{FIELD} of the state 'v' is NaN"),
+    "infinite": (v_is(lambda x, p: x.x + math.inf), f"{FIELD} of the state 'v' holds an infinite number"),
+    "if": (v_is(lambda x, p: 1 if x.x > 0 else -1), f"{FIELD} cannot be evaluated.*truth value.* casadi.if_else"),
+    "max": (v_is(lambda x, p: max(x.x, 0)), f"{FIELD} cannot be evaluated.*fmax"),
+    "index": (v_is(lambda x, p: x[0]), f"{FIELD} cannot be evaluated.* written x.name"),
+    "division": (v_is(lambda x, p: 1 / 0), f"{FIELD} cannot be evaluated with CasADi's symbols: division by zero"),
+    "arguments": (with_field(lambda x: {}), rf"{FIELD} cannot be evaluated.* takes \(x, p\)"),
+    "own symbol": (v_is(lambda x, p: ca.SX.sym("q")), f"{FIELD} of the state 'v' depends on q, which is no state"),
+    "number": (with_field(3), f"{FIELD} must be a function, not 3"),
+    "neither": (with_field(None), "mode 'free': needs a field, or a flow"),
+    "flow": (lambda: system(Mode("rest", flow=lambda x, t, p: {"x": x.x})), "mode 'rest': flow says nothing of"),
+    "flow of two": (lambda: system(Mode("rest", flow=height)), r"mode 'rest': flow cannot .* a flow takes \(x, t, p\)"),
+    # Modes
+    "holds": (lambda: system(Mode("free", van_der_pol, holds=lambda x, p: [x.x])), "mode 'free': holds must return"),
+    "feature": (lambda: system(Mode("free", van_der_pol, feature=1)), "mode 'free': feature must be a function, not 1"),
+    "slack": (lambda: system(Mode("free", van_der_pol, slack=-0.1)), "mode 'free': slack = -0.1: must not be negative"),
+    "ends": (lambda: system(Mode("free", van_der_pol, ends=EVENT)), r"mode 'free': ends must be a tuple of Events"),
+    "twice": (lambda: system(*2 * (Mode("free", van_der_pol),)), f"{SYSTEM}: more than one mode is called free"),
+    "mode list": (lambda: system(modes=[Mode("free", van_der_pol)]), f"{SYSTEM}: modes must be a tuple"),
+    "no mode": (lambda: system(modes=()), f"{SYSTEM}: modes must be a tuple of at least one Mode"),
+    "no Mode": (lambda: system(modes=(van_der_pol,)), f"{SYSTEM}: <function van_der_pol.* among the modes is no Mode"),
+    "mode name": (lambda: system(Mode(["a"], van_der_pol)), r"the name of a mode must be a text, not \['a'\]"),
+    # Events
+    "leads nowhere": (with_event(to="stick"), f"{HITS}: leads to 'stick', which is none of the modes free"),
+    "leads to 3": (with_event(to=3), f"{HITS}: to must be a function, not 3"),
+    "no direction": (with_event(direction=0), f"{HITS}: direction = 0: must be .1 .rising. or -1 .falling."),
+    "direction 2": (with_event(direction=2), f"{HITS}: direction = 2"),
+    "direction True": (with_event(direction=True), f"{HITS}: direction = True"),
+    "directions": (with_event(direction=np.array([1, -1])), f"{HITS}: direction = array"),
+    "vector event": (with_event(function=lambda x, p: ca.vertcat(x.x, x.v)), f"{HITS}: function must return a scalar"),
+    "constant event": (with_event(function=lambda x, p: p.mu), f"{HITS}: function does not change with any state"),
+    "truth as event": (with_event(function=lambda x, p: x.x > 0), f"{HITS}: function does not change with any state"),
+    "event name": (with_event(name=None), "mode 'free': the name of an event must be a text, not None"),
+    "event twice": (lambda: system(Mode("free", van_der_pol, ends=(EVENT, EVENT))), f"{HITS}: .* need different names"),
+    "reset": (with_event(reset=lambda x, p: {"w": 0}), f"{HITS}: reset speaks of w; the states are x, v"),
+    "reset list": (with_event(reset=lambda x, p: [-x.v]), f"{HITS}: reset must return states by name"),
+    # Names and numbers
+    "parameter": (lambda: system(parameters={"mu": math.nan}), "parameter 'mu' = nan: must be a finite number"),
+    "parameter text": (lambda: system(parameters={"mu": "1"}), "parameter 'mu' = '1': must be a finite number"),
+    "parameter pairs": (lambda: system(parameters=[("mu", 1)]), f"{SYSTEM}: parameters must be a mapping"),
+    "no name": (lambda: system(states=("x", "2v")), f"{SYSTEM}: '2v' among its states is no name"),
+    "keyword": (lambda: system(parameters={"lambda": 1.0}), f"{SYSTEM}: 'lambda' among its parameters is no name"),
+    "private": (lambda: system(states=("x", "_values")), f"{SYSTEM}: '_values' among its states is no name"),
+    "states text": (lambda: system(states="xv"), rf"{SYSTEM}: states must be a tuple of names, such as \('x', 'v'\)"),
+    "states twice": (lambda: system(states=("x", "x")), f"{SYSTEM}: one of its states stands there twice: x, x"),
+    "title": (lambda: system(name=""), "the name of a system must be a text, not ''"),
+    "angle": (lambda: system(angles=("theta",)), f"{SYSTEM}: the angle 'theta' is none of the states x, v"),
+    "a jump": (lambda: system(symmetries=(np.diag([1, -0.8]),)), f"{SYSTEM}: a symmetry .* S S = 1; .* reset"),
+    "ragged": (lambda: system(symmetries=([[1, 0], [1]],)), rf"{SYSTEM}: a symmetry .*\(2, 2\)"),
+    "one matrix": (lambda: system(symmetries=np.diag([1, -1])), f"{SYSTEM}: symmetries must be a tuple of matrices"),
+    # Forcing
+    "forced twice": (lambda: system(states=("x", "t"), forcing_period=turn), f"{SYSTEM}: a forced system has its time"),
+    "forcing number": (lambda: system(forcing_period=1.0), f"{SYSTEM}: forcing_period must be a function, not 1.0"),
+    "forcing": (lambda: system(forcing_period=lambda p: 2 / p.w), f"{SYSTEM}: forcing_period: there is no .* 'w'"),
+    "backwards": (lambda: system(forcing_period=lambda p: -p.mu), f"{SYSTEM}: forcing_period = -1: must be greater"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_wrong_system_is_refused_in_one_sentence(name):
+    define, sentence = BAD[name]
+    with pytest.raises(InputError, match=f"^{sentence}") as refusal:
+        define()
+    assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 330
+
+
+STATES = {"x": 2.0, "v": 0.0}
+WRONG_CALLS = {
+    "missing": ({"x": 2.0}, {}, "oscillator: no value is given for the state v"),
+    "unknown": (STATES | {"w": 0}, {}, "unknown state 'w'"),
+    "timeless": (STATES | {"t": 0}, {}, "unknown state 't'"),
+    "nan": ({"x": math.nan, "v": 0.0}, {}, "state x = nan: must be a finite number"),
+    "mode": (STATES, {"mode": "stick"}, r"unknown mode 'stick' \(known: free\)"),
+    "parameter": (STATES, {"parameters": {"nu": 1}}, "unknown parameter 'nu'; did you mean 'mu'"),
+    "parameter nan": (STATES, {"parameters": {"mu": math.nan}}, "mu = nan: must be a finite number"),
+    "tolerance": (STATES, {"tol": -1}, "tol = -1: must"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_CALLS)
+def test_a_wrong_question_is_refused(name):
+    states, how, sentence = WRONG_CALLS[name]
+    for ask in (find_cycle, lambda *a, **k: simulate(*a, duration=1.0, **k)):
+        with pytest.raises(InputError, match=f"^{sentence}"):
+            ask(system(), **how, **states)
+        with pytest.raises(InputError, match=f"^{sentence}"):
+            ask(system(), **how, start=states)
+
+
+def test_what_is_asked_of_one_alone():
+    for duration in (0, -1.0, math.inf, "long"):
+        with pytest.raises(InputError, match="^duration = "):
+            simulate(system(), duration=duration, **STATES)
+    with pytest.raises(InputError, match="^unknown parameter 'nu'"):
+        find_cycle(system(), follow="nu", **STATES)
+    with pytest.raises(InputError, match="^unknown state 'w'"):
+        find_cycle(system(), measure="w", **STATES)
+
+
+def test_a_successor_that_is_no_mode():
+    """It is known when the event is met."""
+    for there in ("stick", None):
+        lost = with_event(to=lambda x, p, there=there: there)()
+        with pytest.raises(InputError, match=rf"^{HITS}: leads to {there!r}, which is none of the modes free"):
+            simulate(lost, duration=10.0, **STATES)
+
+
+def test_a_turn_of_the_forcing_at_other_parameters():
+    """The time at the start is in units of the turn that the forcing then takes."""
+    forced = system(Mode("free", lambda x, p: {"x": x.v, "v": x.t}), forcing_period=turn)
+    with pytest.raises(InputError, match="forcing_period = -3.14.*: must be greater than 0"):
+        simulate(forced, duration=1.0, parameters={"mu": -2.0}, **STATES)
+    motion = simulate(forced, duration=1.5, parameters={"mu": 4.0}, t=0.25, x=0.0, v=0.0)
+    assert motion.end["t"] == pytest.approx(1.75, rel=1e-14)
+    assert motion.end["v"] == pytest.approx((1.75**2 - 0.25**2) / 2, rel=1e-12)
+
+
+def test_a_closure_that_does_not_close():
+    """What a user's system cannot say, a cycle of the engine can, and is refused."""
+    form = system(Mode("free", van_der_pol, ends=(EVENT,))).vector_form
+    way_out = form.exits["free"][0]
+    given = ("it", form.states, ("mu",), (Phase(form.modes["free"], way_out.event),))
+    for repeats in (0, -1, True, 1.0):
+        with pytest.raises(ValueError, match="repeats = "):
+            Cycle(*given, closure=np.eye(2), repeats=repeats)
+    with pytest.raises(ValueError, match="closure to the power 2 must be the identity; a jump is a phase's reset"):
+        Cycle(*given, closure=np.diag([1.0, -0.8]), repeats=2)
+
+
+# A system is data -----------------------------------------------------------------------------------------------------
+
+
+def ball() -> System:
+    bounce = Event("bounces", height, -1, to="flight", reset=turned_back)
+    flight = Mode("flight", van_der_pol, holds=height, ends=(bounce,))
+    return system(flight, forcing_period=turn, symmetries=(np.diag([1, -1]),), angles=("x",))
+
+
+def test_equal_systems_are_equal():
+    one, other = ball(), ball()
+    assert one is not other and one == other and hash(one) == hash(other)
+    others = (
+        replace(one, name="another"),
+        replace(one, parameters={"mu": 2.0}),
+        replace(one, forcing_period=lambda p: p.mu),
+        replace(one, symmetries=()),
+        replace(one, angles=()),
+        replace(one, modes=(replace(one.modes[0], slack=0.1),)),
+    )
+    assert len({one, other, *others}) == 7
+    assert one != "oscillator"
+
+
+def test_the_order_of_parameters_counts():
+    """It is that of the vector p."""
+    a, b = system(parameters={"mu": 1.0, "nu": 2.0}), system(parameters={"nu": 2.0, "mu": 1.0})
+    assert a != b
+
+
+def test_parameters_stay():
+    given = {"mu": 1.0}
+    it = system(parameters=given)
+    given["mu"] = 3.0
+    with pytest.raises(TypeError):
+        it.parameters["mu"] = 2.0  # type: ignore[index]
+    assert it.parameters == {"mu": 1.0} and it == system()
+
+
+def test_systems_are_pickled():
+    again = pickle.loads(pickle.dumps(ball()))
+    assert again == ball() and hash(again) == hash(ball()) and again.vector_form is ball().vector_form
+
+
+def test_equal_systems_have_equal_cycles():
+    one, other = (find_cycle(system(), tol=1e-6, **STATES).cycle for _ in range(2))
+    assert one == other and hash(one) == hash(other)
+    assert find_cycle(system(name="another"), tol=1e-6, **STATES).cycle != one
+
+
+def test_a_system_is_changed_by_parts():
+    assert replace(system(), parameters={"mu": 2.0}).values().tolist() == [2.0]
+    assert system().values({"mu": 5}).tolist() == [5.0]
+    np.testing.assert_array_equal(system().state({"v": 1, "x": 2}), [2.0, 1.0])

@@ -1,0 +1,240 @@
+"""Cycles of users' systems: found where the truth is known, refused where the motion rests, no false symmetries."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt.errors import NoOrbit, Status
+from casahunt.hybrid import Event, Mode, System
+from casahunt.orbits import find_cycle
+from casahunt.orbits.orbit import Orbit
+
+START = {"x": 2.0, "v": 0.0}
+VAN_DER_POL = {
+    0.0: (6.6632868593231301897, 2.00861986087484313651),
+    1e-3: (6.663288410191840899744, 2.009205683333108884127),
+}
+"""Constant force: period and x where v = 0, mu = 1; Taylor series of order 30 in 30 digits."""
+
+
+def van_der_pol(**changed: float) -> System:
+    smooth = Mode("smooth", lambda x, p: {"x": x.v, "v": p.mu * (1 - x.x**2) * x.v - x.x + p.force})
+    return System("van der Pol", ("x", "v"), {"mu": 1.0, "force": 0.0} | changed, (smooth,))
+
+
+def assert_period(orbit: Orbit, truth: float) -> None:
+    """The error estimate holds, and is what was asked for."""
+    assert abs(orbit.period / truth - 1) <= 3 * orbit.period_error + 1e-14
+    assert orbit.status.ok
+
+
+# Smooth systems -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tol", [1e-6, 1e-11])
+def test_van_der_pol(tol):
+    """On half a cycle; the multipliers multiply to the exponential of the divergence."""
+    orbit = find_cycle(van_der_pol(), tol=tol, **START)
+    period, amplitude = VAN_DER_POL[0.0]
+    assert orbit.error_estimate <= tol
+    assert_period(orbit, period)
+    assert orbit.repeats == 2 and orbit.half and orbit.stable
+    assert orbit.extrema("x").high.value == pytest.approx(amplitude, rel=10 * tol)
+    t, x = orbit.sample(40)
+    divergence = 1 - x[0] ** 2
+    integral = float(np.sum(np.diff(t) * (divergence[1:] + divergence[:-1]) / 2))
+    assert math.log(abs(np.prod(orbit.multipliers.full))) == pytest.approx(integral, rel=1e-3)
+
+
+def test_nearly_symmetric_is_not_symmetric():
+    """A small constant force: half a cycle would be another problem."""
+    orbit = find_cycle(van_der_pol(force=1e-3), tol=1e-11, **START)
+    period, stands = VAN_DER_POL[1e-3]
+    assert orbit.repeats == 1
+    assert_period(orbit, period)
+    extrema = orbit.extrema("x")
+    assert extrema.high.value == pytest.approx(stands, rel=1e-10)
+    assert extrema.high.value + extrema.low.value > 1e-3
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+def test_relaxation(stiff):
+    """mu = 1000, against Dorodnitsyn's expansion of the period: jumps of 1e-3 in 1614."""
+    system = van_der_pol(mu=1000.0)
+    if stiff:
+        (mode,) = system.modes
+        system = System(system.name, system.states, system.parameters, (Mode("stiff", mode.field, stiff=True),))
+    orbit = find_cycle(system, tol=1e-8, **START)
+    mu, alpha = 1000.0, 2.338107410459767
+    slow = (3 - 2 * math.log(2)) * mu + 3 * alpha * mu ** (-1 / 3) - 2 * math.log(mu) / (3 * mu)
+    assert orbit.period == pytest.approx(slow - 1.3246 / mu, abs=10 * mu ** (-4 / 3))
+    assert orbit.stable and orbit.repeats == 2 and orbit.error_estimate < 1e-8
+
+
+def stuart_landau(**changed: float) -> System:
+    """r' = r (a - r^2), theta' = omega + b r^2."""
+
+    def field(x, p):
+        square = x.x**2 + x.y**2
+        grows, turns = p.a - square, p.omega + p.b * square
+        return {"x": grows * x.x - turns * x.y, "y": grows * x.y + turns * x.x}
+
+    values = {"a": 0.5, "omega": 2.0, "b": 0.7} | changed
+    return System("Stuart-Landau", ("x", "y"), values, (Mode("smooth", field),))
+
+
+def test_stuart_landau():
+    orbit = find_cycle(stuart_landau(), x=0.1, y=0.0, tol=1e-11)
+    assert_period(orbit, 2 * math.pi / 2.35)
+    multiplier = math.exp(-2 * 0.5 * 2 * math.pi / 2.35)
+    assert sorted(orbit.multipliers.full.real) == pytest.approx([multiplier, 1.0], rel=1e-8)
+    for arc in orbit.arcs:
+        np.testing.assert_allclose(np.hypot(*arc.states[:, 0].T), math.sqrt(0.5), rtol=1e-10)
+
+
+def test_parameters_of_the_question():
+    asked = {"parameters": {"a": 2.0, "b": 0.0}, "measure": "y", "follow": "b"}
+    orbit = find_cycle(stuart_landau(), start={"x": 1.0}, y=0.0, **asked)
+    assert orbit.parameters == {"a": 2.0, "omega": 2.0, "b": 0.0} and orbit.problem.principal == "b"
+    assert_period(orbit, math.pi)
+
+
+def test_a_symmetry_of_ones_own():
+    """x' = y and y' of van der Pol, z driven by x^2: only (x, y, z) -> (-x, -y, z) halves the cycle."""
+
+    def field(x, p):
+        return {"x": x.v, "v": (1 - x.x**2) * x.v - x.x, "z": x.x**2 - x.z}
+
+    for symmetries, repeats in (((), 1), ((np.diag([-1.0, -1.0, 1.0]),), 2), ((np.diag([1.0, -1.0, 1.0]),), 1)):
+        driven = System("driven", ("x", "v", "z"), {}, (Mode("smooth", field),), symmetries=symmetries)
+        orbit = find_cycle(driven, x=2.0, v=0.0, z=0.0, tol=1e-10)
+        assert orbit.repeats == repeats
+        assert_period(orbit, VAN_DER_POL[0.0][0])
+
+
+def test_a_rotor_that_turns_over():
+    """w = F(theta) = c + e sin theta attracts with rate k: one turn takes 2 pi / sqrt(c^2 - e^2)."""
+
+    def field(x, p):
+        on, slope = p.c + p.e * ca.sin(x.theta), p.e * ca.cos(x.theta)
+        return {"theta": x.w, "w": slope * x.w - p.k * (x.w - on)}
+
+    values = {"c": 1.5, "e": 0.9, "k": 0.8}
+    rotor = System("rotor", ("theta", "w"), values, (Mode("turns", field),), angles=("theta",))
+    orbit = find_cycle(rotor, theta=0.0, w=1.0, tol=1e-10)
+    assert_period(orbit, 2 * math.pi / 1.2)
+    _, x = orbit.sample()
+    assert x[0, -1] - x[0, 0] == pytest.approx(2 * math.pi, rel=1e-10)
+    assert sorted(orbit.multipliers.full.real) == pytest.approx([math.exp(-0.8 * orbit.period), 1.0], abs=1e-8)
+    assert orbit.extrema("w").high.value == pytest.approx(2.4, rel=1e-9)
+
+
+# Rest -----------------------------------------------------------------------------------------------------------------
+
+
+def refused(system: System, sentence: str, **start: float) -> None:
+    with pytest.raises(NoOrbit, match=sentence) as refusal:
+        find_cycle(system, **start)
+    assert refusal.value.status is Status.NOT_FOUND and "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("start", [{"x": 1.0, "v": 0.0}, {"x": 0.0, "v": 0.0}])
+def test_a_motion_that_comes_to_rest(start):
+    damped = System("damped", ("x", "v"), {}, (Mode("free", lambda x, p: {"x": x.v, "v": -0.3 * x.v - x.x}),))
+    refused(damped, "^no cycle of damped was met: the motion comes to rest", **start)
+
+
+def test_a_block_that_sticks_for_ever():
+    """It slips to where static friction holds it on a belt that stands."""
+    slip = Mode("slip", lambda x, p: {"x": x.v, "v": 1 - x.x}, ends=(Event("stops", lambda x, p: x.v, -1, to="stick"),))
+    stick = Mode("stick", flow=lambda x, t, p: {"x": x.x, "v": 0})
+    refused(System("block", ("x", "v"), {}, (slip, stick)), "^no cycle of block was met: .* rest", x=0.0, v=0.1)
+
+
+# Forced systems -------------------------------------------------------------------------------------------------------
+
+
+def test_a_cycle_of_two_turns():
+    """x = cos t, with a force of twice its frequency; the damping vanishes on it."""
+
+    def field(x, p):
+        damping = p.damping * (x.x**2 + x.v**2 - 1)
+        force = p.b / 2 * (1 + ca.cos(2 * x.t))
+        return {"x": x.v, "v": force - x.x - p.b * x.x**2 - damping * x.v}
+
+    values = {"b": 0.2, "damping": 0.3}
+    system = System("subharmonic", ("x", "v"), values, (Mode("smooth", field),), forcing_period=lambda p: math.pi)
+    orbit = find_cycle(system, x=0.95, v=0.05, settled=True, tol=1e-10)
+    assert_period(orbit, 2 * math.pi)
+    assert len(orbit.arcs) == 2 and orbit.repeats == 1
+    t, x = orbit.sample()
+    time = 2 * math.pi * x[2] / 2  # turns
+    np.testing.assert_allclose(x[0], np.cos(time), atol=1e-8)
+    assert orbit.extrema("x").high.value == pytest.approx(1.0, abs=1e-10)
+
+
+def test_a_forced_linear_oscillator():
+    """One turn; both multipliers of modulus exp(-d T / 2)."""
+    field = lambda x, p: {"x": x.v, "v": ca.cos(p.omega * x.t) - p.d * x.v - x.x}  # noqa: E731
+    turn = lambda p: 2 * math.pi / p.omega  # noqa: E731
+    system = System("resonator", ("x", "v"), {"omega": 1.5, "d": 0.2}, (Mode("free", field),), forcing_period=turn)
+    orbit = find_cycle(system, x=0.0, v=0.0, t=0.3, tol=1e-10)
+    period = 2 * math.pi / 1.5
+    assert orbit.period == pytest.approx(period, rel=1e-13)
+    amplitude = 1 / math.hypot(1 - 1.5**2, 0.2 * 1.5)
+    extrema = orbit.extrema("x")
+    assert extrema.high.value == pytest.approx(amplitude, rel=1e-9) == -extrema.low.value
+    others = sorted(orbit.multipliers.full, key=lambda m: abs(m - 1))[1:]
+    assert [abs(m) for m in others] == pytest.approx([math.exp(-0.2 * period / 2)] * 2, rel=1e-8)
+
+
+def test_a_ball_on_a_shaking_table():
+    """One bounce a turn, in closed form, with its multipliers: mu^2 - trace mu + r^2 = 0."""
+    g, r, a, w = 9.81, 0.8, 0.012, 20.0
+    impact = Event(
+        "impact", lambda x, p: (x.x - p.a * ca.sin(p.w * x.t)) / p.a, -1, to="flight",
+        reset=lambda x, p: {"v": -p.r * x.v + (1 + p.r) * p.a * p.w * ca.cos(p.w * x.t)},
+    )  # fmt: skip
+    flight = Mode(
+        "flight", flow=lambda x, t, p: {"x": x.x + x.v * t - p.g * t**2 / 2, "v": x.v - p.g * t},
+        holds=lambda x, p: (x.x - p.a * ca.sin(p.w * x.t)) / p.a, ends=(impact,),
+    )  # fmt: skip
+    ball = System(
+        "ball", ("x", "v"), {"a": a, "g": g, "r": r, "w": w}, (flight,), forcing_period=lambda p: 2 * math.pi / p.w
+    )
+    orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True, tol=1e-11)
+    period = 2 * math.pi / w
+    assert orbit.period == pytest.approx(period, rel=1e-12) and orbit.signature == (("flight", "impact"),)
+    lift = g * period * (1 - r) / (2 * (1 + r))  # of the table at the impact
+    phase = math.acos(lift / (a * w))
+    x, v, turns = orbit.arcs[0].states[0, 0]
+    assert v == pytest.approx(g * period / 2, rel=1e-10)
+    assert x == pytest.approx(a * math.sin(phase), rel=1e-9)
+    assert 2 * math.pi * (turns % 1) == pytest.approx(phase, rel=1e-9)
+    k = period / (lift + g * period / 2)
+    trace = 1 - r + r * g * k - (1 + r) * a * w**2 * math.sin(phase) * k
+    expected = np.roots([1.0, -trace, r**2])
+    others = sorted(orbit.multipliers.full, key=lambda m: abs(m - 1))[1:]
+    np.testing.assert_allclose(np.sort_complex(np.array(others)), np.sort_complex(expected.astype(complex)), atol=1e-8)
+    assert orbit.stable
+
+
+def test_an_unstable_cycle_next_to_the_start():
+    """Stuart-Landau backwards: the multiplier is the inverse."""
+
+    def back(x, p):
+        square = x.x**2 + x.y**2
+        grows, turns = square - p.a, p.omega
+        return {"x": grows * x.x - turns * x.y, "y": grows * x.y + turns * x.x}
+
+    system = System("backwards", ("x", "y"), {"a": 0.01, "omega": 2.0}, (Mode("smooth", back),))
+    orbit = find_cycle(system, x=0.1 * (1 + 1e-6), y=0.0, settled=True, tol=1e-10)
+    assert_period(orbit, math.pi)
+    assert not orbit.stable
+    assert sorted(orbit.multipliers.full.real) == pytest.approx([1.0, math.exp(0.02 * math.pi)], rel=1e-8)
+    with pytest.raises(NoOrbit):
+        find_cycle(system, x=0.05, y=0.0)

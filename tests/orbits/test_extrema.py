@@ -1,0 +1,171 @@
+"""Extrema over cycles against closed forms: inside intervals, at ends of phases, in closed forms, of expressions."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt.errors import InputError
+from casahunt.hybrid import Event, Mode, System
+from casahunt.orbits import find_cycle
+from casahunt.orbits.orbit import Orbit
+
+TOLERANCES = (1e-4, 1e-7, 1e-10)
+
+
+def assert_extreme(found, value: float, *, size: float = 1.0) -> None:
+    """The error estimate holds within a factor of ten, and rounding."""
+    assert abs(found.value - value) <= 10 * found.error + 1e-13 * size
+
+
+# A circle -------------------------------------------------------------------------------------------------------------
+
+
+def circle(tol: float) -> Orbit:
+    """The unit circle, turned about (0.3, 0) so that nothing is symmetric: x from -0.7 to 1.3, cut anywhere."""
+
+    def field(x, p):
+        u = x.x - p.off
+        grows = 1 - u**2 - x.y**2
+        return {"x": grows * u - p.omega * x.y, "y": grows * x.y + p.omega * u}
+
+    system = System("circle", ("x", "y"), {"omega": 1.3, "off": 0.3}, (Mode("smooth", field),))
+    return find_cycle(system, x=1.0, y=0.0, tol=tol)
+
+
+@pytest.mark.parametrize("tol", TOLERANCES)
+def test_a_circle(tol):
+    orbit = circle(tol)
+    assert orbit.repeats == 1
+    x, y = orbit.extrema("x"), orbit.extrema("y")
+    for found, value in ((x.low, -0.7), (x.high, 1.3), (y.low, -1.0), (y.high, 1.0)):
+        assert_extreme(found, value)
+        assert abs(found.value - value) <= 10 * tol
+    assert x.amplitude == x.high.value and x.high.error < tol
+    quarter = 2 * math.pi / 1.3 / 4
+    assert (y.high.time - x.high.time) % (4 * quarter) == pytest.approx(quarter, rel=1e-3 if tol > 1e-5 else 1e-6)
+    ahead = orbit.extrema(lambda x, p: x.x + x.y + p.off)
+    assert_extreme(ahead.high, 0.6 + math.sqrt(2))
+    assert_extreme(ahead.low, 0.6 - math.sqrt(2))
+
+
+def test_an_expression_that_is_constant():
+    radius = circle(1e-9).extrema(lambda x, p: (x.x - p.off) ** 2 + x.y**2)
+    assert radius.low.value == pytest.approx(1.0, abs=1e-8) and radius.high.value == pytest.approx(1.0, abs=1e-8)
+
+
+def test_what_is_no_scalar_is_refused():
+    orbit = circle(1e-4)
+    with pytest.raises(InputError, match="^unknown state 'z'"):
+        orbit.extrema("z")
+    with pytest.raises(InputError, match="^3: must be the name of a state or a function"):
+        orbit.extrema(3)
+    with pytest.raises(InputError, match=r"must be a scalar, not one of shape \(2, 1\)"):
+        orbit.extrema(lambda x, p: ca.vertcat(x.x, x.y))
+    with pytest.raises(InputError, match="^there is no state 'z'"):
+        orbit.extrema(lambda x, p: x.z)
+
+
+# Forced: several extrema in a turn ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tol", TOLERANCES)
+def test_two_harmonics(tol):
+    """x = cos t + 0.8 cos(2 t + 1) solves x'' + d x' + k x = force, the force made for it; four extrema in a turn."""
+    d, k = 0.6, 3.0
+
+    def force(t):
+        first = (k - 1) * ca.cos(t) - d * ca.sin(t)
+        return first + 0.8 * ((k - 4) * ca.cos(2 * t + 1) - 2 * d * ca.sin(2 * t + 1))
+
+    free = Mode("free", lambda x, p: {"x": x.v, "v": force(x.t) - p.d * x.v - p.k * x.x})
+    values = {"d": d, "k": k}
+    system = System("harmonics", ("x", "v"), values, (free,), forcing_period=lambda p: 2 * math.pi)
+    orbit = find_cycle(system, x=1.4, v=-1.3, tol=tol)
+    t = np.linspace(0, 2 * math.pi, 2_000_001)
+    x = np.cos(t) + 0.8 * np.cos(2 * t + 1)
+    v = -np.sin(t) - 1.6 * np.sin(2 * t + 1)
+    for found, exact in ((orbit.extrema("x"), x), (orbit.extrema("v"), v)):
+        assert_extreme(found.low, exact.min(), size=100)
+        assert_extreme(found.high, exact.max(), size=100)
+    energy = orbit.extrema(lambda x, p: (x.v**2 + p.k * x.x**2) / 2)
+    assert_extreme(energy.high, ((v**2 + k * x**2) / 2).max(), size=100)
+    assert_extreme(energy.low, ((v**2 + k * x**2) / 2).min(), size=100)
+    kick = orbit.extrema(lambda x, p: ca.cos(x.t) * x.x)  # the time is a state like the others
+    assert_extreme(kick.high, (np.cos(t) * x).max(), size=100)
+
+
+# Half cycles ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_other_half():
+    """Only the half that is computed is looked at, and the other by the symmetry."""
+    smooth = Mode("smooth", lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x})
+    orbit = find_cycle(System("van der Pol", ("x", "v"), {"mu": 1.0}, (smooth,)), x=2.0, v=0.0, tol=1e-10)
+    assert orbit.repeats == 2
+    x, v = orbit.extrema("x"), orbit.extrema("v")
+    assert_extreme(x.high, 2.00861986087484313651)
+    assert_extreme(x.low, -2.00861986087484313651)
+    assert v.low.value == pytest.approx(-v.high.value, rel=1e-10)
+    assert abs(x.high.time - x.low.time) == pytest.approx(orbit.period / 2, rel=1e-9)
+    t, states = orbit.sample(200)
+    lopsided = orbit.extrema(lambda x, p: x.x + 0.3 * x.v**2)
+    values = states[0] + 0.3 * states[1] ** 2
+    assert lopsided.high.value == pytest.approx(values.max(), abs=1e-3)
+    assert lopsided.low.value == pytest.approx(values.min(), abs=1e-3)
+    assert lopsided.high.value > values.max() - 1e-6 and lopsided.low.value < values.min() + 1e-6
+
+
+# Phases ---------------------------------------------------------------------------------------------------------------
+
+
+def saw(tol: float = 1e-9) -> Orbit:
+    """A relay in closed form: x between -1 and 1, both at ends of phases; y = 1 - (t - 1/2)^2 inside each."""
+
+    def moves(rate):
+        return lambda x, t, p: {"x": x.x + rate * t, "y": x.y + x.z * t - t**2, "z": x.z - 2 * t}
+
+    def restarts(x, p):
+        return {"y": 0.75, "z": 1.0}
+
+    up = Mode("up", flow=moves(2), ends=(Event("high", lambda x, p: x.x - 1, +1, to="down", reset=restarts),))
+    down = Mode("down", flow=moves(-2), ends=(Event("low", lambda x, p: x.x + 1, -1, to="up", reset=restarts),))
+    return find_cycle(System("saw", ("x", "y", "z"), {}, (up, down)), x=-1.0, y=0.75, z=1.0, tol=tol)
+
+
+def test_at_the_ends_of_phases_and_inside_closed_forms():
+    orbit = saw()
+    assert orbit.period == pytest.approx(2.0, rel=1e-13)
+    x, y, z = (orbit.extrema(name) for name in ("x", "y", "z"))
+    assert_extreme(x.low, -1.0)
+    assert_extreme(x.high, 1.0)
+    assert_extreme(y.high, 1.0)
+    assert_extreme(y.low, 0.75)
+    assert_extreme(z.low, -1.0)  # in front of the jump
+    assert_extreme(z.high, 1.0)  # behind it
+    assert y.high.time % 1 == pytest.approx(0.5, abs=1e-9)
+    assert orbit.amplitude == pytest.approx(1.0, rel=1e-12)
+
+
+def test_the_apex_of_a_ball():
+    """It is thrown up again by a table that does not move: v+ = kick, so x = kick^2 / (2 g) at the top."""
+    kicked = Event("hits", lambda x, p: x.x, -1, to="flight", reset=lambda x, p: {"v": p.kick})
+    for flight in (
+        Mode("flight", lambda x, p: {"x": x.v, "v": -p.g}, holds=lambda x, p: x.x, ends=(kicked,)),
+        Mode("flight", flow=lambda x, t, p: {"x": x.x + x.v * t - p.g * t**2 / 2, "v": x.v - p.g * t},
+             holds=lambda x, p: x.x, ends=(kicked,)),
+    ):  # fmt: skip
+        system = System("ball", ("x", "v"), {"g": 9.81, "kick": 3.0}, (flight,))
+        orbit = find_cycle(system, x=1.0, v=0.0, tol=1e-9)
+        assert orbit.period == pytest.approx(6 / 9.81, rel=1e-12)
+        x = orbit.extrema("x")
+        assert_extreme(x.high, 9 / (2 * 9.81))
+        assert x.low.value == pytest.approx(0.0, abs=1e-12)
+        assert x.high.time == pytest.approx(3 / 9.81, rel=1e-9)
+        assert_extreme(orbit.extrema("v").high, 3.0)
+        assert_extreme(orbit.extrema("v").low, -3.0)
+        energy = orbit.extrema(lambda x, p: p.g * x.x + x.v**2 / 2)
+        assert energy.low.value == pytest.approx(4.5, rel=1e-12) and energy.high.value == pytest.approx(4.5, rel=1e-12)
