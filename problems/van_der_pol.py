@@ -10,6 +10,9 @@ cycle is computed.  By Liouville's formula its one nontrivial multiplier is
 8.6e-4 at mu = 1 and exp(-312) at mu = 10.  T = (3 - 2 ln 2) mu + 7.014 mu^(-1/3) + ... for large mu; at mu = 1000 the
 two jumps of a period take a thousandth of it.
 
+Beside it, on one machine: scipy's LSODA followed by solve_bvp (tol 1e-9), told by hand that half a period is enough,
+takes 0.6 of the time of `find_cycle` at mu = 1 and 1.5 of it at mu = 10, and gives up at 20 000 nodes from mu = 100 on.
+
 Source: B. van der Pol, On relaxation-oscillations, Philosophical Magazine 2 (1926) 978-992.
 """
 

@@ -287,8 +287,10 @@ class _Search:
         if away > WITHIN:
             self.refusals.append(f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
             return None
-        if not self.settled and orbit.multipliers.trusted and not orbit.stable:
+        if not self.settled and not orbit.stable:  # not trusted either: what cannot be told to attract is not believed
             self.refusals.append("an unstable cycle was passed, which the motion leaves")
+            if r.phases > FIRST_PHASES:
+                raise self.not_found(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None
         return orbit
 

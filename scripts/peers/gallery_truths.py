@@ -128,7 +128,45 @@ def canudas() -> Cycles:
     yield "LuGre", cycle(back, start[1:], settle=4, mirror=True)
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas)}
+def rossler() -> Cycles:
+    """On y = 0, falling, so many turns; what is unstable by Newton's method from the motion's own section."""
+    x, y, z = hy.make_vars("x", "y", "z")
+    for c, turns, settle in ((2.5, 1, 400), (3.5, 2, 400), (4.0, 4, 400), (4.0, 1, 0), (5.7, 1, 0)):
+        field = [(x, -y - z), (y, x + 0.2 * y), (z, 0.2 + z * (x - c))]
+        machine = Machine({"smooth": Piece(field, [Way("falls", y, -1, "smooth")])})
+
+        def back(u: Array, watch: bool, machine: Machine = machine, turns: int = turns) -> tuple[Array, Any]:
+            _, end, time = machine.run("smooth", [u[0], 0, u[1]], until="falls", times=turns, watch=watch)
+            return end[[0, 2]], time
+
+        found = cycle(back, [-1.3 * c, 0.03], settle=settle)
+        print("    (x, z) on y = 0:", *found.y)
+        yield f"c = {c:g}, {turns} turns", found
+
+
+def drill_string() -> Cycles:
+    """From breaking away, where the torque in the shaft is Ts = 1, in w1."""
+    phi, w1, w2 = hy.make_vars("phi", "w1", "w2")
+    k, c, kp, Tc, Ts, ws = 2.0, 0.05, 3.0, 0.4, 1.0, 0.3
+    shaft = k * phi + c * (w1 - w2)
+    for speed in (0.8, 0.4):
+        motor = kp * (speed - w1) - shaft
+        turns = [(phi, w1 - w2), (w1, motor), (w2, (shaft - Tc - (Ts - Tc) * hy.exp(-w2 / ws)) / 0.3)]
+        sticks = [(phi, w1 - w2), (w1, motor), (w2, NOTHING)]
+        machine = Machine({
+            "turns": Piece(turns, [Way("stops", w2, -1, "sticks")], blind=1e-2),
+            "sticks": Piece(sticks, [Way("breaks away", shaft - Ts, +1, "turns")]),
+        })  # fmt: skip
+
+        def back(y: Array, watch: bool, machine: Machine = machine) -> tuple[Array, Any]:
+            start = [(Ts - L(c) * y[0]) / k, y[0], 0]
+            _, end, time = machine.run("turns", start, until="breaks away", watch=watch)
+            return end[1:2], time
+
+        yield f"speed {speed:g}", cycle(back, [speed], settle=5)
+
+
+ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas, rossler, drill_string)}
 
 
 def main(names: list[str]) -> None:
