@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from casahunt import (
-    Friction,
     InputError,
     Options,
     Pid,
@@ -26,6 +25,7 @@ from casahunt import (
 )
 from casahunt.design.fold_curve.curve import fold_curve
 from casahunt.design.sensitivity import fold_sensitivities
+from casahunt.design.uncertainty.set import Uncertainty, check_box, values_of
 from casahunt.servo.basin import basin
 from casahunt.servo.delayed_loop import crossover, margins
 from casahunt.servo.denial import no_cycle
@@ -34,9 +34,7 @@ from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.fold import map_fold
 from casahunt.servo.event_map.slopes import map_at
 from casahunt.servo.linear_loop import (
-    gain_crossovers,
     linear_loop,
-    loop_polynomials,
     loop_response,
     lowest_stable_gain,
     routh_hurwitz_gain,
@@ -237,73 +235,6 @@ def test_a_slip_with_coulomb_friction_in_closed_form():
         np.testing.assert_allclose(x, exact, atol=1e-9)
 
 
-# The linear loop
-
-
-def generator(servo: Servo, gain: float, delay: float, points: int = 50) -> np.ndarray:
-    """Rightmost poles of the loop with delay: Chebyshev collocation of its solution operator's generator."""
-    J, sigma2, c = servo.inertia, servo.friction.viscous, servo.controller
-    kp, ki, kd = (gain * servo.motor_gain * value for value in (c.kp, c.ki, c.kd))
-    A = np.array([[-sigma2 / J, 0, 0], [1, 0, 0], [0, 1, 0]])
-    B = np.array([[-kd / J, -kp / J, -ki / J], [0, 0, 0], [0, 0, 0]])
-    if delay == 0:
-        return np.linalg.eigvals(A + B)
-    k = np.arange(points + 1)
-    x = np.cos(np.pi * k / points)
-    weights = np.where((k == 0) | (k == points), 2, 1) * (-1.0) ** k
-    D = np.outer(weights, 1 / weights) / (x[:, None] - x[None, :] + np.eye(points + 1))
-    D = (D - np.diag(D.sum(axis=1))) * 2 / delay
-    M = np.kron(D, np.eye(3))
-    M[:3] = 0
-    M[:3, :3], M[:3, -3:] = A, B
-    return np.linalg.eigvals(M)
-
-
-def random_loops(n: int, seed: int) -> list[tuple[Servo, float]]:
-    rng = np.random.default_rng(seed)
-    loops = []
-    for _ in range(n):
-        kp, (J, ki, kd) = 10 ** rng.uniform(-1.5, 1), 10 ** rng.uniform(-1, 1, 3)
-        friction = Friction(viscous=float(rng.choice([0.0, 0.1, 0.4, 2.0])))
-        servo = Servo(inertia=J, motor_gain=1.0, controller=Pid(kp=kp, ki=ki, kd=kd), friction=friction)
-        loops.append((servo, float(rng.choice([0.0, 0.01, 0.1, 0.5, 2.0]))))
-    return loops
-
-
-@pytest.mark.parametrize("n", [80, pytest.param(1500, marks=pytest.mark.slow)])
-def test_margins_are_where_poles_cross(n):
-    """Stable where no pole is to the right; on the axis at both gain factors, and nowhere between them."""
-    several = 0
-    for servo, delay in random_loops(n, seed=1):
-        found, poles = margins(servo, 1.0, delay=delay), generator(servo, 1.0, delay)
-        several += len(gain_crossovers(*loop_polynomials(servo, 1.0))) > 1
-        assert abs(poles.real.max()) < 1e-6 or found.stable == (poles.real.max() < 0)
-        assert found.stable == (found.phase_margin > 0)
-        if not found.stable:
-            continue
-        for factor in (found.lowest_factor, found.highest_factor):
-            if 1e-3 < factor < 1e3:
-                assert np.abs(generator(servo, factor, delay).real).min() < 1e-5
-        between = max(found.lowest_factor, 0.05) * 1.01, min(found.highest_factor, 20) * 0.99
-        for factor in np.geomspace(*between, 5) if between[0] < between[1] else ():
-            assert generator(servo, float(factor), delay).real.max() < 1e-6
-        # As much phase as the margin says is missing: a rotation by it puts a pole on the axis, L = -1.
-        s = 1j * found.frequency
-        L = complex(loop_response(servo, 1.0, np.array([found.frequency]))[0]) * np.exp(-s * delay)
-        assert L * np.exp(-1j * np.radians(found.phase_margin)) == pytest.approx(-1, abs=1e-8)
-    assert several > n / 20
-
-
-def test_poles_are_the_roots_of_the_characteristic_polynomial():
-    loop = linear_loop(COMPLEX, 0.6)
-    expected = np.roots([0.026, 0.6 * 16 * 0.15 + 0.1, 0.6 * 16 * 1.0, 0.6 * 16 * 6.0])
-    np.testing.assert_allclose(np.sort_complex(loop.poles), np.sort_complex(expected), rtol=1e-12)
-    limit = lowest_stable_gain(by_gains(ki=40.0))
-    for factor, stable in ((0.999, False), (1.001, True)):
-        roots = np.roots([0.026, limit * factor * 16 * 0.15 + 0.1, limit * factor * 16, limit * factor * 16 * 40.0])
-        assert (roots.real.max() < 0) == stable == linear_loop(by_gains(ki=40.0), limit * factor).stable
-
-
 # The proof that there is no cycle
 
 
@@ -321,6 +252,13 @@ def test_a_cycle_is_denied_only_where_motions_shrink():
     for part in (0.02, 0.1, 0.3, 1.0, 3.0, 10.0):
         assert abs(switch_half_cycle(servo, 1.01 * gain, part * unit, thrown_out=100 * unit)[0]) < part * unit
     assert no_cycle(COMPLEX, "switch", find_fold(COMPLEX, "switch").gain) == ""
+
+
+def test_an_uncertainty_in_the_other_form_is_refused():
+    with pytest.raises(InputError, match="controller.lead_time: must come with controller.integral_time"):
+        check_box(COMPLEX, Uncertainty({"controller.lead_time": (0.1, 0.2)}))
+    with pytest.raises(InputError, match="unknown parameter 'controller.kp'"):
+        values_of(Servo(), ["controller.kp"])
 
 
 # Files and the command line

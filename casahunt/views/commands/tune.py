@@ -177,11 +177,11 @@ def _print_answer(record: dict[str, Any], error: float, tol: float) -> None:
     if record["free"]:
         times = {name: f"{name} {to_error(record[name], tol)}" for name in NUMBERS if name in record}
         said = ", ".join(text + (" s" if name.endswith("time") else "") for name, text in times.items())
-        print(f"  controller {'gains' if 'kp' in times else 'times'} {said}")
-    only = record["cost_gain_only"]
+        print(f"  controller {'gains' if 'kp' in record else 'times'} {said}")
+    only, form = record["cost_gain_only"], "gains" if "kp" in record else "times"
     print(
         f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
-        + (f" ({to_error(only, tol)} with the times as given)" if only is not None else "")
+        + (f" ({to_error(only, tol)} with the {form} as given)" if only is not None else "")
     )
     if record["fold_gain"]:
         where = _values(record["worst"]["corner"])

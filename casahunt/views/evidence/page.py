@@ -154,7 +154,8 @@ def _answer(p: _Page) -> list[str]:
             f"the servo can hunt, {p.n('verification/fold_gain', '.8g')} V/rad"
             f"{' at the worst friction of the set' if record['worst']['corner'] else ''}."
         )
-    only = f" ({p.n('cost_gain_only')} with the times as given)" if record["cost_gain_only"] is not None else ""
+    form = "gains" if "kp" in record else "times"
+    only = f" ({p.n('cost_gain_only')} with the {form} as given)" if record["cost_gain_only"] is not None else ""
     return [
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
         f"<p class=answer>{p.n('gain', '.6g')} <small>V/rad, the recommended gain</small></p>",
