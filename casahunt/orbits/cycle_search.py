@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..checks import known
+from ..collocation.interval import field_at
 from ..errors import NoOrbit, Status
 from ..hybrid import system as engine
 from ..hybrid.language import System
@@ -28,7 +29,7 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
 from .adapt import Options, finished, solve_adaptively
-from .closure import Closure, Section, with_sections
+from .closure import Closure, Section, turned, with_sections
 from .family import Family
 from .recurrence import Recurrence, rebased, recurrences, turns_over
 from .restart import from_segments
@@ -144,6 +145,8 @@ class _Search:
 
     def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, believe."""
+        if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
+            return self.first_return()
         self.watch()
         near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
         while True:
@@ -158,6 +161,36 @@ class _Search:
                 raise self.not_found(f"in {len(self.segments)} phases the motion did not repeat")
             if not self.settled:
                 phases = len(self.segments)
+
+    def first_return(self) -> SystemOrbit:
+        """The cycle through states that lie on it, of a motion without events: cut there, followed once round.
+
+        An unstable cycle is not followed for long: a look at where the motion goes would show another one.
+        """
+        form, mode = self.system.vector_form, self.system.vector_form.modes[self.mode]
+        self.scale = np.where(self.x != 0, np.abs(self.x), 1.0)
+        rate = field_at(mode.field, self.x / self.scale, mode.sign, self.p, self.scale)
+        i = int(np.argmax(np.abs(rate)))
+        section = Section(self.mode, self.system.names.entries[i], float(self.x[i]), float(self.scale[i]))
+        way = section.exits(form.states)[0 if rate[i] > 0 else 1]
+        self.sections, self.form = (section,), with_sections(self.system, (section,))
+        for _ in range(2):  # the first time round shows how large the states are
+            self.segments = march(
+                self.form, self.mode, self.x, self.p, scale=self.scale,
+                until=lambda segment: segment.event == way.event.name, tol=SEARCH_TOLERANCE, degree=MARCH_DEGREE,
+                kind=self.kind, strict=True,
+            )  # fmt: skip
+            _, states = sampled(form, self.segments, self.p, self.kind, 4)
+            self.scale = np.where(np.abs(states).max(axis=1) > 0, np.abs(states).max(axis=1), 1.0)
+        back = self.segments[-1].behind
+        shift = turned(self.system, self.x, back)
+        distance = float(np.max(np.abs(back - shift - self.x) / self.scale))
+        if self.segments[-1].event == "" or distance > WITHIN:
+            raise self.not_found(f"the motion from there comes back no nearer than {distance:.2g} of the states' sizes")
+        orbit = self.solved(Recurrence(len(self.segments), Closure.of(np.eye(self.x.size), shift, 1), distance))
+        if orbit is None:
+            raise self.not_found("the equations of a first return were not solved")
+        return orbit
 
     def not_found(self, why: str) -> NoOrbit:
         tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(self.refusals))

@@ -25,7 +25,7 @@ from .closure import Closure, turned, turns
 
 Array = np.ndarray
 
-EQUAL = 1e-9
+EQUAL = 1e-12
 """Fields and events that agree to this, relative to their sizes, are the same."""
 TRIED = 16
 """Intervals of a phase at which a symmetry is tried."""

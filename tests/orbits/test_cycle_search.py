@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -236,3 +237,18 @@ def test_an_unstable_cycle_next_to_the_start():
     assert_period(orbit, math.pi)
     assert not orbit.stable
     assert sorted(orbit.multipliers.full.real) == pytest.approx([1.0, math.exp(0.02 * math.pi)], rel=1e-8)
+
+
+def test_a_strongly_unstable_cycle_through_the_start():
+    """Van der Pol's in reversed time: disturbances grow by 1163 in a turn; the period is the same."""
+    reverse = System(
+        "reversed van der Pol", ("x", "v"), {"mu": 1.0},
+        (Mode("smooth", field=lambda x, p: {"x": -x.v, "v": x.x - p.mu * (1 - x.x**2) * x.v}),),
+    )  # fmt: skip
+    orbit = find_cycle(reverse, x=0.0, v=2.172713, settled=True)
+    assert orbit.period == pytest.approx(6.66328685932313, rel=1e-10) and not orbit.stable
+    ahead = Mode("smooth", field=lambda x, p: {"x": x.v, "v": p.mu * (1 - x.x**2) * x.v - x.x})
+    forward = find_cycle(replace(reverse, modes=(ahead,)), x=2.0, v=0.0)
+    assert abs(orbit.multipliers.leading) * abs(forward.multipliers.full[1]) == pytest.approx(1.0, rel=1e-7)
+    with pytest.raises(NoOrbit, match="comes back no nearer"):
+        find_cycle(reverse, x=0.0, v=3.5, settled=True)
