@@ -142,19 +142,19 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
     return point_at(t, u, setting, along(orbit.problem, vary), like=like, sense=sense)
 
 
-def along(problem: Problem, vary: str) -> Array:
+def along(problem: Problem, vary: str, value: float | None = None) -> Array:
     """The way dp that p goes for lambda = 1.
 
     Parameters
     ----------
-    problem, vary
-        the problem and the name of the parameter.
+    problem, vary, value
+        the problem, the name of the parameter, and where it stands: default the problem's own value.
 
     Returns
     -------
     (np,).
     """
-    return problem.direction(vary) * problem.unit(vary)
+    return problem.direction(vary) * problem.unit(vary, value)
 
 
 def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
@@ -306,7 +306,26 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
     return replace(point, bend=np.array([point.bend[0], point.bend[1] + defect / ds**3]))
 
 
-def bend(before: Point, after: Point, lam: float, *, side: float = -1.0) -> Array | None:
+def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[float, float]:
+    """Another value of the parameter in the terms of a point of the curve.
+
+    Parameters
+    ----------
+    after, orbit
+        the point, and an orbit of the branch, whose problem knows units.
+    vary, value
+        name of the parameter; the value.
+
+    Returns
+    -------
+    (lambda that leads there, its unit there in units of that at the point).
+    """
+    here = float(after.setting.p[orbit.problem.names.index(vary)])
+    ratio = orbit.problem.unit(vary, value) / orbit.problem.unit(vary, here)
+    return orbit.problem.distance(vary, value, here), ratio
+
+
+def bend(before: Point, after: Point, seen: tuple[float, float], *, side: float = -1.0) -> Array | None:
     """The cubic u + s u' + s^2 c_0 + s^3 c_1 through two points.
 
     s is measured along the tangent of `after`, as the corrector measures it: `before` lies at s = tangent . (y_before -
@@ -316,8 +335,8 @@ def bend(before: Point, after: Point, lam: float, *, side: float = -1.0) -> Arra
     ----------
     before, after
         the points.
-    lam
-        that of `before` seen from `after`.
+    seen
+        lambda at `before`, and its unit there, as `seen_from` has them from `after`.
     side
         the sign that s must have at `before`.
 
@@ -334,10 +353,9 @@ def bend(before: Point, after: Point, lam: float, *, side: float = -1.0) -> Arra
         _, u, _ = transfer(before.t, u, before.setting.fractions, breaks, target=t)
         _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=t)
     factor = after.setting.scale / before.setting.scale
-    index = int(np.argmax(np.abs(after.setting.dp)))
-    unit = after.setting.dp[index]
+    lam, unit = seen
     u, du = _divided(t, u, factor), _divided(t, du, factor)
-    rate = np.append(du, before.row[-1] * (before.setting.dp[index] / unit))
+    rate = np.append(du, before.row[-1] * unit)
     rate[-1 - t.phases : -1] /= t.durations_of(u)
     change = np.append(u - after.u, lam)
     change[-1 - t.phases : -1] = np.log(t.durations_of(u) / t.durations_of(after.u))

@@ -41,6 +41,7 @@ from .curve import (
     in_units_of,
     parameter_value,
     secant,
+    seen_from,
 )
 from .walk import step_along
 
@@ -243,7 +244,7 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
     before = _accurate(before, options)
     here, there = ends(before, after, vary)
     for _ in range(CUBIC_ROUNDS):
-        cubic = bend(there, here, before.problem.distance(vary, parameter_value(after, vary)), side=1.0)
+        cubic = bend(there, here, seen_from(here, before, vary, parameter_value(after, vary)), side=1.0)
         if cubic is None:
             return None
         ds = _turning_point(here.row[-1], cubic[:, -1])
@@ -283,7 +284,8 @@ def _located_from(
     if not f_near * f_far < 0:  # refined, `before` has the sign of the other side: the point is next to it
         f_near = -np.copysign(np.inf, f_far)
     search = Search.within(Bracket(0.0, f_near, length, f_far))
-    start = replace(start, bend=bend(end, start, before.problem.distance(vary, parameter_value(after, vary)), side=1.0))
+    far = seen_from(start, before, vary, parameter_value(after, vary))
+    start = replace(start, bend=bend(end, start, far, side=1.0))
     best: tuple[float, AnyOrbit] | None = None
     for _ in range(LOCATE_ROUNDS):
         if search.failures > MAX_FAILURES:

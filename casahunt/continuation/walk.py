@@ -26,7 +26,19 @@ from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, Solved, orbit_of
-from .curve import Point, along, bend, cosine, curve_point, in_units_of, parameter_value, point_at, predict, secant
+from .curve import (
+    Point,
+    along,
+    bend,
+    cosine,
+    curve_point,
+    in_units_of,
+    parameter_value,
+    point_at,
+    predict,
+    secant,
+    seen_from,
+)
 
 Array = np.ndarray
 
@@ -106,7 +118,7 @@ def walk(
         yield orbit
         if following is None:
             return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
-        back = orbit.problem.distance(vary, parameter_value(last, vary))
+        back = seen_from(following, orbit, vary, parameter_value(last, vary))
         following = replace(following, bend=bend(point, following, back))
         angle = float(np.arccos(np.clip(cosine(point, following), -1, 1)))
         effort = EASY_ITERATIONS / max(iterations, 1)
@@ -137,10 +149,9 @@ def _step_and_tangent(
     if reached:
         return orbit, None, solved.solution.iterations
     like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
-    lin = solved.solution.linearisation
-    following = point_at(
-        solved.t, solved.solution.u, _setting_at(solved), along(orbit.problem, vary), like=like, lin=lin
-    )
+    lin, setting = solved.solution.linearisation, _setting_at(solved)
+    dp = along(orbit.problem, vary, float(setting.p[orbit.problem.names.index(vary)]))
+    following = point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin)
     if ds > SHARP_STEP and cosine(point, following) < LEAST_COSINE:
         return "the branch turns by too much in one step"
     return orbit, following, solved.solution.iterations
@@ -184,7 +195,7 @@ def step_along(
     # Where Newton does not land on the bound, a shorter step costs a tenth of what IPOPT would.
     how = replace(options, solver="newton") if reached and options.solver == "auto" else options
     solved = corrected(point, u, lam, last.problem, how, ds=ds, border=None if reached else point.row)
-    value = bound if reached else moved(vary, lam + solved.solution.parameter)
+    value = bound if reached else moved(vary, lam, solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     slack = 1e-12 * abs(last.problem.unit(vary))

@@ -124,37 +124,47 @@ class Problem(ABC):
         """One parameter."""
         return float(self.vector()[self.names.index(name)])
 
-    def unit(self, name: str) -> float:
-        """How far lambda = 1 moves a parameter along a branch: by its value."""
-        return self.value(name)
+    def unit(self, name: str, value: float | None = None) -> float:
+        """How far lambda = 1 moves a parameter along a branch: by its value.
 
-    def moved(self, name: str, lam: float) -> float:
+        Parameters
+        ----------
+        name, value
+            one of `names`; where it stands, default the problem's own value.
+
+        Returns
+        -------
+        The unit of lambda.
+        """
+        return self.value(name) if value is None else value
+
+    def moved(self, name: str, lam: float, more: float = 0.0) -> float:
         """Value of a parameter along a branch.
 
         Parameters
         ----------
-        name, lam
-            one of `names`; lambda, 0 at the problem's own value.
+        name, lam, more
+            one of `names`; lambda, 0 at the problem's own value, in two parts.
 
         Returns
         -------
         Its value there.
         """
-        return self.value(name) * (1 + lam)
+        return self.value(name) * (1 + lam + more)
 
-    def distance(self, name: str, value: float) -> float:
+    def distance(self, name: str, value: float, here: float | None = None) -> float:
         """The lambda that leads from here to a value of a parameter.
 
         Parameters
         ----------
-        name, value
-            one of `names`, and the value.
+        name, value, here
+            one of `names`, the value, and where it stands: default the problem's own value.
 
         Returns
         -------
         lambda, so that `moved(name, lambda)` is the value.
         """
-        return value / self.value(name) - 1
+        return value / self.unit(name, here) - 1
 
     def range_of(self, name: str) -> tuple[float, float]:
         """(lowest, highest) value that a parameter may have: above zero, for what is moved relative to its value."""

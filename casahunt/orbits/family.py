@@ -107,37 +107,47 @@ class Family(Problem):
         """Those of the system: in a forced one the time is x.t."""
         return self.system.names
 
-    def unit(self, name: str) -> float:
-        """The size of the value, or of the system's own one where that is larger; 1 where both are zero."""
-        return max(abs(self.value(name)), abs(self.system.parameters[name])) or 1.0
+    def unit(self, name: str, value: float | None = None) -> float:
+        """The size of a value, or of the system's own one where that is larger; 1 where both are zero.
 
-    def moved(self, name: str, lam: float) -> float:
+        Parameters
+        ----------
+        name, value
+            a parameter of the system; where it stands, default the value here.
+
+        Returns
+        -------
+        The unit of lambda.
+        """
+        return max(abs(self.value(name) if value is None else value), abs(self.system.parameters[name])) or 1.0
+
+    def moved(self, name: str, lam: float, more: float = 0.0) -> float:
         """Value of a parameter along a branch, in steps of its `unit`.
 
         Parameters
         ----------
-        name, lam
-            a parameter of the system; lambda.
+        name, lam, more
+            a parameter of the system; lambda, in two parts.
 
         Returns
         -------
         Its value there, which may be zero or below.
         """
-        return self.value(name) + lam * self.unit(name)
+        return self.value(name) + (lam + more) * self.unit(name)
 
-    def distance(self, name: str, value: float) -> float:
+    def distance(self, name: str, value: float, here: float | None = None) -> float:
         """The lambda that leads from here to a value of a parameter.
 
         Parameters
         ----------
-        name, value
-            a parameter of the system, and the value.
+        name, value, here
+            a parameter of the system, the value, and where it stands: default the value here.
 
         Returns
         -------
         lambda.
         """
-        return (value - self.value(name)) / self.unit(name)
+        return (value - (self.value(name) if here is None else here)) / self.unit(name, here)
 
     def range_of(self, name: str) -> tuple[float, float]:
         """Any number."""

@@ -104,8 +104,8 @@ def test_the_cubic_passes_through_both_points_along_their_tangents(mesh):
         row = start.row * [0.5, 0.5, 1, 1]
         setting = replace(start.setting, fractions=fractions, scale=2 * start.setting.scale)
         start = replace(start, t=t, u=u, du=du, row=row, setting=setting)
-    cubic = bend(start, end, 3.2 / 3.3 - 1)
-    assert cubic is not None and bend(start, end, 3.2 / 3.3 - 1, side=1.0) is None
+    cubic = bend(start, end, (3.2 / 3.3 - 1, 3.2 / 3.3))
+    assert cubic is not None and bend(start, end, (3.2 / 3.3 - 1, 3.2 / 3.3), side=1.0) is None
     point = replace(end, bend=cubic)
     # Where the earlier point lies along the later tangent, from the exact radii.
     r = np.sqrt([square(3.2), square(3.3)])
@@ -130,7 +130,7 @@ def test_predictions_get_better_with_the_fourth_power_of_the_step():
     for step in (0.08, 0.04):
         before, after = cycle(3.0 - step), cycle(3.0)
         start, end = ends(before, after, "c")
-        point = replace(end, bend=bend(start, end, -step / 3.0))
+        point = replace(end, bend=bend(start, end, (-step / 3.0, 1 - step / 3.0)))
         ds = 1e-2 * step / 0.08
         u, lam = predict(point, ds)
         errors.append(abs(u[0] - np.sqrt(square(3.0 * (1 + lam)) / square(3.0))))
@@ -142,7 +142,7 @@ def test_a_predictor_bent_through_a_correction_leads_there(bent):
     before, last = cycle(3.1), cycle(3.2)
     start, point = ends(before, last, "c")
     if bent:
-        point = replace(point, bend=bend(start, point, 3.1 / 3.2 - 1))
+        point = replace(point, bend=bend(start, point, (3.1 / 3.2 - 1, 3.1 / 3.2)))
     ds = 0.03
     orbit, solved, reached = step_along(point, last, "c", ds, 0.0, 10.0, Options(tol=TOL))
     assert not reached
