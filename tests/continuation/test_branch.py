@@ -161,6 +161,7 @@ IMPACT = System(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_grazing_is_located_and_passed():
     """Without impacts the amplitude is A/sqrt((k - w^2)^2 + (c w)^2) = 10 A: it reaches d at A = 0.1."""
     branch = follow(find_cycle(IMPACT, x=0.0, v=0.0), "A", to=0.05)

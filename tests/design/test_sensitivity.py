@@ -28,7 +28,7 @@ def difference(model, name, value):
     return (below2 - 8 * below + 8 * above - above2) / (12 * STEP * value)
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("name", "value"),
     [

@@ -15,6 +15,7 @@ from casahunt.design.tune.tuning import tune
 from casahunt.servo.delayed_loop import margins
 
 
+@pytest.mark.slow
 def test_both_forms_of_a_controller_are_tuned_alike(unscanned, servo):
     """The same demands bind at the same gain; freed, kd goes to its bound, where that servo's fold gives the answer."""
     same = replace(servo, controller=servo.controller.pid())

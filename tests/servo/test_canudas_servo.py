@@ -36,6 +36,7 @@ def test_the_reference_values():
     assert (periods[4] - periods[3]) / (periods[3] - periods[2]) == pytest.approx(reference["mu"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_its_fold_is_far_above():
     """It stops hunting above some 48 times the paper's gains: both models say so, and the gain scales all three."""
     folds = [find_fold(canudas_servo.servo(), model).gain for model in ("switch", "lugre")]

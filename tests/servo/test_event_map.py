@@ -122,6 +122,7 @@ def test_fold_of_the_map_is_the_fold():
     assert found.multiplier == pytest.approx(1, abs=1e-5) and abs(found.excess) < 1e-11
 
 
+@pytest.mark.slow
 def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
     """Where the climb stops too early, what is located is some fold, not the last one."""
     honest = fold_module._outermost

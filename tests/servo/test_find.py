@@ -69,6 +69,7 @@ def test_the_scan_climbs_the_inner_peak():
     assert 0.9 < seen.lower.start / seen.upper.start < 1
 
 
+@pytest.mark.slow
 def test_the_unstable_cycle_without_a_stable_one():
     """At half the fold gain no stable cycle bounds the motions; the border of coming to rest is there all the same."""
     gain = 0.5 * UNSTABLE_LOOP_FOLD
@@ -89,7 +90,7 @@ LUGRE_TWICE = pytest.param("lugre", 0.63, "unstable", marks=pytest.mark.slow)  #
 @pytest.mark.parametrize(
     ("model", "gain", "branch"),
     [*(("switch", gain, branch) for gain in (0.9, 0.65) for branch in ("stable", "unstable"))]
-    + [("lugre", 0.63, "stable"), LUGRE_TWICE],
+    + [pytest.param("lugre", 0.63, "stable", marks=pytest.mark.slow), LUGRE_TWICE],
 )
 def test_a_denial_names_the_located_fold(model, gain, branch):
     """Whatever gain is asked for, the fold named is the one of the reference, to five units of its last digit."""
@@ -125,6 +126,7 @@ def test_no_fold_no_denial(monkeypatch):
     assert refused.value.status is Status.NOT_FOUND
 
 
+@pytest.mark.slow
 def test_cycles_without_stick_down_to_a_second_fold():
     """Further down the servo is reversed without sticking; then the cycles turn back, and below every motion grows."""
     fold = find_fold(NO_STICK, "switch")
@@ -142,6 +144,7 @@ def test_cycles_without_stick_down_to_a_second_fold():
     assert swings > 3 * found.amplitude
 
 
+@pytest.mark.slow
 def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsys):
     """Half multiplier -1.035 by both engines; the motion from outside is no proof of a border."""
     changes = {

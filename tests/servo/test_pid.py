@@ -62,7 +62,7 @@ def same(found: float, expected: float) -> None:
 # The same servo in both forms
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("times", "gains"), PAIRS)
 def test_orbit_fold_and_multipliers_of_both_forms(model, times, gains):
     for branch in ("stable", "unstable"):
@@ -95,6 +95,7 @@ def test_loop_and_equilibria_of_both_forms(times, gains):
         np.testing.assert_allclose(loop_response(gains, gain, omega), loop_response(times, gain, omega), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_map_and_motion_of_both_forms():
     times, gains = PAIRS[0]
     a, b = (map_at(servo, 0.1, 0.02) for servo in (times, gains))
