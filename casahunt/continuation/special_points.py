@@ -96,7 +96,7 @@ class Monitor:
     value : (orbit, point of the curve) -> number, of order one away from the special point.
     meaning : sentence with {name} and {value} for the parameter and its value, and {beyond} (Problem.beyond_a_fold).
     tolerance : |value| at which the point counts as located.
-    confirmed : (orbit) -> whether a located point is what it is called.
+    confirmed : (orbit) -> whether a located point is what it is called, and an orbit next to one may be.
     """
 
     kind: str
@@ -189,6 +189,8 @@ def crossings(
             start, end = ends(before, after, vary)
         a, b = monitor.value(before, start), monitor.value(after, end)
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
+            continue
+        if not (monitor.confirmed(before) or monitor.confirmed(after)):
             continue
         orbit = locate(before, after, monitor, vary=vary, options=options)
         width = abs(before.problem.distance(vary, parameter_value(after, vary)))

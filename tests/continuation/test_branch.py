@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.continuation import branch_off, follow
+from casahunt.continuation import branch_off, follow, special_points
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
@@ -254,3 +254,30 @@ def test_a_symmetric_cycle_becomes_lopsided():
     x, v, turns = lost.orbit.arcs[0].states[0, 0]
     A = lost.orbit.problem.value("A")
     np.testing.assert_allclose(one_turn(A, x, v, 2 * math.pi * turns), [x, v], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("located", [True, False])
+def test_a_real_pair_whose_product_passes_one_is_no_torus(monkeypatch, located):
+    """mu = exp(2 pi (1 + s)) and exp(-2 pi): their product is exp(2 pi s), real all along, and nothing branches off.
+
+    Where the steps to that place fail, nothing is called missed either.
+    """
+    if not located:
+        monkeypatch.setattr(special_points, "locate", lambda *args, **how: None)
+    system = System(
+        "circle with a saddle", ("x", "y", "u", "w"), {"s": -0.3},
+        (
+            Mode(
+                "turn",
+                field=lambda x, p: {
+                    "x": x.x * (1 - x.x**2 - x.y**2) - x.y,
+                    "y": x.y * (1 - x.x**2 - x.y**2) + x.x,
+                    "u": (1 + p.s) * x.u,
+                    "w": -x.w,
+                },
+            ),
+        ),
+    )  # fmt: skip
+    orbit = find_cycle(system, x=1.0, y=0.0, u=0.0, w=0.0, settled=True)
+    branch = follow(orbit, "s", to=0.3)
+    assert branch.values[-1] == 0.3 and not branch.special and not branch.missed
