@@ -41,12 +41,16 @@ def _pairs(orbit: Orbit) -> list[tuple[complex, complex]]:
 
 
 def _pair_on_the_circle(orbit: Orbit, point: Point) -> float:
+    if not orbit.multipliers.trusted:
+        return float("nan")
     products = np.array([a * b for a, b in _pairs(orbit)])
     return float(np.prod((products - 1) / (1 + np.abs(products))).real) if products.size else 1.0
 
 
 def _is_complex(orbit: Orbit) -> bool:
-    a, _ = min(_pairs(orbit), key=lambda pair: abs(pair[0] * pair[1] - 1))
+    if not (pairs := _pairs(orbit)):
+        return False
+    a, _ = min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1))
     return abs(a.imag) > COMPLEX
 
 

@@ -129,7 +129,8 @@ def _cut(values: Array, exponent: int) -> Array:
     if not large.any():
         return values if exponent == 0 else np.ldexp(values.real, exponent) + 1j * np.ldexp(values.imag, exponent)
     size = np.where(values == 0, 1.0, np.abs(values))
-    return values / size * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
+    direction = values.real / size + 1j * (values.imag / size)  # a complex quotient of subnormal numbers overflows
+    return direction * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
 
 
 def _of_blocks(turn: Array, triangular: Array) -> Array:

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.continuation import branch_off, follow, special_points
+from casahunt.continuation import bifurcations, branch_off, follow, special_points
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
@@ -281,3 +281,15 @@ def test_a_real_pair_whose_product_passes_one_is_no_torus(monkeypatch, located):
     orbit = find_cycle(system, x=1.0, y=0.0, u=0.0, w=0.0, settled=True)
     branch = follow(orbit, "s", to=0.3)
     assert branch.values[-1] == 0.3 and not branch.special and not branch.missed
+
+
+def test_multipliers_that_are_not_trusted_have_no_sign():
+    """On one mesh nobody knows their error: no torus, no flip, whatever they are."""
+
+    class Unknown:
+        class multipliers:
+            trusted, half = False, np.array([1.0, 2.0, -3.0])
+
+    for monitor in (bifurcations.FLIP, bifurcations.NEIMARK_SACKER):
+        assert math.isnan(monitor.value(Unknown(), None))
+    assert not bifurcations.NEIMARK_SACKER.confirmed(Unknown())

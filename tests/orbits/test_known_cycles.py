@@ -14,7 +14,7 @@ from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits import adapt, floquet, map_chain
 from casahunt.orbits.adapt import curve_border, finished, refined, remeshed, solve_adaptively
-from casahunt.orbits.graded import spectrum
+from casahunt.orbits.graded import _cut, spectrum
 from casahunt.orbits.multiplier_mesh import refined_multipliers
 from casahunt.orbits.orbit import Orbit, orbit_of, unknowns_of
 from problems import belt
@@ -386,3 +386,9 @@ def test_where_a_sequence_has_stopped_being_a_motion(helps, soft, border):
     else:
         assert solved.status is Status.INADMISSIBLE and "is no no turn" in solved.note
         assert len(ASKED) == adapt.MAX_SEQUENCES
+
+
+def test_subnormal_values_beside_one_that_is_cut():
+    """The quotient of a subnormal number by its modulus is a direction, not an overflow."""
+    found = _cut(np.array([1e10 + 0j, 5e-324j]), 600)
+    assert found[0] == pytest.approx(CUT) and 0 < found[1].imag < 1e-130
