@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from .errors import InputError
@@ -51,6 +51,30 @@ def number(key: str, value: Any) -> float:
     if not math.isfinite(result):
         raise InputError(f"{key} = {value!r}: must be a finite number, not NaN or infinity")
     return result
+
+
+def given_once(start: Mapping[str, float] | None, keywords: Mapping[str, float]) -> dict[str, float]:
+    """Values by name, some of them in a mapping and some as keywords.
+
+    Parameters
+    ----------
+    start, keywords
+        the mapping, or None; the keywords.
+
+    Returns
+    -------
+    All of them.
+
+    Raises
+    ------
+    InputError : a name stands in both.
+    """
+    if start is not None and not isinstance(start, Mapping):
+        raise InputError(f"start = {quoted(start)}: must be a mapping from names to numbers")
+    twice = [name for name in keywords if name in (start or {})]
+    if twice:
+        raise InputError(f"{', '.join(twice)}: given both in start= and as a keyword; leave out one of them")
+    return {**(start or {}), **keywords}
 
 
 def require(

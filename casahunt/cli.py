@@ -25,6 +25,7 @@ from .views.commands import diagram as command_diagram
 from .views.commands import equilibria as command_equilibria
 from .views.commands import fold as command_fold
 from .views.commands import fold_curve as command_fold_curve
+from .views.commands import fold_map as command_fold_map
 from .views.commands import loop as command_loop
 from .views.commands import map as command_map
 from .views.commands import orbit as command_orbit
@@ -40,6 +41,7 @@ COMMANDS = {
     "diagram": command_diagram,
     "fold": command_fold,
     "fold-curve": command_fold_curve,
+    "fold-map": command_fold_map,
     "loop": command_loop,
     "equilibria": command_equilibria,
     "map": command_map,
@@ -51,7 +53,7 @@ COMMANDS = {
 }
 
 
-SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve")
+SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map")
 """Commands with lines of their own about where they are."""
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""

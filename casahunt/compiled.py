@@ -123,7 +123,7 @@ class Kept(Generic[P, R]):
     Threads that ask at once get the same object, which `functools.lru_cache` does not promise.
     """
 
-    def __init__(self, function: Callable[P, R], maxsize: int) -> None:
+    def __init__(self, function: Callable[P, R], maxsize: int | None) -> None:
         self._cached: Any = lru_cache(maxsize)(alone(function))
         self.cache_info, self.cache_clear = self._cached.cache_info, alone(self._cached.cache_clear)
         update_wrapper(self, function)
@@ -133,7 +133,7 @@ class Kept(Generic[P, R]):
             return self._cached(*args, **kwargs)
 
 
-def kept(maxsize: int) -> Callable[[Callable[P, R]], Kept[P, R]]:
+def kept(maxsize: int | None) -> Callable[[Callable[P, R]], Kept[P, R]]:
     """Decorator: see `Kept`."""
     return lambda function: Kept(function, maxsize)
 

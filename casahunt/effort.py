@@ -21,6 +21,32 @@ MARCHED = 20
 """Work of an interval of a motion."""
 
 
+WORTH_SAYING = 1.0
+"""Seconds that are left, below which nothing is said of them."""
+
+
+def left(done: float, total: float, began: float) -> str:
+    """How long a computation of a known length will still take, if it goes on as it went.
+
+    Parameters
+    ----------
+    done, total
+        of it, in any unit.
+    began
+        `time.monotonic()` when none of it was done.
+
+    Returns
+    -------
+    ", about 12 s left"; "" where nothing is known yet, or nothing is left.
+    """
+    if not 0 < done < total:
+        return ""
+    seconds = (time.monotonic() - began) * (total - done) / done
+    if seconds < WORTH_SAYING:
+        return ""
+    return f", about {seconds:.0f} s left" if seconds < 100 else f", about {seconds / 60:.0f} min left"
+
+
 class GivenUp(Exception):
     """The work that was allowed is done; the message says how far it has led.
 

@@ -15,6 +15,7 @@ dry_friction.py       forced, with dry friction
 impact_oscillator.py  forced, with a stop
 bouncing_ball.py      on a shaking table, both branches of its fold, beyond its flip
 canudas.py            a servo with LuGre friction, stiff
+canudas_gain.py       the same round the fold in its gain, and the lopsided pair
 
 The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.
 """

@@ -24,17 +24,23 @@ from casahunt.orbits import find_cycle
 from .gallery import Found, Truth, portrait, present
 
 
-def moving(sign: int) -> Any:
-    """The field for one sign of the velocity."""
+def moves(x: Any, p: Any) -> dict[str, Any]:
+    """The field, for one sign of the velocity.
 
-    def field(x: Any, p: Any) -> dict[str, Any]:
-        g = p.Fc + (p.Fs - p.Fc) * ca.exp(-((x.v / p.vs) ** 2))
-        z_rate = x.v - p.sigma0 * sign * x.v * x.z / g
-        friction = p.sigma0 * x.z + p.sigma1 * z_rate + p.sigma2 * x.v
-        u = -(p.kp * x.x + p.kv * x.v + p.ki * x.w)
-        return {"x": x.v, "v": (u - friction) / p.m, "w": x.x, "z": z_rate}
+    Parameters
+    ----------
+    x, p
+        states and parameters; p.sign is the sign.
 
-    return field
+    Returns
+    -------
+    The derivatives by name.
+    """
+    g = p.Fc + (p.Fs - p.Fc) * ca.exp(-((x.v / p.vs) ** 2))
+    z_rate = x.v - p.sigma0 * p.sign * x.v * x.z / g
+    friction = p.sigma0 * x.z + p.sigma1 * z_rate + p.sigma2 * x.v
+    u = -(p.kp * x.x + p.kv * x.v + p.ki * x.w)
+    return {"x": x.v, "v": (u - friction) / p.m, "w": x.x, "z": z_rate}
 
 
 def speed(x: Any, p: Any) -> Any:
@@ -50,6 +56,21 @@ def speed(x: Any, p: Any) -> Any:
     A scalar.
     """
     return x.v / p.vs
+
+
+def onwards(x: Any, p: Any) -> Any:
+    """The velocity in the direction of the mode.
+
+    Parameters
+    ----------
+    x, p
+        states and parameters.
+
+    Returns
+    -------
+    A scalar.
+    """
+    return p.sign * speed(x, p)
 
 
 def drop(x: Any, p: Any) -> Any:
@@ -73,9 +94,9 @@ SYSTEM = System(
     parameters={"kp": 3.0, "kv": 6.0, "ki": 4.0, "m": 1.0, "sigma0": 1e5, "sigma1": 1e5**0.5, "sigma2": 0.4,
                 "Fc": 1.0, "Fs": 1.5, "vs": 1e-3},
     modes=(
-        Mode("forwards", field=moving(+1), holds=speed, slack=1e-6, stiff=True, feature=drop,
+        Mode("forwards", field=moves, sign=+1, holds=onwards, slack=1e-6, stiff=True, feature=drop,
              ends=(Event("turns back", speed, -1, to="backwards"),)),
-        Mode("backwards", field=moving(-1), holds=lambda x, p: -speed(x, p), slack=1e-6, stiff=True, feature=drop,
+        Mode("backwards", field=moves, sign=-1, holds=onwards, slack=1e-6, stiff=True, feature=drop,
              ends=(Event("turns forth", speed, +1, to="forwards"),)),
     ),
 )  # fmt: skip

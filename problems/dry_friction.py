@@ -6,9 +6,10 @@
 eta is what friction resists with in motion, tau >= eta what it can hold.  The forcing changes its sign after half a
 turn, so the cycle is the same under x -> -x, t -> t + pi/w, and half of it is computed.  Every piece is linear.
 
-Sources: J. P. Den Hartog, Forced vibrations with combined Coulomb and viscous friction, Transactions of the ASME 53
-(1931) 107-115, for tau = eta; with stiction, e.g. the example of COCO's predecessor TC-HAT, P. Thota and H. Dankowicz,
-SIAM Journal on Applied Dynamical Systems 7 (2008) 1283-1322.  The parameters are chosen here.
+Source, for tau = eta: J. P. Den Hartog, Forced vibrations with combined viscous and Coulomb damping, Philosophical
+Magazine, series 7, vol. 9 (1930), from p. 801 on, who solves it for motions that never stop.  That friction holds more
+than it resists with in motion is the usual law of stiction; the parameters are chosen here, and the numbers below are
+no paper's.
 """
 
 from __future__ import annotations

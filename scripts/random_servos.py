@@ -1,12 +1,13 @@
 """Random servos against an engine of another kind with more digits: no false denial, no error estimate too small.
 
     python scripts/random_servos.py [--model switch|lugre] [--servos N] [--seed S] [--only I ...] [--tol T ...]
-                                    [--out FILE.jsonl] [--jobs N] [--quick]
+                                    [--controller times|pid] [--out FILE.jsonl] [--jobs N] [--quick]
 
 Each servo is drawn log-uniformly from
 
     static friction 0.1 to 5 N m, static/coulomb 1.02 to 2.5, Stribeck velocity 0.002 to 0.2 rad/s, viscous friction 0
     (every fifth) or 1e-3 to 1 N m s/rad, inertia 0.003 to 0.3 kg m2, motor gain 1 to 50 N m/V, both times 0.02 to 1 s
+    (--controller times) or kp' 0.3 to 30, ki' 1 to 50 1/s, kd' 0.02 to 1 s (pid: complex zeros in every third)
 
 and asked, for every tolerance, for its fold and for the stable and the unstable cycle at 0.05, 0.5, 0.95, 0.995 and
 0.999 of it.  The fold gain that places the questions is the engine's own where it finds one.
@@ -73,17 +74,21 @@ RANGES: dict[str, tuple[float, float]] = {
     "friction.viscous": (1e-3, 1.0),
     "servo.inertia": (0.003, 0.3),
     "servo.motor_gain": (1.0, 50.0),
-    "controller.integral_time": (0.02, 1.0),
-    "controller.lead_time": (0.02, 1.0),
 }
+CONTROLLERS: dict[str, dict[str, tuple[float, float]]] = {
+    "times": {"controller.integral_time": (0.02, 1.0), "controller.lead_time": (0.02, 1.0)},
+    "pid": {"controller.kp": (0.3, 30.0), "controller.ki": (1.0, 50.0), "controller.kd": (0.02, 1.0)},
+}
+"""Ranges of the controller in either form."""
 WITHOUT_VISCOUS = 0.2
 """Part of the servos without viscous friction."""
 
 
-def draw(seed: int, number: int) -> dict[str, float]:
+def draw(seed: int, number: int, form: str = "times") -> dict[str, float]:
     """The parameters of servo `number`: the same whatever else is drawn."""
     rng = np.random.default_rng([seed, number])
-    out = {key: float(np.exp(rng.uniform(np.log(low), np.log(high)))) for key, (low, high) in RANGES.items()}
+    ranges = RANGES | CONTROLLERS[form]
+    out = {key: float(np.exp(rng.uniform(np.log(low), np.log(high)))) for key, (low, high) in ranges.items()}
     out["friction.coulomb"] = out["friction.static"] / out["friction.coulomb"]
     if rng.random() < WITHOUT_VISCOUS:
         out["friction.viscous"] = 0.0
@@ -156,9 +161,11 @@ def patiently(question: Callable[..., Any], *arguments: Any) -> Any:
         return None
 
 
-def examine(model: str, seed: int, number: int, tolerances: Sequence[float], fast: bool = False) -> dict[str, Any]:
+def examine(
+    model: str, seed: int, number: int, tolerances: Sequence[float], fast: bool = False, form: str = "times"
+) -> dict[str, Any]:
     """All questions about one servo."""
-    parameters = draw(seed, number)
+    parameters = draw(seed, number, form)
     servo = Servo().replace(**parameters)
     engine = ENGINES[model](servo)
     engine.patient = not fast
@@ -185,7 +192,8 @@ def examine(model: str, seed: int, number: int, tolerances: Sequence[float], fas
             for tol, (found, reason, denies, seconds) in zip(tolerances, answers, strict=True):
                 row = {"model": model, "branch": branch, "share": share, "tol": tol, "seconds": seconds, "gain": gain}
                 rows.append(judge(row, found, truth, reason, denies))
-    return {"model": model, "seed": seed, "number": number, "parameters": parameters, "rows": rows}
+    asked = {"model": model, "seed": seed, "number": number, "controller": form}
+    return asked | {"parameters": parameters, "rows": rows}
 
 
 def table(servos: list[dict[str, Any]]) -> str:
@@ -228,6 +236,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run, append, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", choices=sorted(ENGINES), default="switch")
+    parser.add_argument("--controller", choices=sorted(CONTROLLERS), default="times", help="form of the controller")
     parser.add_argument("--servos", type=int, help="default 200 Switch, 60 LuGre; with --quick 5")
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--only", type=int, nargs="+", help="numbers of the servos, instead of the first --servos")
@@ -246,9 +255,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.out and args.out.exists():
         for text in args.out.read_text().splitlines():
             s = json.loads(text)
-            if s["model"] == args.model and s["seed"] == args.seed:
+            form = s.get("controller", "times")
+            if (s["model"], s["seed"], form) == (args.model, args.seed, args.controller):
                 known[s["number"]] = s
-    jobs = [(args.model, args.seed, n, args.tol, args.fast) for n in numbers if n not in known]
+    jobs = [(args.model, args.seed, n, args.tol, args.fast, args.controller) for n in numbers if n not in known]
     with ProcessPoolExecutor(args.jobs, initializer=end_with_parent) as pool:
         for s in pool.map(examine, *zip(*jobs, strict=True)) if jobs else ():
             known[s["number"]] = s

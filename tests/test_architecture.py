@@ -119,6 +119,19 @@ def test_the_engine_knows_no_servo(module):
     assert not found
 
 
+@pytest.mark.parametrize("module", ["servo.hunting", "servo.stick_band"])
+def test_the_servo_is_written_as_a_user_writes_a_system(module):
+    """Of the engine its definition takes nothing but the public names of `casahunt.hybrid`."""
+    taken = {t for t in imports(module)[0] if room_of(t) in ENGINE}
+    names = {
+        alias.name
+        for node in ast.walk(tree(module))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "hybrid"
+        for alias in node.names
+    }
+    assert taken == {"hybrid.__init__"} and names == {"Event", "Mode", "System"}
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_nothing_beyond_the_declared_dependencies(module):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

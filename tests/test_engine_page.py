@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from problems import belt
+from problems import belt, table1
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "engine.md"
@@ -52,6 +52,22 @@ def test_the_others(scope):
     assert scope["halves"].period == pytest.approx(6.6632868593231301897, rel=1e-6) and scope["halves"].repeats == 2
     _, x = scope["over"].sample()
     assert x[0, -1] - x[0, 0] == pytest.approx(2 * math.pi, rel=1e-9)
+
+
+def test_the_servo(scope):
+    truth = next(row for row in table1.REFERENCE["switch"]["stable"] if row["K"] == 0.1)
+    assert scope["hunting"].period == pytest.approx(truth["period"], rel=1e-9)
+    assert scope["hunting"].amplitude == pytest.approx(truth["amplitude"], rel=1e-9)
+
+
+def test_two_parameters(scope):
+    """Closed forms of problems/bouncing_ball.py."""
+    flips, g, w = scope["flips"], 9.81, 20.0
+    a, r = flips.values.T
+    slowest = math.pi * g * (1 - r) / (1 + r) / w**2
+    assert a == pytest.approx((slowest**2 + (2 * g * (1 + r**2) / (1 + r) ** 2 / w**2) ** 2) ** 0.5, rel=1e-8)
+    assert scope["slowest"].value == pytest.approx(slowest[0], rel=1e-8)
+    assert scope["slowest"].sensitivities["r"] == pytest.approx(-2 * slowest[0] / (1 - 0.8**2), rel=1e-6)
 
 
 def test_links_lead_somewhere():

@@ -58,6 +58,7 @@ class Estimate:
     parameter : absolute error of lambda under a border row; 0 where it is held fixed.
     indicators : (N,) relative error of period, amplitude or parameter that each interval is to blame for.
     shape : (N,) last Legendre coefficients in units of the scale.
+    measured : the amplitude itself, in physical units.
     """
 
     period: float
@@ -65,6 +66,7 @@ class Estimate:
     parameter: float
     indicators: Array
     shape: Array
+    measured: float = 0.0
 
     @property
     def error(self) -> float:
@@ -72,8 +74,29 @@ class Estimate:
         return float(np.max([self.period, self.amplitude, self.parameter]))
 
 
+@dataclass(frozen=True, eq=False)
+class Functional:
+    """Something measured of a solution, linearised.
+
+    Attributes
+    ----------
+    value : what it is, in physical units.
+    row : (y,) its change with the unknowns of the node system.
+    change : by how much it changes where all states change by their sizes.
+    """
+
+    value: float
+    row: Array
+    change: float
+
+    @property
+    def size(self) -> float:
+        """What its error is relative to; 1 where it is zero and nothing moves it: then it has no error."""
+        return max(abs(self.value), SMALL_AMPLITUDE * self.change) or 1.0
+
+
 def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
-    """The largest |measured state| over the phase ends.
+    """The largest |measured state| over the phase ends, where the cycle measures a state there.
 
     Parameters
     ----------
@@ -84,13 +107,20 @@ def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
     -------
     Its value, scaled, and its place among the (P + 1) phase-end nodes.
     """
+    assert isinstance(t.cycle.measured, int)
     values = np.abs(t.nodes_of(u)[t.phase_ends, t.cycle.measured])
     best = int(np.argmax(values))
     return float(values[best]), best
 
 
 def estimate(
-    t: Transcription, u: Array, setting: Setting, *, border: Array | None = None, believed: float = np.inf
+    t: Transcription,
+    u: Array,
+    setting: Setting,
+    *,
+    border: Array | None = None,
+    believed: float = np.inf,
+    amplitude: Functional | None = None,
 ) -> Estimate:
     """Error estimates of a converged solution u.
 
@@ -102,22 +132,36 @@ def estimate(
         border row under which the solution was computed; default lambda fixed.
     believed
         first-order estimates up to this get what they overlook added; larger ones only place the next mesh.
+    amplitude
+        what is measured; default the cycle's state at the phase ends.
 
     Returns
     -------
     Estimate; period and amplitude are those of the full cycle, relative errors do not care.
     """
     E, n, P = t.elements, t.n, t.phases
-    amplitude, place = amplitude_row(t, u)
     goals = np.zeros((2 if border is None else 3, t.system.size))
     goals[0, (E + 1) * n : (E + 1) * n + P] = 1 / float(np.sum(t.durations_of(u)))
-    size = float(sizes_of_states(t, u, setting)[t.cycle.measured])
-    goals[1, t.phase_ends[place] * n + t.cycle.measured] = 1 / max(amplitude, SMALL_AMPLITUDE * size)
+    if amplitude is None:
+        measured = _at_phase_ends(t, u, setting, goals[1])
+    else:
+        measured = amplitude.value
+        goals[1] = amplitude.row / amplitude.size
     if border is not None:
         goals[2, -1] = 1.0
     errors, per_element = functional_errors(t, u, setting, goals, border=border, believed=believed)
-    period, amplitude, parameter = (*map(float, errors), 0.0)[:3]
-    return Estimate(period, amplitude, parameter, per_element.max(axis=0)[t.interval_elements], shape(t, u))
+    period, relative, parameter = (*map(float, errors), 0.0)[:3]
+    indicators = per_element.max(axis=0)[t.interval_elements]
+    return Estimate(period, relative, parameter, indicators, shape(t, u), measured)
+
+
+def _at_phase_ends(t: Transcription, u: Array, setting: Setting, goal: Array) -> float:
+    """The amplitude as the cycle's state at the phase ends; its relative error as a functional into `goal`."""
+    i, (amplitude, place) = t.cycle.measured, amplitude_row(t, u)
+    assert isinstance(i, int)
+    size = float(sizes_of_states(t, u, setting)[i])
+    goal[t.phase_ends[place] * t.n + i] = 1 / max(amplitude, SMALL_AMPLITUDE * size)
+    return amplitude * float(setting.scale[i])
 
 
 def functional_errors(
@@ -168,8 +212,18 @@ def functional_errors(
 
 
 @lru_cache(maxsize=32)
-def _fine_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
-    """Quadrature on the halves of an interval, graded to its ends: weights (2, m), interpolation (2, m, d + 1)."""
+def fine_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
+    """Quadrature on the halves of an interval, graded to its ends.
+
+    Parameters
+    ----------
+    degree, kind
+        collocation scheme.
+
+    Returns
+    -------
+    Weights (2, m), and interpolation (2, m, d + 1).
+    """
     nodes, weights = legendre.leggauss(FINE_POINTS)
     nodes, weights = (nodes + 1) / 2, weights / 2
     points = np.concatenate([GRADED * nodes, GRADED + (1 - GRADED) * nodes])
@@ -195,7 +249,7 @@ def _left_by_a_step(fine: Transcription, u: Array, lin: Linearisation, setting: 
     w[:, 1, 0] += middle
     ends[:, 0] += middle
     ends[:, 1] += maps[:, 1, :, 0] + (second @ middle[:, :, None])[:, :, 0]
-    weights, rule = _fine_rule(d, fine.kind)
+    weights, rule = fine_rule(d, fine.kind)
     x = np.matmul(rule, w).reshape(fine.intervals, -1, n)
     f = np.empty_like(x)
     for field, members in fine.groups:

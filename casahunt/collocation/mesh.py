@@ -39,12 +39,26 @@ def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
     -------
     (N_k + 1,) for each phase, from 0 to 1.
     """
-    out = []
-    for k, count in enumerate(t.counts):
-        if count:
-            edges = np.concatenate([[0.0], np.cumsum(fractions[t.phase_intervals(k)])])
-            out.append(edges / edges[-1])
-    return out
+    return [breaks_of_phase(t, fractions, k) for k, count in enumerate(t.counts) if count]
+
+
+def breaks_of_phase(t: Transcription, fractions: Array, phase: int) -> Array:
+    """Interval boundaries of one collocated phase.
+
+    Parameters
+    ----------
+    t, fractions
+        as in `phase_breaks`.
+    phase
+        its index.
+
+    Returns
+    -------
+    (N_k + 1,) from 0 to 1.
+    """
+    edges = np.zeros(t.counts[phase] + 1)
+    np.cumsum(fractions[t.phase_intervals(phase)], out=edges[1:])
+    return edges / edges[-1]
 
 
 def transfer(
@@ -147,8 +161,7 @@ def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, tim
     -------
     (m, n), scaled.
     """
-    collocated = [k for k, count in enumerate(t.counts) if count]
-    breaks = phase_breaks(t, fractions)[collocated.index(phase)]
+    breaks = breaks_of_phase(t, fractions, phase)
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[t.phase_intervals(phase)]
     return _evaluate(t, w, breaks, times)
 

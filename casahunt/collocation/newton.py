@@ -105,7 +105,8 @@ def newton(
         if isinstance(step, Status):
             return Solution(u, lam, step, iteration, np.inf, None)
         lin = step.linearisation
-        if step.size <= min(accuracy, ROUNDED):
+        # Next to a fold lambda may have a way to go where the states have none.
+        if max(step.size, abs(step.dlam)) <= min(accuracy, ROUNDED):
             residual = lin.residual_norm()
             return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         u += step.du

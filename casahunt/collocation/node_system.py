@@ -68,13 +68,13 @@ class NodeSystem:
         self._rows, self._cols = row[self._order], column[self._order]
 
     @alone
-    def _solver(self, adjoints: int) -> _LinearSolve:
-        """The plain (0) or the transposed solver, built by the first thread that asks."""
-        if adjoints not in self._solvers:
+    def _solver(self, columns: int) -> _LinearSolve:
+        """The plain solver for one (0) or -k right-hand sides, the transposed one for k; built when first asked for."""
+        if columns not in self._solvers:
             if self._factorisation is None:
                 self._factorisation = ca.Linsol("node_system", "qr", self._sparsity)
-            self._solvers[adjoints] = _LinearSolve(self._factorisation, self._sparsity, adjoints=adjoints)
-        return self._solvers[adjoints]
+            self._solvers[columns] = _LinearSolve(self._factorisation, self._sparsity, columns)
+        return self._solvers[columns]
 
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
         """A border row.
@@ -168,6 +168,56 @@ class NodeSystem:
         goals[: len(rhs)] = rhs
         return (self._solvers.get(ADJOINTS) or self._solver(ADJOINTS))(nonzeros, goals)[: len(rhs)]
 
+    def nonzeros_of_many(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
+        """The matrices of B members.
+
+        Parameters
+        ----------
+        maps, closure, events, border
+            as in `nonzeros`, with an axis of B members in front.
+
+        Returns
+        -------
+        (B, nnz) nonzeros, column after column.
+        """
+        B, n = len(maps), self._shape[1]
+        ci, cj = self._closure_entries
+        values = np.concatenate(
+            [
+                -maps[..., 1:].reshape(B, -1),
+                np.broadcast_to(self._ones, (B, self._ones.size)),
+                -closure[:, ci, cj],
+                events[:, 1 : n + 1].transpose(0, 2, 1).reshape(B, -1),
+                events[:, n + 1 :].reshape(B, -1),
+                border,
+            ],
+            axis=1,
+        )
+        return values[:, self._order]
+
+    def solve_many(self, nonzeros: Array, rhs: Array, *, transposed: bool = False) -> Array:
+        """The node systems of B members, one after the other, each factorised once.
+
+        Parameters
+        ----------
+        nonzeros
+            (B, nnz).
+        rhs
+            (B, k, y) right-hand sides.
+        transposed
+            solve with the transposed matrices.
+
+        Returns
+        -------
+        (B, k, y); NaN for a member whose matrix is singular.
+        """
+        columns = rhs.shape[1] if transposed else -rhs.shape[1]
+        solve = self._solvers.get(columns) or self._solver(columns)
+        out = np.empty_like(rhs)
+        for b in range(len(rhs)):
+            out[b] = solve(nonzeros[b], rhs[b])
+        return out
+
     def dense(self, nonzeros: Array) -> Array:
         """The matrix as a dense array (y, y), for tests and condition numbers."""
         out = np.zeros((self.size, self.size))
@@ -176,13 +226,16 @@ class NodeSystem:
 
 
 class _LinearSolve:
-    """Sparse QR solve as a CasADi function on fixed buffers: A y = b, or A^T y = b for several b."""
+    """Sparse QR solve as a CasADi function on fixed buffers.
 
-    def __init__(self, factorisation: ca.Linsol, sparsity: ca.Sparsity, *, adjoints: int = 0) -> None:
+    A y = b for one (`columns` 0) or -k right-hand sides b, A^T y = b for k of them.
+    """
+
+    def __init__(self, factorisation: ca.Linsol, sparsity: ca.Sparsity, columns: int) -> None:
         size = sparsity.size1()
-        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size, max(adjoints, 1))
-        function = ca.Function("solve", [A, b], [factorisation.solve(A, b, bool(adjoints))])
-        shape = (adjoints, size) if adjoints else (size,)
+        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size, max(abs(columns), 1))
+        function = ca.Function("solve", [A, b], [factorisation.solve(A, b, columns > 0)])
+        shape = (abs(columns), size) if columns else (size,)
         self._caller = caller(function, [sparsity.nnz(), shape], [shape])
 
     def __call__(self, nonzeros: Array, rhs: Array) -> Array:

@@ -4,14 +4,30 @@
 
 curve.py            the curve of a branch: its points, tangent and predictor
 walk.py             by pseudo-arclength or by natural continuation
+vanishing.py        where a phase shrinks to nothing
 special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
 bifurcations.py     flips, losses of symmetry and tori, by the multipliers
+reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
+recut.py            another plane for a cycle that is cut by planes
+touching.py         cycles that touch an event
+behind_grazing.py   behind a grazing: the cycle that a branch goes on with
+ways_to_end.py      Hopf bifurcations, homoclinic orbits: where cycles end
 branch.py           a branch of a user's system, with what is met on the way
+grazing_search.py   from a cycle that keeps clear of an event to one that touches it
 fold_conditions.py  the conditions of a fold as constraints of a larger problem
+adjoint.py          how much a fold moves with every parameter
 turning_point.py    the largest lambda on a mesh by Newton's method alone
 fold.py             a fold as a point of the branch and as an optimum, confirmed
+fold_expansion.py   a known fold and how it changes with parameters
+turning_points.py   the largest lambda of many members in one loop
+fold_confirmation.py their errors and their derivatives
+fold_ensemble.py    folds of many problems near one whose fold is known
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
+sheet.py            orbits beside a special one, as a surface over two parameters
+special_charts.py   charts of a curve of special points: its gradient, slope and error
+two_parameters.py   the curve of special points in two parameters
+extremum.py         the largest and the smallest value of a parameter, with what moves it
 """
 
 from typing import TYPE_CHECKING
@@ -21,10 +37,25 @@ from ..lazy import lazily
 if TYPE_CHECKING:
     from .branch import Branch, follow
     from .branching import branch_off
-    from .special_points import Missed, SpecialPoint
+    from .extremum import largest, smallest
+    from .fold import Fold
+    from .grazing_search import grazing
+    from .special_points import Missed, SpecialPoint, user_monitor
+    from .two_parameters import SpecialCurve, special_curve
 
-__all__ = ["Branch", "Missed", "SpecialPoint", "branch_off", "follow"]
+__all__ = [
+    "Branch", "Fold", "Missed", "SpecialCurve", "SpecialPoint", "branch_off", "follow", "grazing", "largest",
+    "smallest", "special_curve", "user_monitor",
+]  # fmt: skip
 __getattr__ = lazily(
     __name__,
-    {"branch": ("Branch", "follow"), "branching": ("branch_off",), "special_points": ("Missed", "SpecialPoint")},
+    {
+        "branch": ("Branch", "follow"),
+        "branching": ("branch_off",),
+        "extremum": ("largest", "smallest"),
+        "fold": ("Fold",),
+        "two_parameters": ("SpecialCurve", "special_curve"),
+        "special_points": ("Missed", "SpecialPoint", "user_monitor"),
+        "grazing_search": ("grazing",),
+    },
 )

@@ -11,34 +11,31 @@ settles on one next to the last, the branch goes on with it.
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Generic, cast
+from typing import Any, Generic
 
 import numpy as np
 
 from ..checks import known, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.cycle_search import find_cycle
 from ..orbits.family import Family
-from ..orbits.orbit import AnyOrbit, Orbit
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit
+from ..orbits.starts import may_vanish
+from .behind_grazing import behind_grazing, from_strongest
 from .bifurcations import monitors_of
-from .special_points import GRAZING, Missed, Monitor, SpecialPoint, crossings, special_point
+from .curve import parameter_value
+from .recut import cut_alike, cut_by_planes, left_behind, recut
+from .reunion import met_at, reunion
+from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, crossings, special_point
+from .vanishing import vanishing_soon
 from .walk import walk
+from .ways_to_end import SHRUNK_TO, hopf_point, ranges, runs_out
 
 Array = np.ndarray
 
-BESIDE_GRAZING = 1e-3
-"""How far beside a grazing, in lambda, the motion is looked at."""
-NEARLY_THE_SAME = 0.05
-"""Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
-
-
-MET_WITHOUT_SPEED = replace(
-    GRAZING,
-    meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
-)
+FIRST_SHRINKS = "the first phase may be about to vanish"
+LEFT_BEHIND, NEXT_TO_NOTHING = "the plane that cuts the cycle is left behind", "the cycle has shrunk to nothing"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +126,8 @@ def follow(
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     how: dict[str, Any] = {"low": min(to, back), "high": max(to, back), "largest_step": largest_step}
+    if not cut_by_planes(orbit):
+        orbit, previous = from_strongest(orbit, previous, options)
     begun = Branch(vary, (orbit,), (), (), "")
     return _followed(begun, float(np.sign(to - here)), previous, looked_for, options, max_points, how)
 
@@ -143,23 +142,57 @@ def _followed(
     how: dict[str, Any],
 ) -> Branch[AnyOrbit]:
     """The branch from its last orbit on, past grazings; `how` goes to the walk."""
-    vary = branch.vary
+    vary, insist, watched = branch.vary, False, True
     while True:
         steps = walk(
             branch.orbits[-1], vary=vary, sense=sense, previous=previous, options=options,
             max_points=max_points - len(branch.orbits), **how,
         )  # fmt: skip
-        branch, status = _walked(branch, steps, looked_for, options)
+        length = len(branch.orbits)
+        branch, end = _walked(branch, steps, looked_for, options, watched)
         last = branch.orbits[-1]
-        if status is not Status.INADMISSIBLE or GRAZING not in looked_for:
+        if isinstance(end, Complaint) and (ended := _run_out(branch)):
+            return replace(branch, ended=ended)
+        if branch.ended == FIRST_SHRINKS:
+            branch, previous = _starting_elsewhere(branch, options)
+            continue
+        if cut_by_planes(last):
+            hopf = _shrunk(branch) if isinstance(end, Complaint) or branch.ended == NEXT_TO_NOTHING else None
+            if hopf is not None:
+                return replace(branch, special=(*branch.special, hopf), ended=hopf.meaning)
+            stuck = isinstance(end, Complaint) and end.status is Status.INADMISSIBLE
+            insist = stuck and (len(branch.orbits) > length or not insist)
+            if not insist and branch.ended not in (LEFT_BEHIND, NEXT_TO_NOTHING):
+                return branch
+            again = _cut_anew(branch, options, insist)
+            if again is not None:
+                (branch, previous, sense), watched = again, True
+            elif insist:
+                return branch
+            else:  # there is no better plane
+                previous, watched = branch.orbits[-2], False
+            continue
+        if end is None or GRAZING not in looked_for or len(branch.orbits) + 1 >= max_points:
             return branch
-        branch = replace(branch, special=(*branch.special, special_point(MET_WITHOUT_SPEED, last, vary)))
-        following = _clear_of_it(last, vary, options)
-        if following is None or len(branch.orbits) + 1 >= max_points:
-            return branch
+        if isinstance(end, Complaint):
+            branch, following = _grazed(branch, end, options)
+            if following is None:
+                return branch
+            last, end = branch.orbits[-1], following
         previous = None
-        sense = float(np.sign(following.problem.value(vary) - last.problem.value(vary)))
-        branch = replace(branch, orbits=(*branch.orbits, following))
+        sense = float(np.sign(parameter_value(end, vary) - parameter_value(last, vary))) or _sense(branch, sense)
+        branch = replace(branch, orbits=(*branch.orbits, end))
+
+
+def _grazed(
+    branch: Branch[AnyOrbit], failure: Complaint, options: Options
+) -> tuple[Branch[AnyOrbit], AnyOrbit | None]:
+    """The branch up to the grazing that it has come to, if it is one, and the cycle that it goes on with."""
+    found = behind_grazing(branch.orbits[-1], branch.vary, failure, options)
+    if found.grazing is not None:
+        special, ended = (*branch.special, found.grazing), f"no cycle follows the {found.grazing.meaning}"
+        branch = replace(branch, orbits=found.reached(branch.orbits), special=special, ended=ended)
+    return branch, found.following
 
 
 def _walked(
@@ -167,47 +200,113 @@ def _walked(
     steps: Generator[AnyOrbit, None, str],
     looked_for: tuple[Monitor, ...],
     options: Options,
-) -> tuple[Branch[AnyOrbit], Status | None]:
-    """The branch with the orbits of a walk, and the status with which that ended."""
+    watched: bool,
+) -> tuple[Branch[AnyOrbit], AnyOrbit | Complaint | None]:
+    """The branch with the orbits of a walk, and how that ended.
+
+    By the orbit behind a grazing that it came to; by what it has failed by; None where it came to its end.  Early where
+    a cycle that is cut by planes has become small or (`watched`) leaves its plane behind.
+    """
+    by_planes, branch = cut_by_planes(branch.orbits[-1]), replace(branch, ended="")
+    largest = np.max([ranges(orbit) for orbit in branch.orbits if by_planes], axis=0, initial=0.0)
     while True:
         try:
             after = next(steps)
         except StopIteration as end:
-            return replace(branch, ended=str(end.value)), getattr(end.value, "status", None)
+            return replace(branch, ended=str(end.value)), end.value if isinstance(end.value, Complaint) else None
         except NoOrbit as error:
-            return replace(branch, ended=str(error)), error.status
+            return replace(branch, ended=str(error)), Complaint(str(error), error.status)
         before = branch.orbits[-1]
-        found, missed = crossings(before, after, vary=branch.vary, monitors=looked_for, options=options)
+        by_planes = cut_by_planes(before) and cut_by_planes(after)
+        if by_planes and before.signature != after.signature and _shrunk(branch) is not None:
+            return replace(branch, ended=NEXT_TO_NOTHING), None  # stepped over: the same cycles, half a turn later
+        branch = _met_itself(branch, after, looked_for, options)
+        if branch.ended:
+            return branch, None
+        monitors = tuple(m for m in looked_for if m is not GRAZING) if by_planes else looked_for
+        found, missed = crossings(before, after, vary=branch.vary, monitors=monitors, options=options)
         orbits, special = (*branch.orbits, after), (*branch.special, *found)
         branch = replace(branch, orbits=orbits, special=special, missed=(*branch.missed, *missed))
+        if ended := runs_out(before, after, branch.vary):
+            return replace(branch, ended=ended), None
+        if by_planes:
+            largest = np.maximum(largest, ranges(after))
+            if watched and np.all(ranges(after) <= SHRUNK_TO * largest):
+                return replace(branch, ended=NEXT_TO_NOTHING), None
+            if watched and left_behind(after):
+                return replace(branch, ended=LEFT_BEHIND), None
+            continue
+        if _first_shrinks(before, after):
+            return replace(branch, ended=FIRST_SHRINKS), None
+        over = vanishing_soon(before, after, branch.vary, options) if GRAZING in looked_for else None
+        if over is not None:
+            touch = special_point(GRAZING, over[0], branch.vary)
+            return replace(branch, special=(*branch.special, touch), ended=""), over[1]
 
 
-def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
-    family = last.problem
-    if not isinstance(family, Family):
+def _first_shrinks(before: Orbit, after: Orbit) -> bool:
+    """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
+    first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
+    return isinstance(after.problem, Family) and before.signature == after.signature and first == [False, True]
+
+
+def _starting_elsewhere(branch: Branch[AnyOrbit], options: Options) -> tuple[Branch[AnyOrbit], AnyOrbit | None]:
+    """The branch with its last cycle from another phase on, where one serves, and the cycle before it alike."""
+    *others, last = branch.orbits
+    turned, before = from_strongest(last, others[-1], options)
+    return replace(branch, orbits=(*others, turned)), before
+
+
+def _run_out(branch: Branch[AnyOrbit]) -> str:
+    """Why no step leads on, where that is because the cycles end; "" where it is not."""
+    many = len(branch.orbits) > 1
+    return runs_out(branch.orbits[-2], branch.orbits[-1], branch.vary, stuck=True) if many else ""
+
+
+def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
+    """The Hopf bifurcation that the last cycles lead to."""
+    return hopf_point(branch.orbits[-2], branch.orbits[-1], branch.vary) if len(branch.orbits) > 1 else None
+
+
+def _cut_anew(
+    branch: Branch[AnyOrbit], options: Options, insist: bool
+) -> tuple[Branch[AnyOrbit], AnyOrbit | None, float] | None:
+    """(the branch with its last cycle cut by another plane, the cycle before it cut alike or None, sense), or None."""
+    *others, last = branch.orbits
+    fresh = recut(last, branch.vary, options, insist=insist) if cut_by_planes(last) else None
+    if fresh is None:
         return None
-    arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
-    for side in (1.0, -1.0):
-        value = family.moved(vary, side * BESIDE_GRAZING)
-        start = family.system.names.numbers(arc.states[len(arc.states) // 2, 0], family.vector())
-        parameters = dict(zip(family.names, family.values, strict=True)) | {vary: value}
-        with suppress(NoOrbit):
-            other = find_cycle(
-                family.system, arc.mode, parameters=parameters, follow=family.followed, measure=family.measured,
-                options=options, start=start,
-            )  # fmt: skip
-            if other.signature != last.signature and _alike(last, other):
-                return cast(AnyOrbit, other)
-    return None
+    before = cut_alike(others[-1], fresh, branch.vary, options) if others and cut_by_planes(others[-1]) else None
+    sense = float(np.sign(branch.values[-1] - branch.values[-2])) if others else 1.0
+    return replace(branch, orbits=(*others, fresh)), before, sense or 1.0
 
 
-def _alike(one: Orbit, other: Orbit) -> bool:
-    """Whether the ranges of all states and the periods are nearly the same."""
-    if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
-        return False
-    states = len(one.problem.system.states) if isinstance(one.problem, Family) else one.scale.size
-    x, y = one.sample()[1][:states], other.sample()[1][:states]
-    size = np.ptp(x, axis=1)
-    off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))
-    return bool(np.all(off <= NEARLY_THE_SAME * size))
+def _sense(branch: Branch[AnyOrbit], sense: float) -> float:
+    """Which way the parameter went last."""
+    ways = np.sign(np.diff(branch.values))
+    return float(ways[np.flatnonzero(ways)[-1]]) if ways.any() else sense
+
+
+def _met_itself(
+    branch: Branch[AnyOrbit], after: AnyOrbit, looked_for: tuple[Monitor, ...], options: Options
+) -> Branch[AnyOrbit]:
+    """The branch, ended where it meets its own image before the next orbit: what follows is what it has passed already.
+
+    As it is where it does not; with what was missed where that could not be located.
+    """
+    before, vary = branch.orbits[-1], branch.vary
+    met = reunion(before, after, options.tol) if looked_for else None
+    if met is None:
+        return branch
+    point = met_at(before, after, met, vary, options)
+    if isinstance(point, Missed):
+        return replace(branch, missed=(*branch.missed, point))
+    others = tuple(monitor for monitor in looked_for if monitor.kind not in (FOLD.kind, met.reached.kind))
+    found, missed = crossings(before, after, vary=vary, monitors=others, options=options)
+    found = [special for special in found if not met.off(special.orbit) < 0]
+    value = parameter_value(point.orbit, vary)
+    return Branch(
+        vary, (*branch.orbits, *([point.orbit] if met.same_period else [])),
+        (*branch.special, *found, point), (*branch.missed, *missed),
+        f"at {vary} = {value:.8g} the cycle is its own image; what follows are the images of what was passed",
+    )  # fmt: skip

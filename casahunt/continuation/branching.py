@@ -13,7 +13,6 @@ the parameter free; it can be followed from there.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +22,13 @@ from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
-from ..motion.march import Segment
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Closure, Section, with_sections
 from ..orbits.family import Family
-from ..orbits.orbit import Arc, Orbit, orbit_of, unknowns_of
-from ..orbits.recurrence import is_symmetry
+from ..orbits.orbit import Orbit, orbit_of, unknowns_of
+from ..orbits.recurrence import image_of
 from ..orbits.restart import Start
+from ..orbits.sequences import segments_of
 from .bifurcations import FLIP, SYMMETRY_LOST
 from .curve import along
 from .special_points import SpecialPoint
@@ -38,6 +37,8 @@ Array = np.ndarray
 
 OFF = 0.02
 """Distance of the new cycle from the old one, in units of the state scale."""
+OFF_AGAIN, OFF_TRIES = 0.25, 5
+"""Where the new cycle is not found at a distance, it is looked for at this part of it, until so many have failed."""
 SINGULAR = 1e-4
 """Smallest over largest singular value below which there is a direction that turns over."""
 
@@ -52,7 +53,8 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
     vary
         name of the parameter.
     off
-        how far from the old cycle, in units of the state scale; of a lopsided pair -off gives the other one.
+        how far from the old cycle, in units of the state scale, or nearer where nothing is found as far; of a lopsided
+        pair -off gives the other one.
     options
         tolerance and method; default those of the orbit at the special point.
 
@@ -71,15 +73,19 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     problem = replace(family, closure=_twice(family.closure), sections=_both_sections(family))
-    start, row = _two_pieces(orbit, family, problem, off, along(family, vary))
-    solved = solve_adaptively(problem, start, options, solver="newton", border=row)
-    if not solved.status.ok:
+    for nearer in range(OFF_TRIES):
+        distance = off * OFF_AGAIN**nearer
+        start, row = _two_pieces(orbit, family, problem, distance, along(family, vary))
+        solved = solve_adaptively(problem, start, options, solver="newton", border=row)
+        if solved.status.ok:
+            break
+    else:
         sentence = f"what branches off at the {special.meaning} was not computed: {solved.complaint()}"
         raise NoOrbit(sentence, solved.status)
     problem = problem.with_value(vary, problem.moved(vary, solved.solution.parameter))
     found: Orbit = orbit_of(solved, problem, wall_s=time.perf_counter() - began)
     first, second = found.arcs[0].states[0, 0], found.arcs[len(orbit.arcs)].states[0, 0]
-    if np.max(np.abs(orbit.cycle.opened(first) - second) / found.scale) < abs(off) * 1e-2:
+    if np.max(np.abs(orbit.cycle.opened(first) - second) / found.scale) < abs(distance) * 1e-2:
         sentence = f"next to the {special.meaning}: only the old cycle was found"
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
     return found
@@ -93,8 +99,11 @@ def _twice(closure: Closure) -> Closure:
 
 def _both_sections(family: Family) -> tuple[Section, ...]:
     """The sections of both pieces: turns of the forcing are counted on in the second."""
-    turns = [s for s in family.sections if s.state == TURNS]
-    return (*family.sections, *(replace(s, level=s.level + family.closure.shift[-1]) for s in turns))
+    entries = family.system.names.entries
+    turns = [s for s in family.sections if s.state == TURNS or s.state in family.system.angles]
+    gained = [family.closure.shift[entries.index(s.state)] for s in turns]
+    second = [replace(s, level=s.level + more) for s, more in zip(turns, gained, strict=True) if more]
+    return (*family.sections, *second)
 
 
 def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
@@ -133,29 +142,13 @@ def _two_pieces(orbit: Orbit, family: Family, problem: Family, off: float, dp: A
 def _second_piece(orbit: Orbit, both: Family, setting: Setting) -> Signature:
     """The phases that follow those of the computed piece, as `both` calls them: the images of those by S^-1 (x + c)."""
     form = with_sections(both.system, both.sections)
-    S, shift = orbit.cycle.closure, np.array(orbit.cycle.shift or np.zeros(orbit.scale.size))
+    shift = orbit.cycle.shift or tuple(np.zeros(orbit.scale.size))
     if orbit.repeats == 1 and not any(section.state == TURNS for section in both.sections):
         return orbit.signature
-    found = []
-    for arc in orbit.arcs:
-        for candidate in _candidates(both, arc):
-            if is_symmetry(form, [_segment(arc, arc.mode, arc.event), candidate], S, shift, setting.p, orbit.scale):
-                found.append((candidate.mode, candidate.event))
-                break
-        else:
-            raise NoOrbit(f"no mode of {both.title} is the mirror image of {arc.mode!r}", Status.NOT_CONVERGED)
+    closure, found = Closure.of(orbit.cycle.closure, np.array(shift), orbit.repeats), []
+    for segment in segments_of(*unknowns_of(orbit)):
+        image = image_of(form, segment, closure, setting.p, orbit.scale)
+        if image is None:
+            raise NoOrbit(f"no mode of {both.title} is the mirror image of {segment.mode!r}", Status.NOT_CONVERGED)
+        found.append(image)
     return tuple(found)
-
-
-def _segment(arc: Arc, mode: str, event: str) -> Segment:
-    """An arc as a marched segment, of another name perhaps."""
-    w = arc.states.reshape(len(arc.states), -1)
-    return Segment(mode, event, arc.duration, arc.breaks, w, arc.end)
-
-
-def _candidates(family: Family, arc: Arc) -> Iterator[Segment]:
-    """Segments of every mode and exit."""
-    form = with_sections(family.system, family.sections)
-    for mode, exits in form.exits.items():
-        for way_out in exits:
-            yield _segment(arc, mode, way_out.event.name)

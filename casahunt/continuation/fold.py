@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Generic
 
 import numpy as np
 
+from ..checks import to_error
 from ..collocation.admissibility import judge
-from ..collocation.error_estimate import amplitude_row, estimate
 from ..collocation.ipopt import Maximum, maximise_parameter
 from ..collocation.mesh import on_halved_mesh, transfer
 from ..collocation.newton import Solution, Solver
@@ -31,7 +32,9 @@ from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border
+from ..orbits.amplitude import amplitude_off, estimated
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from .adjoint import parameter_slopes
 from .curve import along, ends, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
 from .turning_point import turning_point
@@ -73,6 +76,21 @@ class Fold(Generic[AnyOrbit]):
     def error_estimate(self) -> float:
         """The largest estimated relative error of parameter, amplitude and period."""
         return max(self.value_error, self.orbit.error_estimate)
+
+    @cached_property
+    def sensitivities(self) -> dict[str, float]:
+        """By how much the value moves with every other parameter, all of them from the multipliers (adjoint.py)."""
+        problem = self.orbit.problem
+        others = tuple(name for name in problem.names if name != self.parameter)
+        slopes = parameter_slopes(self.orbit, self.multipliers, others)
+        return {name: float(problem.unit(self.parameter) * slope) for name, slope in zip(others, slopes, strict=True)}
+
+    def __str__(self) -> str:
+        error = self.value_error * abs(self.orbit.problem.unit(self.parameter))
+        value = to_error(self.value, error / abs(self.value)) if abs(self.value) > error else "0"
+        moves = ", ".join(f"{name} {slope:.6g}" for name, slope in self.sensitivities.items())
+        by = f"; it moves with {moves}" if moves else ""
+        return f"fold of {self.orbit.problem.title} at {self.parameter} = {value}{by}"
 
 
 def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
@@ -159,7 +177,7 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
         if not best.status.ok:
             break
         moved = setting.moved(best.parameter)
-        error = estimate(t, best.u, moved, border=curve_border(t, best.u, across))
+        error = estimated(t, best.u, moved, border=curve_border(t, best.u, across))
         if not np.isfinite(error.error):  # no duration moves
             break
         if error.error <= options.tol and judge(t, best.u, moved).admissible:
@@ -220,15 +238,18 @@ def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> 
     return (maximise_parameter if _maximiser(options) == "ipopt" else turning_point)(t, u, setting)
 
 
-def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float | None = None) -> Any:
+def confirmed(
+    special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float | None = None, sense: float = 1.0
+) -> Any:
     """A located fold, checked against the optimisation problem on its mesh and on the mesh with halved intervals.
 
     Parameters
     ----------
     special, vary
         the fold, and the name of the parameter.
-    options, began
-        `tol` bounds the relative errors; time.perf_counter() when the search began, default: now.
+    options, began, sense
+        `tol` bounds the relative errors; time.perf_counter() when the search began, default: now; +1 where the
+        parameter is largest, -1 where it is smallest.
 
     Returns
     -------
@@ -243,17 +264,31 @@ def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, bega
         raise InputError(f"special point {special.kind!r}: must be a fold")
     began = time.perf_counter() if began is None else began
     orbit = special.orbit
-    t, u, setting = _along(orbit, vary)
+    t, u, setting = _along(orbit, vary, sense)
     here = parameter_value(orbit, vary)
     where = f"the fold of {orbit.problem.title} at {vary} {here:.10g}"
     best = _largest(t, u, setting, options)
-    value = orbit.problem.moved(vary, best.parameter)
+    value = orbit.problem.moved(vary, sense * best.parameter)
     if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         status = Status.TOLERANCE_NOT_REACHED if best.status.ok else best.status
+        raise NoOrbit(f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", status)
+    orbit = _with_second_optimum(orbit, t, best, setting, options, where)
+    error = orbit.parameter_error
+    if orbit.error_estimate > options.tol:
         raise NoOrbit(
-            f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", status
+            f"{where} is not known to the tolerance: the error estimate is {orbit.error_estimate:.2g}; ask for "
+            "a larger tolerance",
+            Status.TOLERANCE_NOT_REACHED,
         )
+    kind = orbit.problem.fold_type or Fold
+    return kind(orbit, vary, here, error, value, sense * best.multipliers, orbit.status, time.perf_counter() - began)
+
+
+def _with_second_optimum(
+    orbit: AnyOrbit, t: Transcription, best: Maximum, setting: Setting, options: Options, where: str
+) -> AnyOrbit:
+    """The orbit with the errors that the optimum on the halved mesh shows.  Raises NoOrbit where that is not solved."""
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     check = _largest(finer, u, replace(setting.moved(best.parameter), fractions=fractions), options)
     if not check.status.ok:
@@ -263,22 +298,13 @@ def confirmed(special: SpecialPoint[AnyOrbit], vary: str, options: Options, bega
             check.status,
         )
     period = float(np.sum(finer.durations_of(check.u))) * t.cycle.repeats
-    amplitude = amplitude_row(finer, check.u)[0] * float(setting.scale[t.cycle.measured])
-    error = max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter))
-    orbit = replace(
+    there = replace(setting.moved(best.parameter + check.parameter), fractions=fractions)
+    return replace(
         orbit,
         period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
-        amplitude_error=max(orbit.amplitude_error, abs(amplitude / orbit.amplitude - 1)),
-        parameter_error=error,
+        amplitude_error=max(orbit.amplitude_error, amplitude_off(finer, check.u, there, orbit.amplitude)),
+        parameter_error=max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter)),
     )
-    if orbit.error_estimate > options.tol:
-        raise NoOrbit(
-            f"{where} is not known to the tolerance: the error estimate is {orbit.error_estimate:.2g}; ask for "
-            "a larger tolerance",
-            Status.TOLERANCE_NOT_REACHED,
-        )
-    kind = orbit.problem.fold_type or Fold
-    return kind(orbit, vary, here, error, value, best.multipliers, orbit.status, time.perf_counter() - began)
 
 
 def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:

@@ -211,7 +211,7 @@ def _stepped(last: Place, step: float, low: float, high: float) -> tuple[Place, 
         m = (high if end >= high else low) - chart.position
         at, across = at * (m / at[1] if at[1] else 1.0), np.array([1.0, 0.0])
         at[1] = m
-    found = _root_across(chart, at, across, max(WIDTH * step, 1e-6))
+    found = root_across(chart, at, across, max(WIDTH * step, 1e-6))
     if isinstance(found, str):
         return found
     (s, m), reading = found
@@ -263,8 +263,22 @@ class _Line:
         return replace(self, slope=(f - self.last[1]) / (n - self.last[0]), last=(n, f))
 
 
-def _root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
-    """((s, m), reading) of the root of phi on the line at + n across, |n| <= width."""
+def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
+    """The root of phi on a line.
+
+    Parameters
+    ----------
+    chart
+        with its gradient.
+    at, across
+        (2,) places at + n across of the line.
+    width
+        bound of |n|.
+
+    Returns
+    -------
+    ((s, m), what was read there), or a sentence about why there is none.
+    """
     line = _Line(float(np.dot(chart.gradient, across)), width)
     best: tuple[float, Array, Reading] | None = None
     for _ in range(LINE_ROUNDS):

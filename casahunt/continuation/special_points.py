@@ -43,6 +43,7 @@ from .curve import (
     secant,
     seen_from,
 )
+from .vanishing import touched
 from .walk import step_along
 
 Array = np.ndarray
@@ -65,11 +66,13 @@ class SpecialPoint(Generic[AnyOrbit]):
     kind : "fold", "symmetry breaking", "superstable" or the name of a user function.
     orbit : the orbit at the point.
     meaning : one sentence for the user.
+    at : value of the parameter, where `orbit` is the last one next to the point and not the point itself.
     """
 
     kind: str
     orbit: AnyOrbit
     meaning: str
+    at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class Monitor:
     meaning : sentence with {name} and {value} for the parameter and its value, and {beyond} (Problem.beyond_a_fold).
     tolerance : |value| at which the point counts as located.
     confirmed : (orbit) -> whether a located point is what it is called, and an orbit next to one may be.
+    passed : (orbit, point, orbit, point) before and after -> whether multipliers say, too, that there is one between.
     """
 
     kind: str
@@ -104,6 +108,7 @@ class Monitor:
     meaning: str
     tolerance: float = 1e-9
     confirmed: Callable[[Orbit], bool] = lambda orbit: True
+    passed: Callable[[Orbit, Point, Orbit, Point], bool] = lambda before, here, after, there: True
 
 
 def _fold_value(orbit: Orbit, point: Point) -> float:
@@ -190,7 +195,7 @@ def crossings(
         a, b = monitor.value(before, start), monitor.value(after, end)
         if not (np.isfinite(a) and np.isfinite(b)) or a * b > 0 or a == 0:
             continue
-        if not (monitor.confirmed(before) or monitor.confirmed(after)):
+        if not (monitor.confirmed(before) or monitor.confirmed(after)) or not monitor.passed(before, start, after, end):
             continue
         orbit = locate(before, after, monitor, vary=vary, options=options)
         width = abs(before.problem.distance(vary, parameter_value(after, vary)))
@@ -232,7 +237,7 @@ def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, op
     start, end = ends(before, after, vary)
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
         before, after = after, before
-    orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor is FOLD else None
+    orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor.kind == FOLD.kind else None
     orbit = orbit or _located_from(before, after, monitor, vary=vary, options=options)
     return orbit or _located_from(after, before, monitor, vary=vary, options=options)
 
@@ -321,9 +326,16 @@ def _turning_point(slope: float, cubic: Array) -> float:
 
 
 def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The last orbit found with the phase sequence of `before`, where that of `after` is another one."""
+    """The orbit at which the phases change from those of `before` to those of `after`.
+
+    It is the cycle at which a phase of the longer sequence has vanished, or the last one found with the phase sequence
+    of `before`.
+    """
     if before.signature == after.signature:
         return None
+    touch = touched(after if len(after.arcs) > len(before.arcs) else before, vary, options)
+    if touch is not None and min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0:
+        return touch
     start = curve_point(before, vary, like=secant(before, after, vary))
     found = before
 
@@ -337,6 +349,12 @@ def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: O
 
     boundary(beyond, 0.0, _length_to(after, before, start, vary), width=GRAZING_WIDTH, rounds=LOCATE_ROUNDS)
     return found
+
+
+def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
+    """How far an orbit is from one towards another, in the parameter."""
+    here = parameter_value(one, vary)
+    return (parameter_value(between, vary) - here) * float(np.sign(parameter_value(other, vary) - here))
 
 
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:

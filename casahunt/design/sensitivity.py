@@ -1,35 +1,22 @@
 """How much the fold gain moves with every parameter of the servo, all at once.
 
-The fold solves   maximise lambda  subject to  G(u, lambda; q) = 0   with K = K_fold (1 + lambda).  Its Lagrange
-multipliers nu (IPOPT's lam_g, continuation/fold.py) satisfy  G_u^T nu = 0  and  nu . G_lambda = 1, so that for any
-parameter q
+The fold is where K = K_fold (1 + lambda) is largest (continuation/fold.py), and its multipliers give the derivatives of
+lambda (continuation/adjoint.py):
 
-    d lambda/d q = - nu . G_q,        dK_fold/dq = K_fold d lambda/d q.
+    dK_fold/dq = K_fold d lambda/d q.
 
-G_q is the exact derivative of the collocation equations along q: the same compiled Jacobian with another direction
-dp.  One fold gives all the sensitivities; none is recomputed.  The elasticity q/K dK/dq is the per cent of K for one
-per cent of q.  Exact symmetries of the Switch servo: the elasticities of motor_gain and of the Stribeck velocity are
--1, and that of (Fs - Fc) is 1; stiffness and damping have none.
-
-Symbols: n states, m parameters, size unknowns of the transcription.
+The elasticity q/K dK/dq is the per cent of K for one per cent of q.  Exact symmetries of the Switch servo: the
+elasticities of motor_gain and of the Stribeck velocity are -1, and that of (Fs - Fc) is 1; stiffness and damping have
+none.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import casadi as ca
-import numpy as np
-
-from ..collocation.graphs import graphs
-from ..collocation.transcription import Setting, Transcription
-from ..compiled import alone
-from ..continuation.fold_conditions import data_of
-from ..orbits.orbit import unknowns_of
+from ..continuation.adjoint import parameter_slopes
 from ..servo.problem import HuntingFold
 from ..servo.servo import PARAMETERS, PID_PARAMETERS
-
-Array = np.ndarray
 
 NAMES = tuple(dict.fromkeys(name for name in (*PARAMETERS, *PID_PARAMETERS) if name != "gain"))
 """Parameters that a fold gain may depend on; the controller's are those of one of its two forms."""
@@ -67,23 +54,11 @@ def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     -------
     Sensitivities; measured against finite differences of recomputed folds at tolerance 1e-10: 1e-7 or better.
     """
-    t, u, setting = unknowns_of(fold.orbit)
-    p = setting.p
-    names = fold.orbit.servo.names
-    sizes = {name: p[i] or 1.0 for i, name in enumerate(names) if name != "gain"}
-    settings = [replace(setting, dp=fold.orbit.problem.direction(name) * sizes[name]) for name in sizes]
+    problem = fold.orbit.problem
+    names = tuple(name for name in problem.names if name != "gain")
     derivatives: dict[str, float] = {}
     elasticities: dict[str, float] = {}
-    for name, column in zip(sizes, _parameter_columns(t, u, settings), strict=True):
-        relative = 0.0 - float(fold.multipliers @ column)
-        derivatives[name] = fold.gain * relative / sizes[name]
-        elasticities[name] = relative if p[names.index(name)] else 0.0
+    for name, slope in zip(names, parameter_slopes(fold.orbit, fold.multipliers, names), strict=True):
+        derivatives[name] = fold.gain * float(slope)
+        elasticities[name] = problem.value(name) * float(slope)
     return Sensitivities(fold.gain, derivatives, elasticities)
-
-
-@alone
-def _parameter_columns(t: Transcription, u: Array, settings: list[Setting]) -> list[Array]:
-    """dG/d lambda at u along the dp of each setting."""
-    g, z = graphs(t), np.append(u, 0.0)
-    column = ca.Function("parameter_column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
-    return [np.array(column(z, data_of(setting))).ravel() for setting in settings]

@@ -9,14 +9,15 @@ A symbol has no value: math.sin makes NaN of it, and a comparison cannot decide 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import casadi as ca
 
 from ..checks import quoted
+from ..compiled import alone
 from ..errors import InputError
-from .vector_form import listed
+from .vector_form import Names, listed, returned, symbols
 
 HINTS = {
     "truth value": "what depends on a comparison is written with casadi.if_else, fmin, fmax, or as two modes",
@@ -34,9 +35,9 @@ def evaluated(what: str, function: Callable[..., Any], *symbols: Any) -> Any:
     what
         what it is called in messages.
     function
-        the function.
+        the function, or whoever calls it.
     *symbols
-        what it is called with.
+        what that is called with.
 
     Returns
     -------
@@ -55,58 +56,51 @@ def evaluated(what: str, function: Callable[..., Any], *symbols: Any) -> Any:
         raise InputError(f"{what} cannot be evaluated with CasADi's symbols: {error}{hint}") from error
 
 
-def check_scalar(what: str, value: Any, symbols: list[ca.SX]) -> ca.SX:
-    """A scalar of the symbols.
-
-    Parameters
-    ----------
-    what
-        what it is called in messages.
-    value
-        what a function returned.
-    symbols
-        all that it may depend on.
-
-    Returns
-    -------
-    The value as an expression.
-
-    Raises
-    ------
-    InputError : it is no scalar, depends on something else, or is no finite number.
-    """
+def _one_value(what: str, value: Any) -> ca.SX:
+    """What was returned as an expression.  Raises InputError where it is no scalar."""
     try:
-        scalar = ca.SX(value)
+        scalar = value if isinstance(value, ca.SX) else ca.SX(value)
     except Exception:  # whatever CasADi makes of a dict, a text, None
         raise InputError(f"{what} must return a scalar, not {quoted(value)}") from None
     if scalar.shape != (1, 1):
         raise InputError(f"{what} must return a scalar, not one of shape {scalar.shape}")
-    graph = ca.Function("graph", symbols, [scalar], {"allow_free": True})
-    if graph.has_free():
-        free = ", ".join(map(str, graph.free_sx()))
-        raise InputError(f"{what} depends on {free}, which is no state and no parameter")
-    constants = [graph.instruction_constant(k) for k in range(graph.n_instructions())
-                 if graph.instruction_id(k) == ca.OP_CONST]  # fmt: skip
-    if any(math.isnan(c) for c in constants):
-        raise InputError(
-            f"{what} is NaN, whatever the state: symbols need casadi's functions, such as casadi.sin, not those of math"
-        )
-    if any(math.isinf(c) for c in constants):
-        raise InputError(f"{what} holds an infinite number")
     return scalar
 
 
-def check_states(what: str, values: Any, states: tuple[str, ...], symbols: list[ca.SX], *, partly: bool) -> None:
+def _check_graph(scalars: list[tuple[str, ca.SX]], symbols: list[ca.SX]) -> None:
+    """Nothing but the symbols and finite numbers stands in the expressions: looked at together, for speed."""
+    graph = ca.Function("graph", symbols, [ca.vertcat(*[scalar for _, scalar in scalars])], {"allow_free": True})
+    constants = [graph.instruction_constant(k) for k in range(graph.n_instructions())
+                 if graph.instruction_id(k) == ca.OP_CONST]  # fmt: skip
+    if not graph.has_free() and all(map(math.isfinite, constants)):
+        return
+    if len(scalars) > 1:  # whose fault it is
+        for one in scalars:
+            _check_graph([one], symbols)
+    what = scalars[0][0]
+    if graph.has_free():
+        free = ", ".join(map(str, graph.free_sx()))
+        raise InputError(f"{what} depends on {free}, which is no state and no parameter")
+    if any(map(math.isnan, constants)):
+        raise InputError(
+            f"{what} is NaN, whatever the state: symbols need casadi's functions, such as casadi.sin, not those of math"
+        )
+    raise InputError(f"{what} holds an infinite number")
+
+
+def _by_name(what: str, values: Any, states: tuple[str, ...], *, partly: bool) -> list[tuple[str, ca.SX]]:
     """States by name, a scalar each.
 
     Parameters
     ----------
     what, values, states
         what it is called in messages; what a function returned; names of the states.
-    symbols
-        all that it may depend on.
     partly
         states may be missing.
+
+    Returns
+    -------
+    Of each, what it is called and its value.
 
     Raises
     ------
@@ -120,5 +114,71 @@ def check_states(what: str, values: Any, states: tuple[str, ...], symbols: list[
     missing = [name for name in states if name not in values]
     if missing and not partly:
         raise InputError(f"{what} says nothing of the state {listed(missing)}")
-    for name, value in values.items():
-        check_scalar(f"{what} of the state {name!r}", value, symbols)
+    named = [(f"{what} of the state {name!r}", value) for name, value in values.items()]
+    return [(called, _one_value(called, value)) for called, value in named]
+
+
+@alone
+def check_scalar(what: str, function: Callable[..., Any], names: Names) -> None:
+    """A function of (x, p) of a user's is called with symbols.
+
+    Parameters
+    ----------
+    what
+        what it is called in messages.
+    function, names
+        the function, and what x and p are called.
+
+    Raises
+    ------
+    InputError : it is no scalar of states and parameters, or cannot be evaluated with symbols.
+    """
+    value = evaluated(what, returned, function, names, False, False)
+    _check_graph([(what, _one_value(what, value))], list(symbols(names)))
+
+
+@alone
+def check_functions(system: Any) -> None:
+    """Every function of a system (language.py) is called with symbols, once.
+
+    Raises
+    ------
+    InputError : one does not name what there is, or does not return what it should.
+    """
+    names = system.names
+    given = symbols(names)
+    found: list[tuple[str, ca.SX]] = []
+    events: list[tuple[str, ca.SX]] = []
+    for what, function, kind, signed in _user_functions(system):
+        if kind == "turn":
+            value = evaluated(what, function, names.p(given[2]))
+        else:
+            value = evaluated(what, returned, function, names, signed, kind == "flow")
+        if kind in ("field", "flow", "reset"):
+            found += _by_name(what, value, system.states, partly=kind == "reset")
+            continue
+        scalar = (what, _one_value(what, value))
+        found.append(scalar)
+        if kind == "event":
+            events.append(scalar)
+    _check_graph(found, list(given))
+    slopes = ca.jacobian(ca.vertcat(*[scalar for _, scalar in events]), given[0]) if events else ca.SX(0, 0)
+    for k, (what, _) in enumerate(events):
+        if slopes[k, :].is_zero():
+            raise InputError(f"{what} does not change with any state; an event is where a scalar goes through zero")
+
+
+def _user_functions(system: Any) -> Iterator[tuple[str, Callable[..., Any], str, bool]]:
+    """(what it is called, the function, its kind, whether it sees a sign)."""
+    if system.forcing_period is not None:
+        yield f"system {system.name!r}: forcing_period", system.forcing_period, "turn", False
+    for mode in system.modes:
+        what, signed = f"mode {mode.name!r}", mode.sign is not None
+        for kind in ("field", "holds", "feature", "flow"):
+            if getattr(mode, kind) is not None:
+                yield f"{what}: {kind}", getattr(mode, kind), kind, signed
+        for event in mode.ends:
+            where = f"event {event.name!r} of {what}"
+            yield f"{where}: function", event.function, "event", signed
+            if event.reset is not None:
+                yield f"{where}: reset", event.reset, "reset", signed

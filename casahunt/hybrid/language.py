@@ -19,19 +19,18 @@ from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..checks import known, number, quoted, require
-from ..compiled import alone, kept
+from ..compiled import kept
 from ..errors import InputError
 from . import system as engine
-from .expressions import check_scalar, check_states, evaluated
+from .expressions import check_functions
 from .vector_form import (
+    SIGN,
     TIME,
     Always,
-    Condition,
-    EventValue,
+    Bound,
     Field,
     FieldOfFlow,
     Flow,
@@ -56,8 +55,10 @@ class Event:
     ----------
     name : what the user reads, such as "catches up".
     function : (x, p) -> h, a scalar of order one away from the event.
-    direction : +1 where h rises through zero, -1 where it falls.
-    to : name of the next mode, or a function (x, p) of numbers that returns it.
+    direction : +1 where h rises through zero, -1 where it falls, 0 for either way.
+    to : name of the next mode, or a function (x, p) of numbers that returns it.  The name of the mode itself makes the
+        event a boundary between two phases although the mode goes on; where a function returns it, the event was
+        touched only, and the phase goes on.
     reset : (x, p) -> the states that jump, by name; what is not named stays.  None where nothing jumps.
     """
 
@@ -83,6 +84,8 @@ class Mode:
     smooth : the field has no kink along the phase.
     stiff : the field has fast decaying directions.
     feature : (x, p) -> a part of the field, of order one, that changes so suddenly that a mesh may step over it.
+    sign : a number of the mode's own, p.sign in its functions and in those of its events: modes that differ in it alone
+        share their functions, and what is compiled of them.
     """
 
     name: str
@@ -94,6 +97,7 @@ class Mode:
     smooth: bool = True
     stiff: bool = False
     feature: Function | None = None
+    sign: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +140,7 @@ class System:
         object.__setattr__(self, "names", Names(self.states, tuple(self.parameters), self.forcing_period))
         key = (self.name, self.states, tuple(values.items()), self.modes, self.forcing_period, matrices, self.angles)
         object.__setattr__(self, "_key", (hash(key), key))
-        _check_functions(self)
+        check_functions(self)
         self.values()
 
     def __hash__(self) -> int:
@@ -206,38 +210,45 @@ class System:
 
 @kept(maxsize=64)
 def _vector_form(system: System) -> engine.System:
-    names = system.names
-    modes, exits = {}, {}
-    for mode in system.modes:
-        flow = None if mode.flow is None else Flow(mode.flow, names)
-        if mode.field is not None:
-            vector_field: engine.Field = Field(mode.field, names)
-        else:
-            assert flow is not None
-            vector_field = FieldOfFlow(flow)
-        modes[mode.name] = engine.Mode(
-            mode.name,
-            vector_field,
-            flow=flow,
-            admissible=None if mode.holds is None else Condition(Scalar(mode.holds, names)),
-            slack=mode.slack,
-            smooth=mode.smooth,
-            stiff=mode.stiff,
-            feature=None if mode.feature is None else Scalar(mode.feature, names),
+    modes = {mode.name: _engine_mode(mode, system.names) for mode in system.modes}
+    exits = {mode.name: tuple(_exits(mode, system)) for mode in system.modes}
+    return engine.System(system.name, system.names.entries, modes, exits)
+
+
+def _engine_mode(mode: Mode, names: Names) -> engine.Mode:
+    signed, sign = mode.sign is not None, mode.sign or 0.0
+    if mode.field is not None:
+        vector_field = Field(mode.field, names, signed)
+    else:
+        assert mode.flow is not None
+        vector_field = FieldOfFlow(mode.flow, names, signed)
+    return engine.Mode(
+        mode.name,
+        vector_field,
+        sign,
+        flow=None if mode.flow is None else Flow(mode.flow, names, signed, sign),
+        admissible=None if mode.holds is None else Scalar(mode.holds, names, signed),
+        slack=mode.slack,
+        smooth=mode.smooth,
+        stiff=mode.stiff,
+        feature=None if mode.feature is None else Bound(Scalar(mode.feature, names, signed), sign),
+    )
+
+
+def _exits(mode: Mode, system: System) -> Iterator[engine.Exit]:
+    """The ways out of a mode; two for an event that is crossed either way."""
+    names, signed, sign = system.names, mode.sign is not None, mode.sign or 0.0
+    known_modes = tuple(m.name for m in system.modes)
+    for event in mode.ends:
+        what = f"event {event.name!r} of mode {mode.name!r}"
+        boundary = engine.Event(event.name, Bound(Scalar(event.function, names, signed), sign))
+        next_mode = (
+            Always(event.to) if isinstance(event.to, str) else Successor(event.to, names, what, known_modes, mode.sign)
         )
-        exits[mode.name] = tuple(
-            engine.Exit(
-                engine.Event(event.name, EventValue(Scalar(event.function, names))),
-                event.direction,
-                Always(event.to) if isinstance(event.to, str) else Successor(
-                    event.to, names, f"event {event.name!r} of mode {mode.name!r}", tuple(m.name for m in system.modes)
-                ),
-                mark=event.to == mode.name or event.reset is not None,
-                reset=None if event.reset is None else Reset(event.reset, names),
-            )
-            for event in mode.ends
-        )
-    return engine.System(system.name, names.entries, modes, exits)
+        mark = event.to == mode.name or event.reset is not None
+        reset = None if event.reset is None else Reset(event.reset, names, signed, sign)
+        for direction in (event.direction,) if event.direction else (+1, -1):
+            yield engine.Exit(boundary, direction, next_mode, mark, reset)
 
 
 # What the user wrote, checked: one sentence with the mode, event, state or parameter -------------------------------
@@ -264,6 +275,8 @@ def _check_shapes(system: System) -> None:
         if not isinstance(mode, Mode):
             raise InputError(f"{what}: {quoted(mode)} among the modes is no Mode")
         _check_mode(mode, [m.name for m in system.modes if isinstance(m, Mode)])
+    if SIGN in system.parameters and any(mode.sign is not None for mode in system.modes):
+        raise InputError(f"{what}: p.{SIGN} is the sign of a mode, and a parameter; give the parameter another name")
     repeated = {m.name for m in system.modes if [n.name for n in system.modes].count(m.name) > 1}
     if repeated:
         raise InputError(f"{what}: more than one mode is called {listed(sorted(repeated))}")
@@ -315,6 +328,8 @@ def _check_mode(mode: Mode, modes: list[str]) -> None:
             _check_callable(what, which, getattr(mode, which))
     if not isinstance(mode.ends, tuple) or not all(isinstance(event, Event) for event in mode.ends):
         raise InputError(f"{what}: ends must be a tuple of Events, such as (Event(...),)")
+    if mode.sign is not None:
+        number(f"{what}: {SIGN}", mode.sign)
     if number(f"{what}: slack", mode.slack) < 0:
         raise InputError(f"{what}: slack = {mode.slack:g}: must not be negative")
     for event in mode.ends:
@@ -328,52 +343,13 @@ def _check_event(event: Event, mode: str, modes: list[str]) -> None:
         raise InputError(f"{mode}: the name of an event must be a text, not {quoted(event.name)}")
     what = f"event {event.name!r} of {mode}"
     _check_callable(what, "function", event.function)
-    if isinstance(event.direction, bool) or not isinstance(event.direction, Real) or abs(event.direction) != 1:
-        raise InputError(f"{what}: direction = {quoted(event.direction)}: must be +1 (rising) or -1 (falling)")
+    if isinstance(event.direction, bool) or not isinstance(event.direction, Real) or event.direction not in (1, -1, 0):
+        raise InputError(
+            f"{what}: direction = {quoted(event.direction)}: must be +1 (rising), -1 (falling) or 0 (either way)"
+        )
     if isinstance(event.to, str) and event.to not in modes:
         raise InputError(f"{what}: leads to {event.to!r}, which is none of the modes {listed(modes)}")
     if not isinstance(event.to, str):
         _check_callable(what, "to", event.to)
     if event.reset is not None:
         _check_callable(what, "reset", event.reset)
-
-
-def _user_functions(system: System) -> Iterator[tuple[str, Callable[[Any, Any, Any], Any], str]]:
-    """(what it is called, function of symbols (x, T, p), what it must return) of everything the user wrote."""
-    if system.forcing_period is not None:
-        turn = system.forcing_period
-        yield f"system {system.name!r}: forcing_period", lambda x, T, p: turn(p), "turn"
-    for mode in system.modes:
-        what = f"mode {mode.name!r}"
-        for which in ("field", "holds", "feature"):
-            function = getattr(mode, which)
-            if function is not None:
-                kind = "states" if which == "field" else "scalar"
-                yield f"{what}: {which}", _of_three(function), kind
-        if mode.flow is not None:
-            yield f"{what}: flow", mode.flow, "states"
-        for event in mode.ends:
-            where = f"event {event.name!r} of {what}"
-            yield f"{where}: function", _of_three(event.function), "event"
-            if event.reset is not None:
-                yield f"{where}: reset", _of_three(event.reset), "some states"
-
-
-def _of_three(function: Function) -> Callable[[Any, Any, Any], Any]:
-    return lambda x, T, p: function(x, p)
-
-
-@alone
-def _check_functions(system: System) -> None:
-    """Every function is called with symbols: it must name what there is, and return what it should."""
-    names = system.names
-    x, T, p = symbols = [ca.SX.sym("x", len(names.entries)), ca.SX.sym("T"), ca.SX.sym("p", len(names.parameters))]
-    for what, function, kind in _user_functions(system):
-        state = None if kind == "turn" else names.x(x, p)
-        value = evaluated(what, function, state, T, names.p(p))
-        if kind in ("states", "some states"):
-            check_states(what, value, system.states, symbols, partly=kind == "some states")
-            continue
-        scalar = check_scalar(what, value, symbols)
-        if kind == "event" and ca.jacobian(scalar, x).is_zero():
-            raise InputError(f"{what} does not change with any state; an event is where a scalar goes through zero")

@@ -4,7 +4,7 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
 
     names, vector         the parameters p, by name and as numbers;  with_value changes one
     cycle                 phase sequence -> the boundary value problem
-    next_sequence, remarch, expected
+    next_sequence, remarch, expected, vanishing
                           where a sequence has stopped being a motion: starting points for the one that comes next
     scheme, largest_step  how it is best computed, where the user does not say
     principal             the parameter that is followed by default, and freed where at fixed p the equations are
@@ -91,6 +91,27 @@ class Problem(ABC):
         ------
         InputError : it cannot have that value.
         """
+
+    def with_values(self, names: tuple[str, ...], values: Array) -> Self:
+        """The problem with several parameters changed at once.
+
+        Parameters
+        ----------
+        names, values
+            k of `names`, and (k,) their values.
+
+        Returns
+        -------
+        The problem.
+
+        Raises
+        ------
+        InputError : it cannot have them.
+        """
+        problem = self
+        for name, value in zip(names, values, strict=True):
+            problem = problem.with_value(name, float(value))
+        return problem
 
     @abstractmethod
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
@@ -222,6 +243,20 @@ class Problem(ABC):
         Starting points, in turn.
         """
         return [(t, u, setting)]
+
+    def vanishing(self, t: Any, u: Array, setting: Any) -> tuple[int, Any] | None:
+        """The phase of a cycle that may be about to vanish, and the cycle without it.
+
+        Parameters
+        ----------
+        t, u, setting
+            the cycle: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Number of the phase, and starting point; None where there is none, or nobody knows.
+        """
+        return None
 
 
 @dataclass(frozen=True)

@@ -132,6 +132,20 @@ class System:
     modes: Mapping[str, Mode]
     exits: Mapping[str, tuple[Exit, ...]]
 
+    def ways_out(self, mode: str, event: str) -> tuple[Exit, ...]:
+        """The exits of a mode through one event: two, the same but for the direction, where it is crossed either way.
+
+        Parameters
+        ----------
+        mode, event
+            their names.
+
+        Returns
+        -------
+        None, one or two.
+        """
+        return tuple(way_out for way_out in self.exits.get(mode, ()) if way_out.event.name == event)
+
 
 Signature = tuple[tuple[str, str], ...]
 """((mode name, end event name), ...) of one cycle."""
@@ -148,7 +162,8 @@ class Cycle:
     phases : the P phases in order.
     closure : (n, n) matrix S with x(start) = S x(end) - c; must be an involution-like symmetry, S^repeats = I.
     repeats : how often the computed piece makes up the period (2 for a half cycle).
-    measured : number of the state whose largest magnitude at the phase ends is the amplitude.
+    measured : what the amplitude is: the number of a state, whose largest magnitude at the phase ends it is then, or a
+        function (x, p) -> scalar, whose largest magnitude it is over the whole cycle.
     shift : (n,) the shift c; () for none.
     """
 
@@ -158,7 +173,7 @@ class Cycle:
     phases: tuple[Phase, ...]
     closure: np.ndarray
     repeats: int
-    measured: int = 0
+    measured: int | Feature = 0
     shift: tuple[float, ...] = ()
     _key: tuple[int, tuple[Any, ...]] = field(init=False, repr=False)
 
@@ -174,7 +189,7 @@ class Cycle:
             raise ValueError(f"shift: {n} numbers are needed, {len(self.shift)} given")
         if not self.phases:
             raise ValueError("a cycle needs at least one phase")
-        if not 0 <= self.measured < n:
+        if not callable(self.measured) and not 0 <= self.measured < n:
             raise ValueError(f"measured = {self.measured}: must be the number of one of {n} states")
         closure = self.closure.tobytes()
         key = (self.name, self.states, self.parameters, self.phases, closure, self.repeats, self.measured, self.shift)

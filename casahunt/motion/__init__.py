@@ -5,6 +5,7 @@
 march_step.py    one interval: Newton on its stages
 march_exits.py   where a mode ends: its exits watched, and located to rounding
 march.py         interval by interval, with the equations of collocation; what comes out is a mesh with stages
+closed_forms.py  a closed form against the field of its mode
 simulation.py      the motion of a user's system, with its events and its error
 """
 

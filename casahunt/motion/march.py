@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import effort
+from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
-from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossing, flow_to, hidden, locate
+from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
 from .march_step import Stepper, last_mode, predict, reaches
 
 Array = np.ndarray
@@ -35,6 +36,16 @@ BROKEN = 1e-6  # a condition below zero by this much does not hold
 VANISHED = "the step size vanished"
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
+HIDES = (
+    ", or a part of the field that changes suddenly was stepped over: a function that shows it, of order one, is named "
+    "as the `feature` of the mode"
+)
+NEAR_EVENT = 1e-9
+"""A mode that starts so near to its own event starts on it."""
+AT_SPEED = 0.3
+"""An event whose mean rate at first is this part of that later on is left at speed; from rest it is nearly zero."""
+FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
+"""Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
 UNLIKE_ITS_FIELD = 1e-2
 """A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
 
@@ -90,6 +101,7 @@ def march(
     max_time: float = np.inf,
     max_intervals: int = 20_000,
     strict: bool = False,
+    met: str = "",
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
@@ -105,8 +117,9 @@ def march(
         called with every finished segment; True ends the march.
     tol, degree, kind
         bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
-    max_time, max_intervals, strict
-        [s], stop there; give up beyond; give up where a mode goes on that does not hold any more.
+    max_time, max_intervals, strict, met
+        [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event that has just
+        been met in x, if any.
 
     Returns
     -------
@@ -122,12 +135,10 @@ def march(
     time, used = 0.0, 0
     while True:
         segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used)
-        if strict:
-            _check_holds(system.modes[segment.mode], segment, p, time)
         segments.append(segment)
+        if strict:
+            _check(system, segments, p, time, met)
         time += segment.duration
-        if strict and len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
-            raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
         used += len(segment.w)
         if segment.event == "" or until(segment):
             return segments
@@ -150,6 +161,45 @@ def _phase(
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
+def _check(system: System, segments: list[Segment], p: Array, time: float, met: str) -> None:
+    """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
+    last = segments[-1]
+    _check_holds(system.modes[last.mode], last, p, time)
+    _check_start(system, last, p, time, segments[-2].event if len(segments) > 1 else met)
+    time += last.duration
+    if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
+        raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
+
+
+def _check_start(system: System, segment: Segment, p: Array, time: float, met: str) -> None:
+    """Whether a mode starts on an event of its own and goes on through it.  Raises MarchFailure where it does.
+
+    No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none, nor
+    is the one that has just been `met` and is left behind at speed, as by a pendulum that is pushed on.
+    """
+    mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
+    for way_out in system.exits[segment.mode]:
+        begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
+        if abs(begins) > NEAR_EVENT or segment.duration == 0:
+            continue
+        if way_out.reset is None and (way_out.mark or way_out.successor(x, p) == segment.mode):
+            continue
+        if segment.w.shape[1] > n:
+            following = segment.w[0].reshape(-1, n)[1:]
+            times = scheme(len(following)).stages
+        else:
+            times = FIRST_MOMENTS
+            following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
+        values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
+        at_speed = values[0] / times[0] > AT_SPEED * values[-1] / times[-1]
+        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not (at_speed and way_out.event.name == met):
+            raise MarchFailure(
+                f"at {time:.6g} the mode {mode.name!r} starts on its own event {way_out.event.name!r} and moves on "
+                "through it: another mode should begin there, one that slides along it where the modes on both sides "
+                "lead to it; `holds` says where a mode is a motion"
+            )
+
+
 def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
     if mode.admissible is None or not np.isfinite(segment.duration):
@@ -161,7 +211,9 @@ def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
         at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]
         raise MarchFailure(
             f"at {at:.6g} the mode {mode.name!r} does not hold any more ({values[wrong[0]]:.3g}), and none of its "
-            "exits was met: an exit is missing, or events follow each other ever faster until they cannot be told apart"
+            "exits was met: an exit is missing, the modes on both sides of an event lead to it (then one that slides "
+            "along it is missing), or events follow each other ever faster until they cannot be told apart"
+            f"{'' if mode.feature else HIDES}"
         )
 
 
@@ -280,18 +332,23 @@ def _attempt(
         return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
     stages, end = solved
     ahead = None if slope is None else start + 1e-6 * h * slope
+    reached = h, stages, end
+    way_out: Exit | None = None
     try:
-        crossing = first_crossing(exits, stepper, start, stages, end, ahead)
+        crossings = first_crossings(exits, stepper, start, stages, end, ahead)
     except TooLong:
         return _Shorter(0.5, "an exit grazes zero")
-    if crossing is not None:
+    if crossings:
         # A look at the polynomial saves locating an exit only to find that the interval hides something.
-        rough = s.interpolation(crossing[1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
+        rough = s.interpolation(crossings[0][1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
         missed = hidden(mode.feature, start, rough[1:].ravel(), rough[-1], stepper.scale, stepper.p)
-        located = None if missed else locate(*crossing, stepper, start, stages, h)
-        if located is None:
-            return _Shorter(0.5, f"exit {crossing[0].event.name!r} cannot be located")
-        h, stages, end = located
+        for candidate, beyond in crossings:  # all of them between the same two watched times: the first is the exit
+            located = None if missed else locate(candidate, beyond, stepper, start, stages, h)
+            if located is None:
+                return _Shorter(0.5, f"exit {candidate.event.name!r} cannot be located")
+            if way_out is None or located[0] < reached[0]:
+                way_out, reached = candidate, located
+        h, stages, end = reached
     if hidden(mode.feature, start, stages, end, stepper.scale, stepper.p):
         return _Shorter(0.5, VANISHED)  # whatever the step shows of the motion, it has stepped over something
-    return _Interval(h, stages, end, error, None if crossing is None else crossing[0])
+    return _Interval(h, stages, end, error, way_out)

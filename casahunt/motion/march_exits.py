@@ -32,7 +32,7 @@ FLOW_LIMIT = 1e-9  # the same at the end of a closed form
 EXIT_ROUNDS = 60
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
 SHORT = 1e-4  # part of an interval over which the rate of an event is measured
-ON_EVENT = 1e-12  # a state is on an event, not beside it
+ON_EVENT = EVENT_LIMIT  # a state is on an event, not beside it: where an exit was located to no less
 _WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
 
 
@@ -208,10 +208,10 @@ def _watch_matrix(degree: int, kind: Kind) -> Array:
     return scheme(degree, kind).interpolation(_WATCH[:-1])
 
 
-def first_crossing(
+def first_crossings(
     exits: tuple[Exit, ...], stepper: Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
-) -> tuple[Exit, float] | None:
-    """The exit whose event is beyond zero earliest in an interval.
+) -> list[tuple[Exit, float]]:
+    """The exits whose events are beyond zero earliest in an interval.
 
     Parameters
     ----------
@@ -227,36 +227,38 @@ def first_crossing(
 
     Returns
     -------
-    The exit, with the watched local time (0..1] where it is; None where no event is beyond zero.
+    Each exit with the watched local time (0..1] where it is: one as a rule, none where no event is beyond zero, several
+    where only locating them tells which comes first.
 
     Raises
     ------
     TooLong : the polynomial may have strayed across zero: only a shorter interval can tell.
     """
-    p = stepper.p
     s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
-    points = np.vstack([_watch_matrix(s.degree, s.kind) @ w, end[None]]).T * stepper.scale[:, None]
-    found: tuple[int, Exit] | None = None
+    rows = [_watch_matrix(s.degree, s.kind) @ w, end[None], w]
+    if ahead is not None:
+        rows.append(ahead[None])
+    points = np.vstack(rows).T * stepper.scale[:, None]  # looked at together: a call costs more than a point
+    m = _WATCH.size
+    found: list[tuple[int, Exit]] = []
     for way_out in exits:
-
-        def value(states: Array, way_out: Exit = way_out) -> Array:
-            return way_out.direction * np.asarray(way_out.event.function(states, 0.0, p), float)
-
-        h = value(points)
+        values = way_out.direction * np.asarray(way_out.event.function(points, 0.0, stepper.p), float)
+        h = values[:m]
         inside = h[0] < 0
         if ahead is not None and abs(h[0]) <= ON_EVENT:
-            begins = float(value(ahead * stepper.scale)) - h[0]
+            begins = float(values[-1]) - h[0]
             inside = begins < 0 if begins != 0 else h[1] < 0
         # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
         # a shorter interval can tell.  The end of the interval is exact.
-        stray = np.full(h.size, RESOLUTION * abs(float(s.last_mode @ value((w * stepper.scale).T))))
+        stray = np.full(h.size, RESOLUTION * abs(float(s.last_mode @ values[m : m + len(w)])))
         stray[-1] = 0.0
         if inside and np.any((h > EXCURSION) & (h <= stray)):
             raise TooLong
         beyond = np.flatnonzero(h[1:] > stray[1:])
-        if inside and beyond.size and (found is None or beyond[0] < found[0]):
-            found = (int(beyond[0]), way_out)
-    return None if found is None else (found[1], float(_WATCH[found[0] + 1]))
+        if inside and beyond.size:
+            found.append((int(beyond[0]), way_out))
+    first = min((k for k, _ in found), default=0)
+    return [(way_out, float(_WATCH[k + 1])) for k, way_out in found if k == first]
 
 
 def locate(

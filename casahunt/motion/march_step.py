@@ -27,10 +27,10 @@ EXTRAPOLATED = 1.0  # the longest interval that its predecessor foretells, in un
 class Stepper:
     """One interval from x of length h: Newton on its stages."""
 
-    def __init__(self, field: Field, s: Scheme, p: Array, scale: Array, sign: float) -> None:
+    def __init__(self, field: Field, s: Scheme, p: Array, scale: Array, sign: float, dp: Array | None = None) -> None:
         self.function = interval_map(field, scale.size, p.size, s.degree, s.kind, 1)
         self.scheme, self.p, self.scale, self.sign = s, p, scale, sign
-        self.no_dp, self.no_next = np.zeros(p.size), np.zeros(scale.size)
+        self.dp, self.no_next = np.zeros(p.size) if dp is None else dp, np.zeros(scale.size)
 
     def scale_of(self, way_out: Exit) -> float:
         """Size of an event in a motion of the size of the state scale."""
@@ -42,7 +42,7 @@ class Stepper:
         return -self._call(np.tile(x, self.scheme.degree + 1), 0.0)[rows + 1, rows - x.size :]
 
     def through(self, x: Array, stages: Array, h: float) -> Array:
-        """Sensitivity of the end of an interval to its start.
+        """Sensitivity of the end of an interval to its start, its length, and lambda, which moves p along dp.
 
         Parameters
         ----------
@@ -53,16 +53,16 @@ class Stepper:
 
         Returns
         -------
-        (n, n) d end/d start, scaled.
+        (n, n + 2) d end/d (start, length, lambda), scaled.
         """
         n, rows = x.size, x.size + stages.size
         columns = self._call(np.concatenate([x, stages]), h).T
-        by_stages = columns[:, n + 1 : rows + 1]
-        eliminated = np.linalg.solve(by_stages[: rows - n], columns[: rows - n, 1 : n + 1])
-        return by_stages[rows - n :] @ eliminated - columns[rows - n :, 1 : n + 1]
+        by_stages, by_known = columns[:, n + 1 : rows + 1], columns[:, [*range(1, n + 1), rows + 1, rows + 2]]
+        eliminated = np.linalg.solve(by_stages[: rows - n], by_known[: rows - n])
+        return by_stages[rows - n :] @ eliminated - by_known[rows - n :]
 
     def _call(self, w: Array, h: float) -> Array:
-        return self.function(w, self.no_next, h, 1.0, self.sign, self.p, self.no_dp, self.scale)[0]
+        return self.function(w, self.no_next, h, 1.0, self.sign, self.p, self.dp, self.scale)[0]
 
     def __call__(self, x: Array, stages: Array, h: float, goal: float) -> tuple[Array, Array] | None:
         """(stages, end), both scaled, to an error of about `goal`, or None where Newton does not converge."""

@@ -19,13 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import require
+from ..checks import given_once, require
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, scheme
 from ..errors import NoOrbit, Status
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
+from .closed_forms import check_closed_forms
 from .march import MarchFailure, Segment, march
 
 Array = np.ndarray
@@ -179,10 +180,11 @@ def simulate(
     """
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)
-    p, x = system.values(parameters), system.state({**(start or {}), **states}, parameters)
+    p, x = system.values(parameters), system.state(given_once(start, states), parameters)
     name = system.mode(mode).name if mode is not None else system.modes[0].name
     kind: Kind = "radau" if any(m.stiff for m in system.modes) else "gauss"
     form = system.vector_form
+    check_closed_forms(system, x, p)
     try:
         scale = sizes(form, name, x, p, duration, kind)
         coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))

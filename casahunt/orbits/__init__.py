@@ -2,19 +2,28 @@
 
     G(u) = 0,    |error of period and amplitude| <= tol,    multipliers: eigenvalues of S dx(T)/dx(0)
 
+qr_chain.py  orthogonal iteration along a chain of small matrices
 graded.py    eigenvalues of a product that spans many decades
 map_chain.py the linearised map of a cycle, in factors
 floquet.py   Floquet multipliers
-multiplier_mesh.py  the same on meshes made for them
-extrema.py   the largest and smallest value of a state or an expression
+observables.py a state or an expression as numbers
+extrema.py   its largest and smallest value over a cycle
+passage.py   where an expression turns or goes through zero inside a phase
+amplitude.py what is measured of a cycle, with the errors
+multiplier_mesh.py  the multipliers on meshes made for them
 orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
+ensemble.py  cycles of many problems near one whose cycle is known
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it
 closure.py   how a cycle of a user's system closes, and where it is cut
-family.py    the cycles of a user's system at one p
 recurrence.py  when a motion repeats, as it is or mirrored
+watching.py  a first look at a motion: sizes, where it is cut
+sequences.py   other phase sequences, where one has stopped being a motion
+starts.py    the same cycle from another of its boundaries
+family.py    the cycles of a user's system at one p
+saved_cycle.py cycles of a user's system in files
 cycle_search.py the cycle that a motion of a user's system settles on
 """
 
@@ -25,18 +34,20 @@ from ..lazy import lazily
 if TYPE_CHECKING:
     from .adapt import Options
     from .cycle_search import find_cycle
-    from .family import load_orbit
+    from .ensemble import OrbitEnsemble, orbit_ensemble
     from .orbit import Orbit
+    from .saved_cycle import load_orbit
     from .system_orbit import SystemOrbit
 
-__all__ = ["Options", "Orbit", "SystemOrbit", "find_cycle", "load_orbit"]
+__all__ = ["Options", "Orbit", "OrbitEnsemble", "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble"]
 __getattr__ = lazily(
     __name__,
     {
         "adapt": ("Options",),
         "cycle_search": ("find_cycle",),
-        "family": ("load_orbit",),
+        "saved_cycle": ("load_orbit",),
         "orbit": ("Orbit",),
+        "ensemble": ("OrbitEnsemble", "orbit_ensemble"),
         "system_orbit": ("SystemOrbit",),
     },
 )

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..checks import known, require, shown
 from ..collocation.admissibility import Verdict, judge
-from ..collocation.error_estimate import Estimate, estimate
+from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
 from ..collocation.newton import Solution, Solver, newton
 from ..collocation.remesh import COARSENING, better_breaks, shape_limit
@@ -29,6 +29,7 @@ from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
+from .amplitude import estimated
 from .orbit import AnyOrbit, Solved, orbit_of, unknowns_of
 from .restart import Start
 
@@ -195,7 +196,7 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Sol
     """A root with its error: within the tolerance and clear, or what is missing."""
     t, u, tol = root.t, root.solution.u, task.options.tol
     row = None if task.border is None else curve_border(t, u, task.border)
-    e = estimate(t, u, root.moved, border=row, believed=tol)
+    e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent)
     if e.error <= tol and verdict.admissible and _presentable(e, task.options):
@@ -254,7 +255,7 @@ def remeshed(start: Start, options: Options) -> Start:
     The same on another mesh; as it is where its own does.
     """
     t, u, setting = start
-    e = estimate(t, u, setting, believed=0.0)
+    e = estimated(t, u, setting, believed=0.0)
     if not np.isfinite(e.indicators).all() or float(e.indicators.sum()) <= options.tol and _presentable(e, options):
         return start
     t, u, fractions = transfer(t, u, setting.fractions, better_breaks(t, setting.fractions, e, MOTION * options.tol))
@@ -351,8 +352,8 @@ def finished(solved: Solved, problem: Problem, options: Options, began: float, w
     """
     if not solved.status.ok or solved.estimate is None:
         alone = "" if options.solver == "auto" else f"; {options.solver} worked alone, the solver auto tries both"
-        at = f"{problem.principal} {problem.value(problem.principal):g}"
-        sentence = f"{what} of {problem.title} at {at} was not computed: {solved.complaint()}{alone}"
+        at = f" at {problem.principal} {problem.value(problem.principal):g}" if problem.names else ""
+        sentence = f"{what} of {problem.title}{at} was not computed: {solved.complaint()}{alone}"
         raise NoOrbit(sentence, solved.status)
     return orbit_of(solved, problem, wall_s=time.perf_counter() - began)
 

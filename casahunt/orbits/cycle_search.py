@@ -1,11 +1,10 @@
 """The cycle that a motion of a user's system settles on, or one that starts near given states.
 
-    watch    the motion, until it has met events or passed many intervals: sizes of the states, where to cut it
+    watch    the motion, until it has met events or passed many intervals (watching.py): sizes, where to cut it
     march    on, event by event, until it repeats (recurrence.py): the last m phases like the m before, or mirrored
     solve    the boundary value problem of those m phases (adapt.py), to the tolerance
     believe  the solution only where it is the cycle that was seen: near the motion, and stable where the motion settled
 
-A motion that meets no event is cut by a plane through its middle, x_i = level, or at the turns of its forcing.
 What was not met is not denied: the refusal says how far the motion was followed.
 
 Symbols: n states.
@@ -14,44 +13,52 @@ Symbols: n states.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..checks import known
+from ..checks import given_once, known
 from ..collocation.interval import field_at
+from ..collocation.scheme import scheme
 from ..errors import NoOrbit, Status
 from ..hybrid import system as engine
-from ..hybrid.language import System
+from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind
-from ..hybrid.vector_form import TURNS
-from ..motion.march import MarchFailure, Segment, march
-from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
+from ..motion.closed_forms import check_closed_forms
+from ..motion.march import HIDES, VANISHED, MarchFailure, Segment, march
+from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
-from .closure import Closure, Section, turned, with_sections
-from .family import Family
-from .recurrence import Recurrence, rebased, recurrences, turns_over
-from .restart import from_segments
+from .closure import Closure, Section, turned, turns, with_sections
+from .family import Family, measured_of
+from .recurrence import Recurrence, loop_distance, rebased, recurrences
+from .restart import from_segments, in_scheme
 from .system_orbit import SystemOrbit
+from .watching import SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on, cut, going_on, watched
 
 Array = np.ndarray
 
-SEARCH_TOLERANCE = 1e-6
-FIRST_LOOK = 20.0
-"""Times in which the field moves a state by its size, that a motion is watched at first."""
-MOST_LOOKS, LOOK_LONGER = 12, 4.0
-"""Looks, each this much longer than the one before, until there is something to see."""
-ENOUGH_EVENTS, ENOUGH_INTERVALS = 12, 300
-TRIED_STATES = 16
-"""States at which a forced system is tried for a symmetry between the halves of a turn."""
 RETURNED = 1e-2
 """A motion repeats when it comes back this near, in units of the state scale; each failure asks for a tenth of it."""
+REPEATED = 0.1
+"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
 WITHIN = 0.2
 """A cycle farther from the motion than this, in units of the state scale, is another one."""
-FIRST_PHASES, MOST_PHASES = 24, 3000
-STANDSTILL = 1e-8
-"""Ranges of all states below this part of their sizes are rest."""
+FIRST_PHASES, FEW_PHASES = 6, 24
+"""Phases after which a motion is looked at for repetition, and again each time there are twice as many; a cycle of more
+than so many is a long one."""
+ENOUGH_PHASES, MOST_PHASES = 768, 3000
+"""Phases after which a motion that nowhere nearly repeats is given up; and any other one."""
+MOST_MARCHED = 20_000
+"""Intervals after which it is given up likewise; any other one after four times as many."""
+EXACTLY = 1e-8
+"""A motion that comes back so near shows no more by going on."""
+MOST_LONG = 2
+"""Long recurrences that are tried."""
+OUTGROWN = 1e4
+"""A motion whose states are so many times as large as they were while it was watched grows without bound."""
+AHEAD = 1e3
+"""A motion that is not back after so many times the time that it was watched does not come back."""
 
 
 def find_cycle(
@@ -61,7 +68,7 @@ def find_cycle(
     tol: float = 1e-9,
     parameters: Mapping[str, float] | None = None,
     follow: str | None = None,
-    measure: str | None = None,
+    measure: str | Function | None = None,
     settled: bool = False,
     options: Options | None = None,
     start: Mapping[str, float] | None = None,
@@ -76,12 +83,12 @@ def find_cycle(
     mode
         name of the mode that the motion starts in; default the first one.
     tol
-        relative tolerance of the period.
+        relative tolerance of period and amplitude.
     parameters
         those that differ from the system's, by name.
     follow, measure
-        the principal parameter, default the first one; the state whose largest magnitude at the ends of phases is the
-        amplitude, default the first one.
+        the principal parameter, default the first one; the state, or the function (x, p) of named states and
+        parameters, whose largest magnitude over the cycle is the amplitude: default the first state that is no angle.
     settled
         the states lie next to a cycle already, stable or not: the first return is taken.
     options
@@ -106,14 +113,19 @@ def find_cycle(
         system=system,
         p=system.values(parameters),
         mode=system.mode(mode).name if mode is not None else system.modes[0].name,
-        x=system.state({**(start or {}), **states}, parameters),
+        x=system.state(given_once(start, states), parameters),
         followed=known("parameter", follow, names) if follow else (names[0] if names else ""),
-        measured=known("state", measure, system.states) if measure else system.states[0],
+        measured=measured_of(system, measure),
         options=options or Options(tol=tol),
         settled=settled,
         kind="radau" if any(m.stiff for m in system.modes) else "gauss",
     )
     return replace(search.run(), wall_s=time.perf_counter() - began)
+
+
+def _phases_of(r: Recurrence) -> str:
+    """How many they are, in words."""
+    return f"{r.phases} phase{'s' * (r.phases > 1)}"
 
 
 @dataclass
@@ -125,23 +137,34 @@ class _Search:
     mode: str
     x: Array
     followed: str
-    measured: str
+    measured: str | Function
     options: Options
     settled: bool
     kind: Kind
     scale: Array = field(default_factory=lambda: np.ones(0))
     sections: tuple[Section, ...] = ()
+    turning: Turning | None = None
+    span: float = np.inf
     form: engine.System | None = None
     segments: list[Segment] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
+    met: str = ""
+    long: int = 0
 
     def run(self) -> SystemOrbit:
         """The cycle.  Raises NoOrbit."""
+        scheme(self.options.degree or MARCH_DEGREE, self.options.kind or self.kind)  # refuses what does not exist
+        check_closed_forms(self.system, self.x, self.p)
         try:
             return self.looked_for()
         except MarchFailure as failure:
-            sentence = f"the motion of {self.system.name} cannot be followed: {failure}"
+            hidden = self.hidden if VANISHED in str(failure) else ""
+            sentence = f"the motion of {self.system.name} cannot be followed: {failure}{hidden}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
+        except NotMet as why:
+            tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(self.refusals))
+            sentence = f"no cycle of {self.system.name} was met: {why} (followed for {why.followed:.6g}){tried}"
+            raise NoOrbit(sentence, Status.NOT_FOUND) from None
 
     def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, believe."""
@@ -151,14 +174,13 @@ class _Search:
         near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
         while True:
             self.march_on(phases)
-            assert self.form is not None
-            for r in recurrences(self.system, self.form, self.segments, self.p, self.scale, near):
+            for r in self.recurrences(near, lambda r: r.phases <= FEW_PHASES or self.repeated(r)):
                 orbit = self.solved(r)
                 if orbit is not None:
                     return orbit
+                self.check_hope(r)
                 near = min(near, max(r.distance, 1e-12)) / 10
-            if len(self.segments) >= MOST_PHASES:
-                raise self.not_found(f"in {len(self.segments)} phases the motion did not repeat")
+            self.check_patience()
             if not self.settled:
                 phases = len(self.segments)
 
@@ -170,8 +192,10 @@ class _Search:
         form, mode = self.system.vector_form, self.system.vector_form.modes[self.mode]
         self.scale = np.where(self.x != 0, np.abs(self.x), 1.0)
         rate = field_at(mode.field, self.x / self.scale, mode.sign, self.p, self.scale)
-        i = int(np.argmax(np.abs(rate)))
-        section = Section(self.mode, self.system.names.entries[i], float(self.x[i]), float(self.scale[i]))
+        swings = np.where(turns(self.system) > 0, 0.0, np.abs(rate))
+        i = int(np.argmax(swings if swings.max() > STANDSTILL else np.abs(rate)))
+        ahead = np.copysign(turns(self.system)[i], rate[i])  # an angle alone is back a turn later
+        section = Section(self.mode, self.system.names.entries[i], float(self.x[i] + ahead), float(self.scale[i]))
         way = section.exits(form.states)[0 if rate[i] > 0 else 1]
         self.sections, self.form = (section,), with_sections(self.system, (section,))
         for _ in range(2):  # the first time round shows how large the states are
@@ -186,90 +210,30 @@ class _Search:
         shift = turned(self.system, self.x, back)
         distance = float(np.max(np.abs(back - shift - self.x) / self.scale))
         if self.segments[-1].event == "" or distance > WITHIN:
-            raise self.not_found(f"the motion from there comes back no nearer than {distance:.2g} of the states' sizes")
+            raise self.not_met(f"the motion from there comes back no nearer than {distance:.2g} of the states' sizes")
         orbit = self.solved(Recurrence(len(self.segments), Closure.of(np.eye(self.x.size), shift, 1), distance))
         if orbit is None:
-            raise self.not_found("the equations of a first return were not solved")
+            raise self.not_met("the equations of a first return were not solved")
         return orbit
 
-    def not_found(self, why: str) -> NoOrbit:
-        tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(self.refusals))
-        followed = sum(s.duration for s in self.segments)
-        sentence = f"no cycle of {self.system.name} was met: {why} (followed for {followed:.6g}){tried}"
-        return NoOrbit(sentence, Status.NOT_FOUND)
-
-    # Watch ----------------------------------------------------------------------------------------------------
+    def not_met(self, why: str) -> NotMet:
+        """Why there is none, with how long the motion was followed."""
+        return NotMet(why, sum(s.duration for s in self.segments))
 
     def watch(self) -> None:
-        """Look at the motion for longer and longer, until there are events or intervals enough; cut it if need be."""
-        form = self.system.vector_form
-        span = self.first_span()
-        for _ in range(MOST_LOOKS):
-            self.scale = sizes(form, self.mode, self.x, self.p, span, self.kind)
-            seen = follow_for(form, self.mode, self.x, self.p, self.scale, self.kind, span, SEARCH_TOLERANCE)
-            half = sum(s.duration for s in seen) / 2
-            ends = np.cumsum([s.duration for s in seen])
-            events = sum(bool(s.event) for s, end in zip(seen, ends, strict=True) if end > half)
-            if events >= ENOUGH_EVENTS // 2:
-                break
-            if events == 0 and sum(len(s.w) for s in seen) >= ENOUGH_INTERVALS:
-                break
-            span *= LOOK_LONGER
-        times, states = sampled(form, seen, self.p, self.kind, 8)
-        late = states[:, times > half]
-        if events == 0:
-            self.cut(seen[-1].mode, late)
-        elif self.at_rest(late):
-            raise self.not_found("the motion comes to rest")
+        """A first look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
+        seen = watched(self.system, self.mode, self.x, self.p, self.kind)
+        self.scale, self.span = seen.scale, seen.span
+        if seen.events == 0:
+            self.sections, self.turning = cut(self.system, seen, self.p)
         if not self.settled:
-            self.mode, self.x = seen[-1].mode, seen[-1].end
+            self.mode, self.x = going_on(self.system.vector_form, seen.last, self.p)
+            self.met = seen.last.event
         if self.system.forcing_period is not None:
-            self.x[-1] -= np.floor(self.x[-1] + 1e-9)  # rounding is no turn
+            self.x = Turning(self.x.size - 1, 1.0, 1).wrapped(self.x)
+        elif self.turning is not None:
+            self.x = self.turning.wrapped(self.x)
         self.form = with_sections(self.system, self.sections)
-
-    def first_span(self) -> float:
-        """A time in which something happens: that of a turn of the forcing, or of a state that moves by its size."""
-        if self.system.forcing_period is not None:
-            return FIRST_LOOK * float(self.system.names.turn(self.p))
-        form = self.system.vector_form
-        scale = np.where(self.x != 0, np.abs(self.x), 1.0)
-        probe = march(
-            form, self.mode, self.x, self.p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
-            kind=self.kind, max_intervals=10**6, max_time=1e-3,
-        )  # fmt: skip
-        moved = np.max(np.abs(probe[-1].end - self.x) / scale) / max(min(probe[-1].duration, 1e-3), 1e-300)
-        return FIRST_LOOK / max(float(moved), 1e-3)
-
-    def at_rest(self, late: Array) -> bool:
-        """Nothing moves but the time."""
-        ranges = np.ptp(late, axis=1)[: len(self.system.states)]
-        return bool(np.all(ranges <= STANDSTILL * self.scale[: ranges.size]))
-
-    def cut(self, mode: str, late: Array) -> None:
-        """A section for a motion that meets no event."""
-        if self.at_rest(late):
-            raise self.not_found("the motion comes to rest, and meets no event")
-        names = self.system.names.entries
-        if self.system.forcing_period is not None:
-            some = late[:, :: max(1, late.shape[1] // TRIED_STATES)]
-            parts = 2 if turns_over(self.system, mode, some, self.p, self.scale) else 1
-            self.sections = tuple(Section(mode, TURNS, (k + 1) / parts, 1.0) for k in range(parts))
-            return
-        low, high = late.min(axis=1), late.max(axis=1)
-        moves = (high - low) / self.scale
-        others = np.array([name not in self.system.angles for name in names])
-        if moves[others].max(initial=0.0) > STANDSTILL:
-            moves[~others] = -1.0  # an angle that turns passes a plane once
-        i = int(np.argmax(moves))
-        level = (low[i] + high[i]) / 2
-        if abs(level) < 0.05 * (high[i] - low[i]):
-            level = 0.0  # where a symmetry would have it
-        self.sections = (Section(mode, names[i], float(level), float(self.scale[i])),)
-
-    @property
-    def by_turns(self) -> bool:
-        """The motion is cut by the turns of its forcing, or their halves."""
-        return bool(self.sections) and self.sections[0].state == TURNS
 
     # March ----------------------------------------------------------------------------------------------------
 
@@ -278,25 +242,63 @@ class _Search:
         assert self.form is not None
         goal = len(self.segments) + phases
         while len(self.segments) < goal:
-            count = 1 if self.by_turns else goal - len(self.segments)
+            count = 1 if self.turning else goal - len(self.segments)
             found: list[Segment] = []
 
             def enough(segment: Segment, found: list[Segment] = found, count: int = count) -> bool:
                 found.append(segment)
-                return len(found) >= count
+                return len(found) >= count or self.outgrown(segment)
 
             new = march(
                 self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
-                degree=MARCH_DEGREE, kind=self.kind, strict=True,
+                degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
             )  # fmt: skip
-            if new[-1].event == "":
-                raise self.not_found("the motion comes to rest")
             self.segments += new
-            last = self.form.exits[new[-1].mode]
-            way_out = next(e for e in last if e.event.name == new[-1].event)
-            self.mode, self.x = way_out.successor(new[-1].behind, self.p), new[-1].behind.copy()
-            if self.by_turns and self.x[-1] > 1 - 1e-9:
-                self.x[-1] -= 1.0
+            if self.outgrown(new[-1]):
+                raise self.not_met("the motion grows without bound, beyond all that was seen of it at first")
+            if new[-1].event == "":
+                self.segments[-1] = replace(new[-1], duration=min(new[-1].duration, AHEAD * self.span))
+                moves = self.form.modes[new[-1].mode].flow is None and self.sections
+                raise self.not_met(
+                    f"the motion does not come back to {self.sections[0].state} = {self.sections[0].level:.6g}"
+                    if moves else "the motion comes to rest"
+                )  # fmt: skip
+            self.mode, self.x = going_on(self.form, new[-1], self.p)
+            self.met = new[-1].event
+            if self.turning is not None:
+                self.x = self.turning.wrapped(self.x)
+
+    def outgrown(self, segment: Segment) -> bool:
+        """Whether the motion has left all that was seen of it far behind: angles and the time alone may grow."""
+        x = np.where(turns(self.system) > 0, 0.0, segment.end) / self.scale
+        return bool(np.max(np.abs(x)) > OUTGROWN)
+
+    def recurrences(self, near: float, believed: Callable[[Recurrence], bool]) -> list[Recurrence]:
+        """The ways in which the motion has come back this near."""
+        assert self.form is not None
+        return recurrences(self.system, self.form, self.segments, self.p, self.scale, near, believed)
+
+    def repeated(self, r: Recurrence) -> bool:
+        """Whether all of the last loop is near to the loop before."""
+        return loop_distance(self.system, self.segments, r, self.scale) < REPEATED
+
+    def check_hope(self, r: Recurrence) -> None:
+        """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
+        if r.distance < EXACTLY:
+            raise self.not_met(f"the motion repeats after {_phases_of(r)}, but its cycle was not computed")
+        self.long += r.phases > FEW_PHASES
+        if self.long >= MOST_LONG:
+            raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
+
+    def check_patience(self) -> None:
+        """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""
+        count, marched = len(self.segments), sum(len(s.w) for s in self.segments)
+        if count < ENOUGH_PHASES and marched < MOST_MARCHED:
+            return
+        if count < MOST_PHASES and marched < 4 * MOST_MARCHED:
+            if self.recurrences(RETURNED, lambda r: r.phases <= FEW_PHASES and self.repeated(r)):
+                return
+        raise self.not_met(f"the motion did not repeat within {count} phases")
 
     # Solve and believe -----------------------------------------------------------------------------------------
 
@@ -310,11 +312,16 @@ class _Search:
         begin = from_segments(
             cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
         )
-        outcome = solve_adaptively(problem, begin, self.options, solver="newton")
+        begin = in_scheme(begin, *self.options.scheme_of(problem))
+        # A long one that Newton loses is not worth an optimisation problem of its size.
+        alone = self.options.solver == "auto" and r.phases > FEW_PHASES
+        options = replace(self.options, solver="newton") if alone else self.options
+        outcome = solve_adaptively(problem, begin, options, solver="newton")
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
-            self.refusals.append(str(refusal))
+            unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
+            self.refusals.append(str(refusal) + (self.hidden if unsettled else ""))
             return None
         away = float(np.max(np.abs(orbit.arcs[0].states[0, 0] - passes[0].start) / self.scale))
         if away > WITHIN:
@@ -322,27 +329,23 @@ class _Search:
             return None
         if not self.settled and not orbit.stable:  # not trusted either: what cannot be told to attract is not believed
             self.refusals.append("an unstable cycle was passed, which the motion leaves")
-            if r.phases > FIRST_PHASES:
-                raise self.not_found(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
+            if r.phases > FEW_PHASES:
+                raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None
         return orbit
+
+    @property
+    def hidden(self) -> str:
+        """What may be behind meshes or steps that do not get fine enough, where no mode says it."""
+        return HIDES if any(mode.feature is None for mode in self.system.modes) else ""
 
     def sections_for(self, r: Recurrence) -> tuple[tuple[Section, ...], list[Segment], Closure]:
         """(sections, phases, closure) of a recurrence: turns are counted on from phase to phase."""
         passes = self.segments[-r.phases :]
-        if not self.by_turns:
+        if self.turning is None:
             return self.sections, rebased(self.system, passes), r.closure
-        part = 1.0 / len(self.sections)
-        began = round(float(passes[0].start[-1]) / part) * part
-        sections = tuple(replace(self.sections[0], level=began + (k + 1) * part) for k in range(r.phases))
-        counted = []
-        for k, (s, section) in enumerate(zip(passes, sections, strict=True)):
-            up = section.exits(self.system.names.entries)[0].event.name
-            ahead = round(began + k * part - float(s.start[-1]))
-            w, end = s.w.copy(), s.end.copy()
-            w[:, self.x.size - 1 :: self.x.size] += ahead
-            end[-1] += ahead
-            counted.append(Segment(s.mode, up, s.duration, s.breaks, w, end))
+        i, name = self.turning.entry, self.system.names.entries
+        sections, counted = counted_on(self.turning, self.sections[0], passes, name)
         shift = np.array(r.closure.shift)
-        shift[-1] = r.phases * part
+        shift[i] = r.phases * self.turning.step
         return sections, counted, Closure(r.closure.matrix, tuple(map(float, shift)), r.closure.repeats)

@@ -6,49 +6,52 @@ The polynomial of an interval brackets the place; there an interval of its own, 
 solved by the equations of collocation, whose end is as accurate as a node.  At such a place g does not change with the
 time, so its error is that of the state alone,
 
-    g(exact) - g(found) = g_x (A dx_e + (s/h)^2d (dx_f - B dx_e)),    A = d x(place)/d x_e,  B = d x_f/d x_e,
+    g(exact) - g(found) = g_x (A dx_e + (s/h)^2d (dx_f - B dx_e - B' dh)),    A = d x(place)/d x_e,  B = d x_f/d x_e,
 
-a linear functional of the nodes x_e before it and x_f behind, whose error the adjoint gives as it gives that of the
-period (collocation/error_estimate.py).  What a whole step h adds to the error is dx_f - B dx_e; the step s to the place
-adds the less the shorter it is.
+a linear functional of the nodes x_e before it and x_f behind and of the duration, B' = d x_f/dh, whose error the
+adjoint gives as it gives that of the period (collocation/error_estimate.py).  What a whole step h adds to the error is
+dx_f - B dx_e - B' dh; the step s to the place adds the less the shorter it is.  Where the parameter is free, lambda
+moves g and the states at the place and at the end besides.
 
-Symbols: n states, m points.
+A maximum between two points, at which g has the rates r_a > 0 > r_b, lies below where the two tangents meet.  Only what
+may exceed everything seen so far is solved for.
+
+Symbols: n states, m points, N intervals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
-from ..checks import known
-from ..collocation.error_estimate import functional_errors
+from ..collocation.error_estimate import Functional, functional_errors
 from ..collocation.joints import flow_at
+from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
-from ..compiled import alone, caller
-from ..errors import InputError
 from ..hybrid.roots import Bracket
-from ..hybrid.system import Cycle, Mode
-from ..hybrid.vector_form import Names, Scalar
+from ..hybrid.system import Mode
 from ..motion.march_step import Stepper
+from .observables import Expression, Later, Values, flow_sensitivity, kept_values
 
 Array = np.ndarray
-Expression = Callable[[Any, Any], Any]
-"""(x, p) -> scalar, of CasADi symbols."""
 
 INTERVAL_LOOKS = 17
 """Points of an interval, both ends among them, between which the rate of g may change its sign."""
 CLOSED_FORM_LOOKS = 129
 """The same for a phase in closed form."""
-WORTH_POLISHING = 0.05
-"""Places at which g is this part of its range short of the best are polished too."""
+CONCAVE = 2.0
+"""A maximum is at most this much higher, over the points beside it, than where their tangents meet."""
+MOST_PLACES = 12
+"""So many maxima are solved for, the most promising first: where g is constant but for rounding, any of them serves."""
 PLACED = 1e-13
 """A place is known to this part of its interval: g is flat there."""
 SOLVED_TO = 1e-22
 MOST_POLISHING = 60
+Made = Callable[[Mode, Expression, int, int], Values]
+"""Whoever compiles an expression in a mode of so many states and parameters."""
 
 
 class Extremum(NamedTuple):
@@ -73,11 +76,38 @@ class Extrema(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A place where g may be extreme: time, value, and (node of the chain, (n,) weight) whose sum has its error."""
+    """A place where g may be extreme: time, value, and of what the error is made.
+
+    (node of the chain, (n,) weight) of states, the weight of lambda, and (phase, weight) of a duration.
+    """
 
     time: float
     value: float
     weights: tuple[tuple[int, Array], ...]
+    parameter: float
+    duration: tuple[int, float] = (0, 0.0)
+
+
+class _Seen(NamedTuple):
+    """g on the elements of one phase from `element` on: times (N, m), g and its rate (N, m), g_x (N, m, n)."""
+
+    phase: int
+    element: int
+    times: Array
+    g: Array
+    rate: Array
+    g_x: Array
+
+
+class _Rise(NamedTuple):
+    """A maximum of sign * g between the points j and j + 1 of interval i, and what it may be at most."""
+
+    most: float
+    look: Look
+    sign: int
+    seen: _Seen
+    i: int
+    j: int
 
 
 def extrema(t: Transcription, u: Array, setting: Setting, g: Expression) -> Extrema:
@@ -98,141 +128,149 @@ def extrema(t: Transcription, u: Array, setting: Setting, g: Expression) -> Extr
     ------
     InputError : g is no scalar.
     """
-    piece = float(np.sum(t.durations_of(u)))
-    found: list[tuple[Extremum, Extremum]] = []
-    for k in range(t.cycle.repeats):
-        look = _Look(t, u, setting, g if k == 0 else _Later(g, t.cycle, k))
-        places = list(look.places())
-        best = min(places, key=_value), max(places, key=_value)
-        low, high = (Extremum(place.value, k * piece + place.time, look.error(place)) for place in best)
-        found.append((low, high))
-    return Extrema(min((low for low, _ in found), key=_value), max((high for _, high in found), key=_value))
+    looks = _all_looks(t, u, setting, g, Values)
+
+    def found(sign: int) -> Extremum:
+        look, place = _largest([(look, sign) for look in looks])
+        piece = float(np.sum(t.durations_of(u)))
+        error = float(functional_errors(t, u, setting, look.row(place)[None])[0][0])
+        return Extremum(place.value, look.piece * piece + place.time, error)
+
+    return Extrema(found(-1), found(+1))
 
 
-def _value(found: _Place | Extremum) -> float:
-    return found.value
-
-
-@dataclass(frozen=True, eq=False)
-class _Later:
-    """g where the motion is k computed pieces later, as a function of where it is now."""
-
-    g: Expression
-    cycle: Cycle
-    pieces: int
-
-    def __call__(self, x: Any, p: Any) -> Any:
-        inverse = np.linalg.inv(self.cycle.closure)
-        for _ in range(self.pieces):
-            x = ca.mtimes(ca.DM(inverse), x + ca.DM(self.cycle.shift or np.zeros(x.shape[0])))
-        return self.g(x, p)
-
-
-def scalar_of(what: Any, names: Names) -> Scalar:
-    """A state, or a function of the user's, as a scalar of the vectors.
+def largest_magnitude(t: Transcription, u: Array, setting: Setting, g: Expression) -> Functional:
+    """The largest |g| over a cycle as a functional of the node system, whose error the adjoint gives.
 
     Parameters
     ----------
-    what
-        name of a state, or a function (x, p) of named states and parameters.
-    names
-        what the entries of the vectors are called.
+    t, u, setting
+        a solution.
+    g
+        (x, p) -> scalar, of CasADi symbols.
 
     Returns
     -------
-    Scalar.
+    Functional: the magnitude, its row, and by how much g changes where all states change by their sizes.
 
     Raises
     ------
-    InputError : it is neither.
+    InputError : g is no scalar.
     """
-    if isinstance(what, str):
-        i = names.entries.index(known("state", what, names.states))
-        return Scalar(_Coordinate(names.states[i]), names)
-    if not callable(what):
-        raise InputError(f"{what!r}: must be the name of a state or a function (x, p)")
-    return Scalar(what, names)
+    looks = _all_looks(t, u, setting, g, kept_values)
+    look, place = _largest([(look, sign) for look in looks for sign in (+1, -1)])
+    sizes = sizes_of_states(t, u, setting) * setting.scale
+    change = max(float(np.max(np.abs(seen.g_x) @ sizes)) for look in looks for seen in look.seen)
+    sign = -1.0 if place.value < 0 else 1.0
+    return Functional(abs(place.value), sign * look.row(place), change)
 
 
-@dataclass(frozen=True)
-class _Coordinate:
-    """(x, p) -> one state."""
-
-    name: str
-
-    def __call__(self, x: Any, p: Any) -> Any:
-        return getattr(x, self.name)
+def _all_looks(t: Transcription, u: Array, setting: Setting, g: Expression, values: Made) -> list[Look]:
+    """One look for each computed piece of the period: g, and what it is where the motion is pieces later."""
+    return [Look(t, u, setting, g if k == 0 else Later(g, t.cycle, k), k, values) for k in range(t.cycle.repeats)]
 
 
-class _Look:
-    """One solution, looked at for the extrema of g."""
+def _largest(looks: Sequence[tuple[Look, int]]) -> tuple[Look, _Place]:
+    """The place where sign * g is largest in any of the looks."""
+    ends = [(sign * place.value, look, place) for look, sign in looks for place in [look.best_node(sign)]]
+    best, look, place = max(ends, key=lambda end: end[0])
+    rises = sorted((rise for look, sign in looks for rise in look.rises(sign)), key=lambda rise: -rise.most)
+    for rise in rises[:MOST_PLACES]:
+        if not rise.most > best:
+            break
+        polished = rise.look.polished(rise.seen, rise.i, rise.j)
+        if rise.sign * polished.value > best:
+            best, look, place = rise.sign * polished.value, rise.look, polished
+    return look, place
 
-    def __init__(self, t: Transcription, u: Array, setting: Setting, g: Expression) -> None:
-        self.t, self.u, self.setting, self.g = t, u, setting, g
+
+class Look:
+    """One solution, looked at for the extrema of g, `piece` computed pieces after the first."""
+
+    def __init__(self, t: Transcription, u: Array, setting: Setting, g: Expression, piece: int, values: Made) -> None:
+        self.t, self.u, self.setting, self.piece = t, u, setting, piece
         self.nodes = t.nodes_of(u)
         self.durations = t.durations_of(u)
         self.w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+        modes = {phase.mode for phase in t.cycle.phases}
+        self._values = {mode: values(mode, g, t.n, setting.p.size) for mode in modes}
+        self.seen = tuple(self._seen())
+        """Every phase at many points."""
 
-    def places(self) -> Iterator[_Place]:
-        """The ends of all phases, and every place inside where g may be extreme."""
-        candidates = []
-        for k, phase in enumerate(self.t.cycle.phases):
-            at = _Values(phase.mode, self.g, self.t.n, self.setting.p.size)
-            began = float(np.sum(self.durations[:k]))
-            for element in range(int(self.t.phase_start[k]), int(self.t.phase_end[k])):
-                candidates.append((at, *self.looked_at(k, element, began)))
-        low = min(float(at(points, self.setting.p)[0].min()) for at, points, *_ in candidates)
-        high = max(float(at(points, self.setting.p)[0].max()) for at, points, *_ in candidates)
-        margin = WORTH_POLISHING * (high - low)
-        for at, points, times, element, state_at in candidates:
-            g, rate, g_x = at(points, self.setting.p)
-            for i in (0, -1):
-                weight = g_x[i] * self.setting.scale
-                yield _Place(float(times[i]), float(g[i]), ((element if i == 0 else element + 1, weight),))
-            extreme = (np.maximum(g[:-1], g[1:]) > high - margin) | (np.minimum(g[:-1], g[1:]) < low + margin)
-            for j in np.flatnonzero(((rate[:-1] > 0) != (rate[1:] > 0)) & extreme):
-                yield self.polished(at, state_at, element, times, rate, int(j))
+    def values(self, phase: int) -> Values:
+        """g in the mode of a phase."""
+        return self._values[self.t.cycle.phases[phase].mode]
 
-    def looked_at(self, k: int, element: int, began: float) -> tuple[Array, Array, int, Callable[[float], Array]]:
-        """(states (m, n), times (m,), element, the state at a time after the first of them) of one element."""
-        t, scale, mode = self.t, self.setting.scale, self.t.cycle.phases[k].mode
-        start = self.nodes[element] * scale
-        if t.counts[k] == 0:
-            times = np.linspace(0, float(self.durations[k]), CLOSED_FORM_LOOKS)
+    def _seen(self) -> Iterator[_Seen]:
+        t, scale, p = self.t, self.setting.scale, self.setting.p
+        began = 0.0
+        for k, phase in enumerate(t.cycle.phases):
+            first, duration = int(t.phase_start[k]), float(self.durations[k])
+            if t.counts[k] == 0:
+                times = np.linspace(0, duration, CLOSED_FORM_LOOKS)[None]
+                points = flow_at(phase.mode, self.nodes[first] * scale, times[0], p)[None]
+            else:
+                tau = np.linspace(0, 1, INTERVAL_LOOKS)
+                edges, chosen = self.edges(k), t.phase_intervals(k)
+                times = edges[:-1, None] + np.diff(edges)[:, None] * tau
+                points = np.matmul(t.scheme.interpolation(tau), self.w[chosen]) * scale
+                points[:, -1] = self.nodes[first + 1 : first + 1 + t.counts[k]] * scale
+            g, rate, g_x = self.values(k)(points.reshape(-1, t.n), p)
+            yield _Seen(
+                k, first, began + times, g.reshape(times.shape), rate.reshape(times.shape), g_x.reshape(points.shape)
+            )
+            began += duration
 
-            def flowed(time: float) -> Array:
-                return flow_at(mode, start, np.array([time]), self.setting.p)[0]
+    def edges(self, phase: int) -> Array:
+        """(N + 1,) times from the start of a collocated phase at which its intervals begin and end."""
+        fractions = self.setting.fractions[self.t.phase_intervals(phase)]
+        return np.concatenate([[0.0], np.cumsum(fractions)]) / np.sum(fractions) * float(self.durations[phase])
 
-            return flow_at(mode, start, times, self.setting.p), began + times, element, flowed
-        i = int(np.searchsorted(t.interval_elements, element))
-        fractions = self.setting.fractions[t.phase_intervals(k)]
-        edges = np.concatenate([[0.0], np.cumsum(fractions)]) / np.sum(fractions) * float(self.durations[k])
-        j = i - t.phase_intervals(k).start
-        h = float(edges[j + 1] - edges[j])
-        tau = np.linspace(0, 1, INTERVAL_LOOKS)
-        points = (t.scheme.interpolation(tau) @ self.w[i]) * scale
-        points[-1] = self.nodes[element + 1] * scale
-        stepper = Stepper(mode.field, t.scheme, self.setting.p, scale, mode.sign)
+    def best_node(self, sign: int) -> _Place:
+        """The start or the end of an interval where sign * g is largest."""
+        nodes = [(seen, np.append(seen.g[:, 0], seen.g[-1, -1])) for seen in self.seen]
+        seen, values = max(nodes, key=lambda node: float(np.max(sign * node[1])))
+        i = int(np.argmax(sign * values))
+        at = (i, 0) if i < len(seen.g) else (i - 1, -1)
+        x = self.nodes[seen.element + i] * self.setting.scale
+        weights = ((seen.element + i, seen.g_x[at] * self.setting.scale),)
+        return _Place(float(seen.times[at]), float(seen.g[at]), weights, self._by_parameter(seen.phase, x))
 
-        def stepped(time: float) -> Array:
-            guess = (t.scheme.interpolation(t.scheme.stages * (time / h)) @ self.w[i]).ravel()
-            solved = stepper(self.nodes[element], guess, time, SOLVED_TO)
-            x = (t.scheme.interpolation(np.array([time / h])) @ self.w[i])[0] if solved is None else solved[1]
-            return x * scale
+    def _by_parameter(self, phase: int, x: Array) -> float:
+        """dg/dlambda at a state."""
+        return float(self.values(phase).by_parameters(x, self.setting.p) @ self.setting.dp)
 
-        return points, began + edges[j] + h * tau, element, stepped
+    def rises(self, sign: int) -> Iterator[_Rise]:
+        """The maxima of sign * g between two points."""
+        for seen in self.seen:
+            h, rate = sign * seen.g, sign * seen.rate
+            for i, j in np.argwhere((rate[:, :-1] > 0) & (rate[:, 1:] <= 0)):
+                a, b, r_a, r_b = h[i, j], h[i, j + 1], rate[i, j], rate[i, j + 1]
+                dt = seen.times[i, j + 1] - seen.times[i, j]
+                top, meet = max(a, b), a + r_a * np.clip((b - a - r_b * dt) / (r_a - r_b), 0.0, dt)
+                yield _Rise(float(top + CONCAVE * max(meet - top, 0.0)), self, sign, seen, int(i), int(j))
 
-    def polished(
-        self, at: _Values, state_at: Callable[[float], Array], element: int, times: Array, rate: Array, i: int
-    ) -> _Place:
-        """The place between two points where the rate of g vanishes."""
-        first = float(times[0])
+    def polished(self, seen: _Seen, i: int, j: int) -> _Place:
+        """The place between two points of an interval where the rate of g vanishes.
+
+        Parameters
+        ----------
+        seen, i, j
+            the phase, the interval in it, and the first of the two points.
+
+        Returns
+        -------
+        The place, with g there and what its error needs.
+        """
+        t, p, element = self.t, self.setting.p, seen.element + i
+        times, rate = seen.times[i] - seen.times[i, 0], seen.rate[i]
+        at, state_at = self.values(seen.phase), self._followed(seen.phase, i, float(times[-1]))
 
         def slope(time: float) -> float:
-            return float(at(state_at(time)[None], self.setting.p)[1][0])
+            return float(at(state_at(time)[None], p)[1][0])
 
-        limit = PLACED * float(times[-1] - times[0])
-        ends = [(float(times[j]) - first, float(rate[j])) for j in (i, i + 1)]
+        limit = PLACED * float(times[-1])
+        ends = [(float(times[k]), float(rate[k])) for k in (j, j + 1)]
         time = next((at_end for at_end, f in ends if f == 0), None)
         if time is None:
             bracket = Bracket(*ends[0], *ends[1])
@@ -244,71 +282,54 @@ class _Look:
                 bracket = bracket.told(time, f)
                 time = bracket.illinois
         x = state_at(time)
-        g, _, g_x = at(x[None], self.setting.p)
-        A = self.through(element, time)
+        g, _, g_x = at(x[None], p)
         weight = g_x[0] * self.setting.scale
-        whole = float(times[-1]) - first
-        share = (time / whole) ** (2 * self.t.degree)
-        before = weight @ (A - share * self.through(element, whole))
-        return _Place(first + time, float(g[0]), ((element, before), (element + 1, share * weight)))
+        share = (time / float(times[-1])) ** (2 * t.degree)
+        here, whole = (weight @ self._through(seen.phase, i, span) for span in (time, float(times[-1])))
+        before = here - share * whole
+        weights = ((element, before[: t.n]), (element + 1, share * weight))
+        longer = -share * float(whole[t.n]) * float(times[-1]) / float(self.durations[seen.phase])
+        by_parameter = float(before[t.n + 1]) + self._by_parameter(seen.phase, x)
+        return _Place(float(seen.times[i, 0]) + time, float(g[0]), weights, by_parameter, (seen.phase, longer))
 
-    def through(self, element: int, time: float) -> Array:
-        """(n, n) d x(time)/d x(start of the element), scaled."""
-        k = int(self.t.phase_of[element])
-        mode, scale = self.t.cycle.phases[k].mode, self.setting.scale
-        if self.t.counts[k] == 0:
-            return _flow_sensitivity(mode, self.nodes[element] * scale, time, self.setting.p) * scale / scale[:, None]
-        stepper = Stepper(mode.field, self.t.scheme, self.setting.p, scale, mode.sign)
-        i = int(np.searchsorted(self.t.interval_elements, element))
-        h = float(self.setting.fractions[i] * self.durations[k])
-        guess = (self.t.scheme.interpolation(self.t.scheme.stages * (time / h)) @ self.w[i]).ravel()
-        return stepper.through(self.nodes[element], guess, time)
+    def _followed(self, phase: int, i: int, h: float) -> Callable[[float], Array]:
+        """The state at a time after the start of interval i of a phase, of length h."""
+        t, scale = self.t, self.setting.scale
+        mode, start = t.cycle.phases[phase].mode, self.nodes[int(t.phase_start[phase]) + i]
+        if t.counts[phase] == 0:
+            return lambda time: flow_at(mode, start * scale, np.array([time]), self.setting.p)[0]
+        w, stepper = self.w[t.phase_intervals(phase)][i], self.stepper(mode)
 
-    def error(self, place: _Place) -> float:
-        """Estimated error of the value there."""
-        goals = np.zeros((1, self.t.system.size))
+        def stepped(time: float) -> Array:
+            guess = (t.scheme.interpolation(t.scheme.stages * (time / h)) @ w).ravel()
+            solved = stepper(start, guess, time, SOLVED_TO)
+            x = (t.scheme.interpolation(np.array([time / h])) @ w)[0] if solved is None else solved[1]
+            return x * scale
+
+        return stepped
+
+    def stepper(self, mode: Mode) -> Stepper:
+        """Intervals of a mode."""
+        return Stepper(mode.field, self.t.scheme, self.setting.p, self.setting.scale, mode.sign, self.setting.dp)
+
+    def _through(self, phase: int, i: int, time: float) -> Array:
+        """(n, n + 2) d x(time)/d (x(start of interval i), time, lambda), scaled."""
+        t, scale = self.t, self.setting.scale
+        mode, start = t.cycle.phases[phase].mode, self.nodes[int(t.phase_start[phase]) + i]
+        if t.counts[phase] == 0:
+            found = flow_sensitivity(mode, start * scale, time, self.setting.p, self.setting.dp)
+            return found * np.append(scale, [1.0, 1.0]) / scale[:, None]
+        h = float(np.diff(self.edges(phase))[i])
+        w = self.w[t.phase_intervals(phase)][i]
+        guess = (t.scheme.interpolation(t.scheme.stages * (time / h)) @ w).ravel()
+        return self.stepper(mode).through(start, guess, time)
+
+    def row(self, place: _Place) -> Array:
+        """(y,) the functional of the node system whose error is that of g at a place."""
+        goal, n = np.zeros(self.t.system.size), self.t.n
         for node, weight in place.weights:
-            goals[0, node * self.t.n : (node + 1) * self.t.n] = weight
-        return float(functional_errors(self.t, self.u, self.setting, goals)[0][0])
-
-
-class _Values:
-    """g, its rate along the field of a mode, and its gradient, at numbers."""
-
-    @alone
-    def __init__(self, mode: Mode, g: Expression, n: int, parameters: int) -> None:
-        x, p = ca.SX.sym("x", n), ca.SX.sym("p", parameters)
-        value = ca.SX(g(x, p))
-        if value.shape != (1, 1):
-            raise InputError(f"the expression must be a scalar, not one of shape {value.shape}")
-        gradient = ca.densify(ca.gradient(value, x))
-        rate = ca.dot(gradient, mode.field(x, p, mode.sign))
-        function = ca.Function("g", [x, p], [ca.densify(value), ca.densify(rate), gradient])
-        self._at_one = caller(function, [n, parameters], [1, 1, n])
-        self._at_many = caller(
-            function.map("many", "serial", INTERVAL_LOOKS, [1], []),
-            [(INTERVAL_LOOKS, n), parameters], [INTERVAL_LOOKS, INTERVAL_LOOKS, (INTERVAL_LOOKS, n)],
-        )  # fmt: skip
-
-    def __call__(self, points: Array, p: Array) -> tuple[Array, Array, Array]:
-        """(g (m,), its rate (m,), g_x (m, n)) at the states (m, n)."""
-        m = len(points)
-        buffers = (self._at_one if m == 1 else self._at_many).buffers
-        g, rate, g_x = np.empty(m), np.empty(m), np.empty(points.shape)
-        for first in range(0, m, INTERVAL_LOOKS):
-            chunk = slice(first, first + INTERVAL_LOOKS)
-            count = len(points[chunk])
-            buffers.inputs[0].reshape(-1, points.shape[1])[:count], buffers.inputs[1][:] = points[chunk], p
-            buffers.trigger()
-            for store, out in zip((g, rate, g_x), buffers.outputs, strict=True):
-                store[chunk] = out.reshape(-1, *store.shape[1:])[:count]
-        return g, rate, g_x
-
-
-@alone
-def _flow_sensitivity(mode: Mode, x: Array, time: float, p: Array) -> Array:
-    """(n, n) derivative of a closed form by the state at its start."""
-    assert mode.flow is not None
-    start, T, q = ca.SX.sym("x", x.size), ca.SX.sym("T"), ca.SX.sym("p", p.size)
-    function = ca.Function("sensitivity", [start, T, q], [ca.densify(ca.jacobian(mode.flow(start, T, q), start))])
-    return np.array(function(x, time, p))
+            goal[node * n : (node + 1) * n] += weight
+        k, longer = place.duration
+        goal[(self.t.elements + 1) * n + k] = longer
+        goal[-1] = place.parameter
+        return goal

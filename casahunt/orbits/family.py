@@ -8,33 +8,28 @@ A cycle is given by its phases, in the words of the system, and by how it closes
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..checks import known, number
 from ..collocation.transcription import Setting, Transcription
-from ..hybrid.language import System
+from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Phase, Signature
 from ..hybrid.vector_form import Names
-from ..motion.march import MarchFailure, march
-from . import archive
+from ..motion.march import Segment
 from .closure import Closure, Section, with_sections
-from .restart import Start, from_segments, in_scale
+from .observables import check_expression, scalar_of
+from .recurrence import image_of
+from .restart import Start
+from .sequences import Posed, marched, nearest_touch, split, with_touch, without
+from .starts import rotated, strongest
 from .system_orbit import SystemOrbit
 
 Array = np.ndarray
-
-RESTART_TOLERANCE = 1e-6
-RESTART_PERIODS = 2.5
-"""A motion is followed for so many of its supposed periods."""
-CLOSES, RESTARTS = 0.3, 2
-"""How near to its start it must come back, in units of the state scale; so many of the ways are tried."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +42,7 @@ class Family(Problem):
     values : its parameters, in the order of their names.
     closure : how they close.
     followed : the principal parameter.
-    measured : the state whose largest magnitude at the ends of phases is the amplitude.
+    measured : name of a state, or a function (x, p), whose largest magnitude over the cycle is the amplitude.
     sections : planes at which phases may end besides the events of the system.
     """
 
@@ -57,7 +52,7 @@ class Family(Problem):
     values: tuple[float, ...]
     closure: Closure
     followed: str
-    measured: str
+    measured: str | Function
     sections: tuple[Section, ...] = ()
 
     @property
@@ -176,7 +171,7 @@ class Family(Problem):
         return _cycle(self.system, self.sections, self.closure, self.measured, signature)
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
-        """The phases that the motion from the start of u really has, where they lead back to it.
+        """Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself.
 
         Parameters
         ----------
@@ -187,120 +182,180 @@ class Family(Problem):
 
         Returns
         -------
-        Starting points, the ones that close best first.
+        Starting points, most promising first.
         """
-        return motions_from(self, t, u, setting)
+        start, posed = (t, u, setting), self.asked()
+        more, fewer = split(posed, start, phase), without(posed, start)
+        return [*([more] if more else []), *([fewer[1]] if fewer else []), *marched(posed, start)]
+
+    def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
+        """The phases that the motion really has.
+
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where the motion does not lead back.
+        """
+        return next(iter(marched(self.asked(), (t, u, setting))), None)
+
+    def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
+        """The sequence at hand; then without a phase that is about to vanish.
+
+        Parameters
+        ----------
+        t, u, setting
+            a predicted point of a branch: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting points, in turn.
+        """
+        start = (t, u, setting)
+        fewer = self.vanishing(*start)
+        return [start] if fewer is None else [start, fewer[1]]
+
+    def vanishing(self, t: Transcription, u: Array, setting: Setting) -> tuple[int, Start] | None:
+        """The shortest phase, where it may be about to vanish, and the cycle without it.
+
+        Parameters
+        ----------
+        t, u, setting
+            a cycle: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Number of the phase, and starting point; None where there is none.
+        """
+        return without(self.asked(), (t, u, setting))
+
+    def strongest(self, t: Transcription, u: Array, setting: Setting) -> int:
+        """Number of the phase at whose start an event is crossed the fastest: the last one to become a touch.
+
+        Parameters
+        ----------
+        t, u, setting
+            a cycle: transcription, unknowns, setting.
+
+        Returns
+        -------
+        The number.
+        """
+        return strongest((t, u, setting))
+
+    def starting_at(self, first: int, t: Transcription, u: Array, setting: Setting) -> Start | None:
+        """The same cycle from another phase on.
+
+        Parameters
+        ----------
+        first
+            number of the phase.
+        t, u, setting
+            a cycle: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where the images of its phases are not known.
+        """
+        return rotated(self.asked(), (t, u, setting), first)
+
+    def with_touch(self, phase: int, event: str, t: Transcription, u: Array, setting: Setting) -> Start | None:
+        """A cycle that touches an event, as one that meets it with no speed: see `sequences.with_touch`.
+
+        Parameters
+        ----------
+        phase, event
+            number of the phase, name of the event.
+        t, u, setting
+            the cycle: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point, or None.
+        """
+        return with_touch(self.asked(), (t, u, setting), phase, event)
+
+    def nearest_touch(self, t: Transcription, u: Array, setting: Setting) -> tuple[float, str, str]:
+        """How near a cycle comes to an exit that it does not meet: see `sequences.nearest_touch`.
+
+        Parameters
+        ----------
+        t, u, setting
+            a cycle: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Relative distance, mode and event.
+        """
+        return nearest_touch(self.asked(), (t, u, setting))
+
+    def asked(self) -> Posed:
+        """What sequences.py asks of it."""
+        form, closure = with_sections(self.system, self.sections), self.closure
+
+        def cycle(signature: Signature) -> Cycle:
+            return self.cycle(signature, closure.repeats)
+
+        def image(segment: Segment, p: Array, scale: Array) -> tuple[str, str] | None:
+            return image_of(form, segment, closure, p, scale)
+
+        return Posed(form, closure, cycle, image)
 
     def record(self) -> dict[str, Any]:
-        """The problem as JSON can say it; `posed` reads it."""
+        """The problem as JSON can say it; `posed` reads it.  Of a measured function only the name can be told."""
+        g = self.measured
+        measured = {"state": g} if isinstance(g, str) else {"function": str(getattr(g, "__name__", "function"))}
         return {
             "problem": self.title,
             "parameters": dict(zip(self.names, self.values, strict=True)),
             "followed": self.followed,
-            "measured": self.measured,
+            "measured": measured,
             "closure": {"matrix": self.closure.matrix, "shift": self.closure.shift, "repeats": self.closure.repeats},
             "sections": [[s.mode, s.state, s.level, s.size] for s in self.sections],
         }
 
 
-def posed(system: System, record: Mapping[str, Any]) -> Family:
-    """The family of a system that a `Family.record` describes.
+def measured_of(system: System, measure: str | Function | None) -> str | Function:
+    """What is measured of a system's cycles, checked.
 
     Parameters
     ----------
     system
         the system.
-    record
-        what `Family.record` gave.
+    measure
+        name of a state, or a function (x, p); None for the first state that is no angle, whose turns are no size.
 
     Returns
     -------
-    Family.
+    Name or function.
 
     Raises
     ------
-    KeyError, ValueError : it is of another system.
+    InputError : there is no such state, or the function returns no scalar of the system's.
     """
-    if record["problem"] != system.name or list(record["parameters"]) != list(system.parameters):
-        raise ValueError(f"it is an orbit of {record['problem']!r}, not of {system.name!r}")
-    c = record["closure"]
-    closure = Closure.of(np.array(c["matrix"], float), np.array(c["shift"], float), int(c["repeats"]))
-    sections = tuple(Section(mode, state, float(level), float(size)) for mode, state, level, size in record["sections"])
-    values = tuple(float(v) for v in record["parameters"].values())
-    return Family(system, values, closure, record["followed"], record["measured"], sections)
-
-
-def load_orbit(path: str | Path, system: System) -> SystemOrbit:
-    """Read a cycle of a system that `SystemOrbit.save` has written.
-
-    Parameters
-    ----------
-    path
-        the file (npz).
-    system
-        the system: functions are not kept in files.
-
-    Returns
-    -------
-    SystemOrbit.
-
-    Raises
-    ------
-    InputError : it is none of this system, or damaged; says what is wrong.
-    """
-    loaded: SystemOrbit = archive.load_orbit(path, lambda record: posed(system, record))
-    return loaded
-
-
-def motions_from(family: Family, t: Transcription, u: Array, setting: Setting) -> list[Start]:
-    """The motion from the start of u, cut where it comes back to its start, as starting points.
-
-    Parameters
-    ----------
-    family, t, u, setting
-        the problem, and unknowns that are no motion of its.
-
-    Returns
-    -------
-    Starting points in the units of `setting`, the ones that close best first.
-    """
-    form = with_sections(family.system, family.sections)
-    x, span = t.nodes_of(u)[0] * setting.scale, float(np.sum(np.abs(t.durations_of(u))))
-    try:
-        segments = march(
-            form, t.cycle.phases[0].mode.name, x, setting.p, scale=setting.scale, until=lambda segment: False,
-            tol=RESTART_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
-        )  # fmt: skip
-    except MarchFailure:
-        return []
-    S, shift = np.array(family.closure.matrix), np.array(family.closure.shift)
-    found = []
-    for m, segment in enumerate(segments, start=1):
-        distance = float(np.max(np.abs(S @ segment.behind - shift - x) / setting.scale))
-        if segment.event and distance < CLOSES:
-            found.append((distance, m))
-    starts = []
-    for _, m in sorted(found)[:RESTARTS]:
-        cycle = family.cycle(tuple((s.mode, s.event) for s in segments[:m]), family.closure.repeats)
-        passes = [(1.0, s) for s in segments[:m]]
-        fresh = from_segments(cycle, passes, setting.p, setting.dp, degree=t.degree, kind=t.kind)
-        starts.append(in_scale(fresh, setting.scale))
-    return starts
+    if measure is None:
+        return next((state for state in system.states if state not in system.angles), system.states[0])
+    check_expression("measure", scalar_of(measure, system.names))
+    return measure
 
 
 @lru_cache(maxsize=256)
 def _cycle(
-    system: System, sections: tuple[Section, ...], closure: Closure, measured: str, signature: Signature
+    system: System, sections: tuple[Section, ...], closure: Closure, measured: str | Function, signature: Signature
 ) -> Cycle:
     form = with_sections(system, sections)
     phases = []
     for mode, event in signature:
-        way_out = next((e for e in form.exits.get(mode, ()) if e.event.name == event), None)
-        if way_out is None:
+        ways_out = form.ways_out(mode, event)
+        if not ways_out:
             raise ValueError(f"{system.name} has no mode {mode!r} that ends with {event!r}")
-        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, way_out.direction))
+        way_out, direction = ways_out[0], sum(e.direction for e in ways_out)  # 0 for either way
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, direction))
     shift = closure.shift if any(closure.shift) else ()
     return Cycle(
         system.name, form.states, system.names.parameters, tuple(phases),
-        np.array(closure.matrix), closure.repeats, form.states.index(measured), shift,
+        np.array(closure.matrix), closure.repeats, scalar_of(measured, system.names), shift,
     )  # fmt: skip

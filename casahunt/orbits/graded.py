@@ -28,6 +28,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from .qr_chain import FACTORS_AT_ONCE, swept
+
 Array = np.ndarray
 
 MULTIPLIER_ROUNDS = 12
@@ -40,8 +42,6 @@ READ_OFF = 1e-12
 """Eigenvalues below this part of the largest one are read off the diagonal blocks."""
 BLOCK_GAP, BLOCK_LEAK = 1e3, 1e-10
 """Neighbouring blocks differ in size by BLOCK_GAP; what is left of the larger one's directions in the smaller one's."""
-SIZE_CHECKED = 4
-"""Factors after which the size of the product is looked at; it may grow by another 1e150 meanwhile."""
 UNCERTAIN = 0.1
 """A value whose relative uncertainty by rounding is larger is known by its bound only."""
 
@@ -83,16 +83,16 @@ def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | No
     n = factors[0].shape[1]
     if n == 0:
         return Spectrum(np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)))
+    chain = np.array(factors)
     q = _first_frame(n) if frame is None else frame
     previous = np.full(n, np.inf, dtype=complex)
     for _ in range(MULTIPLIER_ROUNDS if frame is None else 1):
         start, triangular, exponent = q, np.eye(n), 0
         steps = []
-        for e, factor in enumerate(factors, start=1):
-            q, r = np.linalg.qr(factor @ q)
-            steps.append(r)
-            triangular = r @ triangular
-            size = float(np.abs(triangular).max()) if e % SIZE_CHECKED == 0 else 0.0
+        for e in range(0, len(chain), FACTORS_AT_ONCE):
+            q, some, triangular = swept(chain[e : e + FACTORS_AT_ONCE], q, triangular)
+            steps.append(some)
+            size = float(np.abs(triangular).max())
             if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
                 power = math.frexp(size)[1]
                 triangular, exponent = np.ldexp(triangular, -power), exponent + power
@@ -110,7 +110,8 @@ def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | No
         values = np.where(low, _cut(_of_blocks(turn, triangular), exponent), values)
     if noise is None:
         return Spectrum(values, np.zeros(n), 0.0, q)
-    return Spectrum(values, _floor(np.array(steps), noise), _uncertainty(steps, noise, turn, triangular), q)
+    r = np.concatenate(steps)
+    return Spectrum(values, _floor(r, noise), _uncertainty(r, noise, turn, triangular), q)
 
 
 @lru_cache
@@ -160,32 +161,36 @@ def _floor(steps: Array, noise: Array) -> Array:
     return np.where(hidden, bound, 0.0)
 
 
-def _uncertainty(steps: list[Array], noise: Array, turn: Array, triangular: Array) -> float:
+def _uncertainty(steps: Array, noise: Array, turn: Array, triangular: Array) -> float:
     """See `Spectrum`."""
     whole = turn @ triangular
     rights = _carried(steps, whole)
     z = _leading_vector(whole.T) @ turn  # from the basis at the start to the one at the end
-    total = 0.0
-    for step, v, delta in zip(steps[::-1], rights[::-1], noise[::-1].tolist(), strict=True):
-        carried = z @ step
-        stretch = abs(carried.dot(v))
-        if stretch == 0:
-            return math.inf if carried.any() else 0.0
-        total += delta * math.sqrt(abs(np.vdot(z, z)) * abs(np.vdot(v, v))) / stretch
-        z = carried / np.abs(carried).max()
+    lefts = [z]
+    for step in steps[::-1]:
+        z = lefts[-1] @ step
+        lefts.append(z / (np.abs(z).max() or 1.0))
+    left = np.array(lefts)
+    carried = np.einsum("ei,eij->ej", left[:-1], steps[::-1])
+    stretch = np.abs(np.sum(carried * rights[::-1], axis=1))
+    if not stretch.all():
+        first = int(np.flatnonzero(stretch == 0)[0])
+        return math.inf if carried[first].any() else 0.0
+    sizes = np.linalg.norm(left[:-1], axis=1) * np.linalg.norm(rights[::-1], axis=1)
+    total = float(np.sum(noise[::-1] * sizes / stretch))
     return total / (0.5 + math.sqrt(0.25 + total))
 
 
-def _carried(steps: list[Array], whole: Array) -> list[Array]:
+def _carried(steps: Array, whole: Array) -> Array:
     """(E, n) the right eigenvector in front of every factor: the first direction of the frame, where that is real."""
     v = _leading_vector(whole)
     if np.isrealobj(v) or not v.imag.any():
-        return [np.eye(len(whole))[0]] * len(steps)
+        return np.broadcast_to(np.eye(len(whole))[0], (len(steps), len(whole)))
     rights = []
     for step in steps:
         rights.append(v / np.abs(v).max())
         v = step @ rights[-1]
-    return rights
+    return np.array(rights)
 
 
 def _leading_vector(matrix: Array) -> Array:

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..collocation.error_estimate import estimate
 from ..collocation.mesh import halved, phase_breaks, transfer
 from ..collocation.newton import Solver
 from ..collocation.remesh import better_breaks
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
+from .amplitude import estimated
 
 Array = np.ndarray
 
@@ -51,7 +51,7 @@ def refined_multipliers(
     -------
     Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
     """
-    e = estimate(t, u, setting)
+    e = estimated(t, u, setting)
     best: floquet.Multipliers | None = None
     place = t, u, setting
     breaks = phase_breaks(t, setting.fractions)

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..collocation.error_estimate import Estimate, amplitude_row
+from ..collocation.error_estimate import Estimate
 from ..collocation.joints import flow_at
 from ..collocation.mesh import phase_breaks
 from ..collocation.newton import Solution, Solver
@@ -24,8 +24,9 @@ from ..errors import Status
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle, Signature
 from . import floquet, map_chain
-from .extrema import Extrema, extrema, scalar_of
+from .extrema import Extrema, extrema
 from .multiplier_mesh import refined_multipliers
+from .observables import scalar_of
 
 Array = np.ndarray
 
@@ -62,7 +63,8 @@ class Orbit:
     degree, kind : collocation scheme.
     arcs : the computed phases.
     period : [s], of the full cycle.
-    amplitude : largest magnitude of the measured state (Cycle.measured) at the ends of the phases.
+    amplitude : largest magnitude of what is measured: of a state at the ends of the phases, or of a function over the
+        whole cycle (Cycle.measured).
     period_error, amplitude_error : estimated relative errors.
     parameter_error : estimated relative error of the varied parameter itself, for points of a branch that
         were computed with it free, such as a fold; 0 where it was given.
@@ -296,7 +298,7 @@ def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
         kind=t.kind,
         arcs=tuple(arcs),
         period=float(np.sum(durations)) * t.cycle.repeats,
-        amplitude=amplitude_row(t, u)[0] * float(setting.scale[t.cycle.measured]),
+        amplitude=error.measured,
         period_error=error.period,
         amplitude_error=error.amplitude,
         parameter_error=error.parameter,

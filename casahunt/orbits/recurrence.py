@@ -2,17 +2,17 @@
 
     x(t) = S x(t + T_m) - c      T_m the time of the last m phases, c whole turns of angles and of the time
 
-A symmetry is believed where it maps the one half of the motion to the other in every respect: fields, events and jumps,
-at the states of the motion and at others near them.  Without that a mirrored closure would be another problem, with
-solutions that are no motions at all.
+A symmetry is believed where it maps the one half of the motion to the other in every respect: fields, conditions,
+events and jumps, at the states of the motion and at others near them.  Without that a mirrored closure would be another
+problem, with solutions that are no motions at all.
 
 Symbols: n states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..motion.march import Segment
 from ..motion.march_exits import behind
-from .closure import Closure, turned, turns
+from .closure import Closure, Plane, turned, turns
 
 Array = np.ndarray
 
@@ -43,7 +43,13 @@ class Recurrence:
 
 
 def recurrences(
-    system: System, form: engine.System, segments: Sequence[Segment], p: Array, scale: Array, near: float
+    system: System,
+    form: engine.System,
+    segments: Sequence[Segment],
+    p: Array,
+    scale: Array,
+    near: float,
+    believed: Callable[[Recurrence], bool] = lambda r: True,
 ) -> list[Recurrence]:
     """The ways in which the end of a motion is near an earlier state of it.
 
@@ -57,6 +63,8 @@ def recurrences(
         parameter vector; (n,) sizes of the states.
     near
         how near, in those units.
+    believed
+        what is asked of a recurrence besides.
 
     Returns
     -------
@@ -71,17 +79,48 @@ def recurrences(
         if labels[-m:] == labels[-2 * m : -m]:
             shift = turned(system, there, here)
             distance = float(np.max(np.abs(here - shift - there) / scale))
-            if distance < near:
-                found.append(Recurrence(m, Closure.of(np.eye(n), shift, 1), distance))
+            plain = Recurrence(m, Closure.of(np.eye(n), shift, 1), distance)
+            if distance < near and believed(plain):
+                found.append(plain)
                 break
         for S in symmetries(system):
             image = S @ here
             shift = turned(system, there, image, parts=2)
             distance = float(np.max(np.abs(image - shift - there) / scale))
-            if distance < near and is_symmetry(form, segments[-2 * m :], S, shift, p, scale):
-                found.append(Recurrence(m, Closure.of(S, shift, 2), distance))
+            if not distance < near:
+                continue
+            mirrored = Recurrence(m, Closure.of(S, shift, 2), distance)
+            if believed(mirrored) and is_symmetry(form, segments[-2 * m :], S, shift, p, scale):
+                found.append(mirrored)
                 break
     return found
+
+
+def loop_distance(system: System, segments: Sequence[Segment], r: Recurrence, scale: Array) -> float:
+    """How far the last loop of a motion is from the loop before, at the ends of its phases.
+
+    Parameters
+    ----------
+    system, segments
+        the system and its motion.
+    r
+        how it repeats.
+    scale
+        (n,) sizes of the states.
+
+    Returns
+    -------
+    The largest distance, in units of the scale; infinite where there is no loop before.
+    """
+    if len(segments) < 2 * r.phases:
+        return np.inf
+    S = np.array(r.closure.matrix)
+    far = 0.0
+    for later, before in zip(segments[-r.phases :], segments[-2 * r.phases : -r.phases], strict=True):
+        image = S @ later.behind
+        shift = turned(system, before.behind, image, parts=2)
+        far = max(far, float(np.max(np.abs(image - shift - before.behind) / scale)))
+    return far
 
 
 def symmetries(system: System) -> list[Array]:
@@ -100,7 +139,8 @@ def is_symmetry(
 ) -> bool:
     """Whether x -> S^-1 (x + shift) maps the first half of `segments`, with all that belongs to it, to the second.
 
-    Fields, events and jumps are compared at states of the motion and at others around them.
+    Fields, conditions, events, also those that are not met, and jumps are compared at states of the motion and at
+    others around them.
 
     Parameters
     ----------
@@ -133,7 +173,7 @@ def is_symmetry(
             g = field_at(second.field, image(x) / scale, second.sign, p, scale)
             if not np.max(np.abs(f - g)) <= EQUAL * max(1.0, float(np.max(np.abs(f)))):
                 return False
-            if not _same_events(form, a, b, x, image(x), p):
+            if not (_same_events(form, a, b, x, image(x), p) and _same_limits(form, a, b, x, image(x), p)):
                 return False
         if (a.jumped is None) != (b.jumped is None):
             return False
@@ -142,6 +182,35 @@ def is_symmetry(
             if np.max(np.abs(off) / scale) > EQUAL:
                 return False
     return True
+
+
+def image_of(
+    form: engine.System, segment: Segment, closure: Closure, p: Array, scale: Array
+) -> tuple[str, str] | None:
+    """What a phase is called one computed piece later, where it is mapped by x -> S^-1 (x + c).
+
+    Parameters
+    ----------
+    form
+        what is marched, with its sections.
+    segment
+        the phase.
+    closure
+        S and c.
+    p, scale
+        parameter vector; (n,) sizes of the states.
+
+    Returns
+    -------
+    Names of mode and event; None where no mode of the system is its image.
+    """
+    S, shift = np.array(closure.matrix), np.array(closure.shift)
+    for mode in sorted(form.exits, key=lambda name: name != segment.mode):
+        for way_out in form.exits[mode]:
+            candidate = replace(segment, mode=mode, event=way_out.event.name)
+            if is_symmetry(form, [segment, candidate], S, shift, p, scale):
+                return mode, way_out.event.name
+    return None
 
 
 def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array) -> bool:
@@ -177,20 +246,40 @@ def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array)
     return any(agrees(S) for S in symmetries(system))
 
 
-def _exit(form: engine.System, segment: Segment) -> engine.Exit:
-    return next(e for e in form.exits[segment.mode] if e.event.name == segment.event)
-
-
 def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
     """The events that end a and b are one at x and at its image y, up to the sign and its direction."""
-    one, other = _exit(form, a), _exit(form, b)
-    h = one.direction * float(np.asarray(one.event.function(x, 0.0, p)))
-    k = other.direction * float(np.asarray(other.event.function(y, 0.0, p)))
-    return abs(h - k) <= EQUAL * max(1.0, abs(h))
+    ones, others = form.ways_out(a.mode, a.event), form.ways_out(b.mode, b.event)
+    h = ones[0].direction * float(np.asarray(ones[0].event.function(x, 0.0, p)))
+    k = others[0].direction * float(np.asarray(others[0].event.function(y, 0.0, p)))
+    if len(ones) != len(others):
+        return False
+    off = abs(h - k) if len(ones) == 1 else min(abs(h - k), abs(h + k))  # crossed either way, it has no direction
+    return off <= EQUAL * max(1.0, abs(h))
+
+
+def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
+    """The condition and the ways out of the modes of a and b are the same at x and at its image y; not the sections.
+
+    A stop on one side of a motion that keeps clear of it is no part of the motion, but of its symmetry.
+    """
+    return _agree(_limits(form, a.mode, x, p), _limits(form, b.mode, y, p))
+
+
+def _limits(form: engine.System, name: str, x: Array, p: Array) -> Array:
+    """What bounds a mode at x: its condition, and the scalars of its events counted along their directions, by size."""
+    mode = form.modes[name]
+    events = [e for e in form.exits[name] if not isinstance(e.event.function, Plane)]
+    scalars = sorted(e.direction * float(np.asarray(e.event.function(x, 0.0, p))) for e in events)
+    condition = [] if mode.admissible is None else [float(mode.admissible(x, p, mode.sign))]
+    return np.array([*condition, *scalars])
+
+
+def _agree(one: Array, other: Array) -> bool:
+    return one.size == other.size and bool(np.all(np.abs(one - other) <= EQUAL * np.maximum(1.0, np.abs(one))))
 
 
 def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:
-    found = behind(_exit(form, segment), x, p)
+    found = behind(form.ways_out(segment.mode, segment.event)[0], x, p)
     assert found is not None
     return found
 

@@ -4,6 +4,7 @@ The states of every phase are polynomials (start and stages of its intervals): a
 phases joined to one, or the same unknowns read as those of another cycle with as many phases and intervals.
 
     from_segments   a marched motion (motion/march.py) becomes the unknowns of a cycle
+    in_scheme       the same motion in another collocation scheme
     relabelled      the same unknowns for another cycle
     assembled       unknowns from the pieces of every phase
     cut             phases cut where events are to be put
@@ -19,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..collocation.mesh import evaluate_phase, phase_breaks, sizes_of_states
+from ..collocation.mesh import breaks_of_phase, evaluate_phase, phase_breaks, sizes_of_states, transfer
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..hybrid.system import Cycle
@@ -103,6 +104,33 @@ def in_scale(start: Start, scale: Array) -> Start:
     return t, fresh, replace(setting, scale=scale)
 
 
+def in_scheme(start: Start, degree: int, kind: Kind) -> Start:
+    """The same starting point in another collocation scheme, its intervals cut where that has fewer stages.
+
+    Parameters
+    ----------
+    start
+        the starting point.
+    degree, kind
+        the scheme.
+
+    Returns
+    -------
+    Starting point.
+    """
+    t, u, setting = start
+    if (degree, kind) == (t.degree, t.kind):
+        return start
+    parts = -(-t.degree // degree)
+    breaks = []
+    for b in phase_breaks(t, setting.fractions):
+        inner = b[:-1, None] + np.diff(b)[:, None] * np.arange(parts) / parts
+        breaks.append(np.append(inner, 1.0))
+    target = transcribe(t.cycle, tuple(parts * count for count in t.counts), degree, kind)
+    t, u, fractions = transfer(t, u, setting.fractions, breaks, target)
+    return t, u, replace(setting, fractions=fractions)
+
+
 def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:
     """The same unknowns for another cycle.
 
@@ -134,8 +162,7 @@ def breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
     -------
     (N + 1,) from 0 to 1.
     """
-    collocated = [k for k, count in enumerate(t.counts) if count]
-    return phase_breaks(t, setting.fractions)[collocated.index(phase)]
+    return breaks_of_phase(t, setting.fractions, phase)
 
 
 def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0.0, b: float = 1.0) -> Piece:
@@ -156,6 +183,9 @@ def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0
     """
     breaks = breaks_of(t, setting, phase)
     inner = breaks[(breaks > a + 1e-3 * (b - a)) & (breaks < b - 1e-3 * (b - a))]
+    if (a, b) == (0.0, 1.0) and inner.size == breaks.size - 2:  # all of it, as it stands
+        w, duration = t.intervals_of(u)[t.phase_intervals(phase)], t.durations_of(u)[phase]
+        return breaks, w.copy(), float(duration)
     part = np.concatenate([[a], inner, [b]])
     times = part[:-1, None] + np.diff(part)[:, None] * t.scheme.points
     w = evaluate_phase(t, u, setting.fractions, phase, times.ravel())

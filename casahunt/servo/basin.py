@@ -30,10 +30,11 @@ from ..checks import require
 from ..errors import InputError, NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
+from .cycles import motor_torque
 from .event_map.fixed_points import map_at
 from .event_map.scan import SECTION, half_cycle
 from .find_orbit import find_orbit
-from .hunting import Model, motor_torque
+from .hunting import Model
 from .problem import HuntingOrbit
 from .servo import Servo
 

@@ -37,6 +37,16 @@ SPREAD = 1 / math.sqrt(np.finfo(float).eps)
 """Largest ratio of the times of a servo: half of the digits of double arithmetic."""
 NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
 """Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
+FLAT = 1.5
+"""The same up to which the Switch servo's next stick position is close enough to its cycle for a LuGre motion."""
+INWARDS = (0.7, 1.0)
+"""Parts of the typical stick position from which the Switch cycle is sought where that is not so: next to the fold
+cycles stick nearer, and a secant from too far out ends inside the unstable one."""
+OUTSIDE = 1.05
+"""A LuGre motion starts by this factor outside the Switch cycle, whence it comes in as long as there is a cycle: the
+unstable LuGre cycle, inside which motions creep to rest for hundreds of intervals, lies farther out than the rigid."""
+CAME_TO_REST = 0.1
+"""P(a)/a below which a motion has come to rest: what starts from there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +136,12 @@ def _at_once(q: AtGain) -> Met | None:
     a = q.typical
     try:
         if q.model == "lugre":
-            a = half_cycle("switch", q.servo, q.gain, a).position
+            a = _beside_the_rigid_cycle(q)
         for _ in range(FIRST_MOTIONS):
             if a <= 0:
                 return None
             motion = half_cycle(q.model, q.servo, q.gain, a, degree=degree, kind=kind)
-            a = motion.position
+            a = motion.position if motion.ratio > CAME_TO_REST else 0.0
             if 1 / NEARBY[q.model] < motion.ratio < NEARBY[q.model]:
                 break
         else:
@@ -142,9 +152,23 @@ def _at_once(q: AtGain) -> Met | None:
     except (MarchFailure, NoOrbit):
         return None
     linearisation = solved.solution.linearisation
-    if linearisation is None or not linearisation.return_map_eigenvalues().real.max() < 1 + CLEARLY_STABLE:
-        return None
-    return Met(orbit, True, None)
+    leading = np.inf if linearisation is None else float(linearisation.return_map_eigenvalues().real.max())
+    return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
+
+
+def _beside_the_rigid_cycle(q: AtGain) -> float:
+    """A stick position of the Switch servo next to its cycle, from which a LuGre motion starts; 0 where none is met."""
+    motion = half_cycle("switch", q.servo, q.gain, q.typical)
+    if 1 / FLAT < motion.ratio < FLAT:
+        return motion.position
+    rigid = _rigid_cycle(q)
+    return OUTSIDE * rigid.start if rigid is not None else 0.0
+
+
+def _rigid_cycle(q: AtGain) -> HalfCycle | None:
+    """A motion of the Switch servo close to its stable cycle, by a few secant steps, or None."""
+    tried = (near_stable("switch", q.servo, q.gain, part * q.typical) for part in INWARDS)
+    return next((motion for motion in tried if motion is not None), None)
 
 
 def _by_the_map(q: AtGain) -> Met:
@@ -163,13 +187,13 @@ Begun = tuple[HalfCycle | None, Scan | None]
 
 def _a_few_motions(q: AtGain) -> Begun | None:
     """Most stable cycles have a stick position of about 0.1 Fs/kp, and a few secant steps from there find them."""
-    start = near_stable("switch", q.servo, q.gain, q.typical)
+    start = _rigid_cycle(q)
     return (start, None) if start is not None else None
 
 
 def _beside_the_switch_cycle(q: AtGain) -> Begun | None:
     """The LuGre cycle lies close to the Switch cycle, whose map costs a tenth."""
-    rigid = near_stable("switch", q.servo, q.gain, q.typical) or scan("switch", q.servo, q.gain).upper
+    rigid = _rigid_cycle(q) or scan("switch", q.servo, q.gain).upper
     start = near_stable(q.model, q.servo, q.gain, rigid.start) if rigid is not None else None
     return (start, None) if start is not None else None
 

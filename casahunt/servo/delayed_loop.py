@@ -21,8 +21,8 @@ crossover omega where |L| falls, or rises (phi_0: without delay).  The phase mar
 phi > 0 at all of them is stable, and where a loop is stable all the same, phi counts modulo 2 pi.  A stable loop stays
 so while the gain is multiplied by anything between the two factors 1/|L|, phi a multiple of 2 pi, next to 1.
 
-Source: Nyquist's criterion; K. Walton and J. E. Marshall, Direct method for TDS stability analysis, IEE Proc. D 134
-(1987) 101-107; symbols as in linear_loop.py.
+Source: Nyquist's criterion; to follow the poles through the crossovers as the delay grows is known as the direct method
+of Walton and Marshall, and derived here.  Symbols as in linear_loop.py.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import TOLERANCE_RANGE, Options
 from .cold_start import check_hunts, check_problem, check_times, stable_at
+from .denial import no_cycle
 from .event_map.fixed_points import fixed_points
 from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import Model
@@ -103,7 +104,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
             f"some: {tried}",
             Status.NOT_CONVERGED if failed else Status.NOT_FOUND,
         )
-    evidence = f"{len(gains)} gains from {min(gains):.3g} to {max(gains):.3g} were scanned{_most(hunt.seen)}"
+    evidence = _evidence(hunt, gains)
     if failed:
         evidence += f"; at some, motions come back so close to where they started that cycles were sought, and {tried}"
     raise NoOrbit(
@@ -124,16 +125,21 @@ class _Hunt:
     ----------
     seen : the scans that show no cycle, by gain.
     farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
+    proved : by gain: why the Switch servo has no cycle there (denial.py).
     """
 
     servo: Servo
     model: Model
     seen: list[tuple[float, Scan]] = field(default_factory=list)
     farther: dict[float, bool | None] = field(default_factory=dict)
+    proved: dict[float, str] = field(default_factory=dict)
 
     def rigid_cycle(self, gain: float) -> HalfCycle | None:
         """The Switch servo's stable cycle; without one, `farther` is found out."""
         unit = self.servo.friction.static / self.servo.torque_gains(gain)[0]
+        if why := no_cycle(self.servo, "switch", gain):  # nor do swings grow: far out the loop is stable
+            self.farther[gain], self.proved[gain] = False, why
+            return None
         self.farther[gain] = None
         near = near_stable("switch", self.servo, gain, TYPICAL * unit)
         if near is None:
@@ -217,6 +223,18 @@ def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
     return bool(fixed_points(servo, gain, a / AROUND, a * AROUND, points=AROUND_POINTS).fixed)
 
 
+def _evidence(hunt: _Hunt, gains: list[float]) -> str:
+    """Which gains were scanned without a cycle, and from which one up it is proved that there is none."""
+    looked = [gain for gain in gains if gain not in hunt.proved]
+    evidence = "none was scanned"
+    if looked:
+        evidence = f"{len(looked)} gains from {min(looked):.3g} to {max(looked):.3g} were scanned{_most(hunt.seen)}"
+    if hunt.proved:
+        lowest = min(hunt.proved)
+        evidence += f"; from gain {lowest:.3g} up the Switch servo provably has none: {hunt.proved[lowest]}"
+    return evidence
+
+
 def _most(seen: list[tuple[float, Scan]]) -> str:
     """How far the motions of scans without a cycle came back, in words."""
     known = [(s.best, gain, s) for gain, s in seen if s.motions]
@@ -237,6 +255,8 @@ def _climb(servo: Servo, gain: float, a: float) -> list[Place]:
     gains: list[Place] = [(gain, a)]
     for factor in CLIMB_FACTORS:
         for _ in range(MOST_CLIMBS):
+            if no_cycle(servo, "switch", gain * factor):  # motions creep to rest there for a thousand intervals
+                break
             found = near_stable("switch", servo, gain * factor, a / factor)
             if found is None:
                 break

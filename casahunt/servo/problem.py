@@ -1,7 +1,7 @@
 """The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
 
 A problem is (model, servo, gain): p is the vector of `Servo.names`, the gain K is what is followed, and the cycles
-are those of hunting.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
+are those of cycles.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
 """
 
 from __future__ import annotations
@@ -11,14 +11,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..checks import require
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription
 from ..continuation.fold import Fold
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle, Signature
+from ..hybrid.vector_form import Names
 from ..orbits.orbit import Orbit
 from ..orbits.restart import Start
-from .hunting import SCHEMES, SYSTEMS, Model, hunting_cycle
+from .cycles import SCHEMES, automaton, hunting_cycle, names_of
+from .hunting import Model
 from .sequences import harden, merge_vanishing, next_sequence, remarch
 from .servo import Servo, flatten
 
@@ -112,6 +115,10 @@ class Hunting(Problem):
         """(np,) the values of `names`."""
         return self.servo.parameters(self.gain)
 
+    def vocabulary(self, states: tuple[str, ...]) -> Names:
+        """x.x1, p.inertia: the words of hunting.py."""
+        return names_of(self.model, len(self.names))
+
     def record(self) -> dict[str, Any]:
         """Model, servo and gain."""
         return {"model": self.model, "servo": flatten(self.servo), "gain": self.gain}
@@ -136,6 +143,26 @@ class Hunting(Problem):
             return replace(self, gain=value)
         return replace(self, servo=self.servo.replace(**{name: value}))
 
+    def with_values(self, names: tuple[str, ...], values: Array) -> Hunting:
+        """The problem with several parameters changed at once, between which there may be no servo.
+
+        Parameters
+        ----------
+        names, values
+            k of `names`, and (k,) their values.
+
+        Returns
+        -------
+        Hunting.
+
+        Raises
+        ------
+        InputError : a servo cannot have them.
+        """
+        changes = dict(zip(names, map(float, values), strict=True))
+        gain = changes.pop("gain", self.gain)
+        return replace(self, servo=self.servo.replace(**changes), gain=require("gain", gain, above=0))
+
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The hunting cycle with these phases.
 
@@ -154,7 +181,7 @@ class Hunting(Problem):
         ------
         ValueError : a phase that the model does not have.
         """
-        modes = SYSTEMS[self.model].modes
+        modes = automaton(self.model, len(self.names)).modes
         if any(mode not in modes for mode, _ in signature):
             raise ValueError(f"{self.title} has no cycle with the phases {signature}")
         half = repeats == 2

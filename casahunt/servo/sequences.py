@@ -22,7 +22,8 @@ from ..collocation.transcription import Setting, Transcription
 from ..hybrid.system import Cycle, Signature
 from ..motion.march import MarchFailure, Segment, march
 from ..orbits.restart import Start, assembled, breaks_of, cut, from_segments, merged, piece, relabelled
-from .hunting import SYSTEMS, Model, hunting_cycle, mirrored, softened
+from .cycles import automaton, hunting_cycle, mirrored, softened
+from .hunting import Model
 from .servo import PARAMETERS, PID_PARAMETERS
 
 Array = np.ndarray
@@ -122,7 +123,7 @@ def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start
     x = t.nodes_of(u)[0] * setting.scale
     try:
         segments = march(
-            SYSTEMS[model], t.cycle.phases[0].mode.name, x, setting.p, scale=setting.scale,
+            automaton(model, setting.p.size), t.cycle.phases[0].mode.name, x, setting.p, scale=setting.scale,
             until=lambda s: s.mode == "stick" if model == "switch" else s.event == "centre",
             tol=1e-5, degree=t.degree, kind=t.kind,
         )  # fmt: skip
@@ -241,7 +242,7 @@ def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None
 
 
 def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
-    """The same unknowns for the sequence with the kink left unsplit in `phase` (hunting.softened).
+    """The same unknowns for the sequence with the kink left unsplit in `phase` (cycles.softened).
 
     Parameters
     ----------

@@ -10,26 +10,78 @@ This is the report's section 3.2 made consistent.  Printed there, the stick forc
 sign, the transition force has the wrong sign for the u of that section, and F lacks sigma2 x2 in slip; the
 stick rows and the slip rows of its state equation are right.
 
-As eta -> 0 the motion tends to that of the exact Switch servo (hunting.SWITCH), with a difference of the
+As eta -> 0 the motion tends to that of the exact Switch servo (hunting.py), with a difference of the
 order of sqrt(eta): the time to cross the band at breakaway is sqrt(2 J eta/(ki |x1|)).
 
-Symbols: eta [rad/s] and alpha [1/s] are the entries servo.STICK_BAND of the parameter vector, its last.
+Written as any user writes a system, like hunting.py; eta [rad/s] and alpha [1/s], p.stick_band and p.stick_rate, are
+the entries servo.STICK_BAND of the parameter vector, its last.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from ..hybrid.system import Event, Exit, Mode, System
-from .hunting import BREAKAWAY_DOWN, BREAKAWAY_UP, SWITCH, motor_torque
-from .servo import PARAMETERS, Servo
+from ..hybrid import Event, Mode, System
+from .hunting import BREAKAWAY_DOWN, BREAKAWAY_UP, SLIP_BACK, SLIP_FORWARD, STATES, called, motor_torque
+from .servo import STICK_BAND, Servo
 
-_NAMES = ("servo.inertia", "friction.static", "friction.stribeck_velocity")
-_J, _FS, _VS = (PARAMETERS.index(name) for name in _NAMES)
-_ETA, _ALPHA = -2, -1
+
+def _stick(x: Any, p: Any) -> dict[str, Any]:
+    """The velocity dies out at the rate alpha."""
+    return {"x1": x.x2, "x2": -p.stick_rate * x.x2, "x3": x.x1}
+
+
+def _transition(x: Any, p: Any) -> dict[str, Any]:
+    """Static friction is overcome, with p.sign = sgn(m)."""
+    return {"x1": x.x2, "x2": (motor_torque(x, p) - p.sign * p.static) / p.inertia, "x3": x.x1}
+
+
+def _above(x: Any, p: Any) -> Any:
+    return (x.x2 - p.stick_band) / p.stribeck_velocity
+
+
+def _below(x: Any, p: Any) -> Any:
+    return (x.x2 + p.stick_band) / p.stribeck_velocity
+
+
+def _in_band(x: Any, p: Any) -> str:
+    m = motor_torque(x, p)
+    return "stick" if abs(m) <= p.static else ("transition+" if m > 0 else "transition-")
+
+
+_OUT = (Event("slip+", _above, +1, to="slip+"), Event("slip-", _below, -1, to="slip-"))
+
+MODES_WITH_BAND = (
+    replace(SLIP_FORWARD, ends=(Event("band", _above, -1, to=_in_band),)),
+    replace(SLIP_BACK, ends=(Event("band", _below, +1, to=_in_band),)),
+    Mode("stick", _stick, ends=(replace(BREAKAWAY_UP, to="transition+"), replace(BREAKAWAY_DOWN, to="transition-"))),
+    Mode("transition+", _transition, sign=+1, ends=(*_OUT, Event("stick", BREAKAWAY_UP.function, -1, to="stick"))),
+    Mode("transition-", _transition, sign=-1, ends=(*_OUT, Event("stick", BREAKAWAY_DOWN.function, +1, to="stick"))),
+)
+
+
+def band_system(servo: Servo, gain: float) -> System:
+    """A Switch servo with its stick band as a system like any user's.
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    System with the parameters of `parameters`, by the last parts of their names.
+
+    Raises
+    ------
+    InputError : a value out of range.
+    """
+    values = map(float, parameters(servo, gain))
+    names = called(servo.names + STICK_BAND)
+    return System("servo with a stick band", STATES["switch"], dict(zip(names, values, strict=True)), MODES_WITH_BAND)
 
 
 def parameters(servo: Servo, gain: float) -> np.ndarray:
@@ -47,111 +99,18 @@ def parameters(servo: Servo, gain: float) -> np.ndarray:
     return np.append(servo.parameters(gain), [servo.friction.stick_band, servo.friction.stick_rate])
 
 
-def band_stick(x: Any, p: Any, sign: Any) -> Any:
-    """In the band with |m| <= Fs: the velocity dies out at the rate alpha.
-
-    Parameters
-    ----------
-    x
-        (3,) state with |x2| <= eta.
-    p
-        parameters as `parameters` gives them.
-    sign
-        not used.
-
-    Returns
-    -------
-    (3,) x'.
-    """
-    return ca.vertcat(x[1], -p[_ALPHA] * x[1], x[0])
-
-
-def band_transition(x: Any, p: Any, sign: Any) -> Any:
-    """In the band with sign m > Fs: static friction is overcome.
-
-    Parameters
-    ----------
-    x
-        (3,) state with |x2| <= eta.
-    p
-        parameters as `parameters` gives them.
-    sign
-        that of the motor torque m.
-
-    Returns
-    -------
-    (3,) x'.
-    """
-    return ca.vertcat(x[1], (motor_torque(x, p) - sign * p[_FS]) / p[_J], x[0])
-
-
-def _above(x: Any, duration: Any, p: Any) -> Any:
-    return (x[1] - p[_ETA]) / p[_VS]
-
-
-def _below(x: Any, duration: Any, p: Any) -> Any:
-    return (x[1] + p[_ETA]) / p[_VS]
-
-
-def mode_in_band(x: np.ndarray, p: np.ndarray) -> str:
-    """The mode at |x2| <= eta.
-
-    Parameters
-    ----------
-    x
-        (3,) state.
-    p
-        parameters as `parameters` gives them.
-
-    Returns
-    -------
-    "stick", "transition+" or "transition-".
-    """
-    m = float(motor_torque(x, p))
-    return "stick" if abs(m) <= p[_FS] else ("transition+" if m > 0 else "transition-")
-
-
-def mode_of(x: np.ndarray, p: np.ndarray) -> str:
+def mode_of(x: Any, p: Any) -> str:
     """The mode at any state.
 
     Parameters
     ----------
-    x
-        (3,) state.
-    p
-        parameters as `parameters` gives them.
+    x, p
+        states and parameters, numbers.
 
     Returns
     -------
-    "slip+" or "slip-" outside the band, else as `mode_in_band`.
+    "slip+" or "slip-" outside the band, in it "stick", "transition+" or "transition-".
     """
-    if abs(x[1]) > p[_ETA]:
-        return "slip+" if x[1] > 0 else "slip-"
-    return mode_in_band(x, p)
-
-
-def _to(name: str) -> Any:
-    return lambda x, p: name
-
-
-_INTO = {"slip+": Event("band", _above), "slip-": Event("band", _below)}
-_OUT = (Exit(Event("slip+", _above), +1, _to("slip+")), Exit(Event("slip-", _below), -1, _to("slip-")))
-
-REGULARISED = System(
-    "switch",
-    SWITCH.states,
-    {name: SWITCH.modes[name] for name in ("slip+", "slip-")}
-    | {"stick": Mode("stick", band_stick)}
-    | {f"transition{sign}": Mode(f"transition{sign}", band_transition, float(f"{sign}1")) for sign in "+-"},
-    {
-        "slip+": (Exit(_INTO["slip+"], -1, mode_in_band),),
-        "slip-": (Exit(_INTO["slip-"], +1, mode_in_band),),
-        "stick": (
-            Exit(BREAKAWAY_UP, +1, _to("transition+")),
-            Exit(BREAKAWAY_DOWN, -1, _to("transition-")),
-        ),
-        "transition+": (*_OUT, Exit(Event("stick", BREAKAWAY_UP.function), -1, _to("stick"))),
-        "transition-": (*_OUT, Exit(Event("stick", BREAKAWAY_DOWN.function), +1, _to("stick"))),
-    },
-)
-"""The hybrid automaton; its parameter vector is that of `parameters`."""
+    if abs(x.x2) > p.stick_band:
+        return "slip+" if x.x2 > 0 else "slip-"
+    return _in_band(x, p)

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from casahunt import Orbit
-from casahunt.servo.hunting import Model
 
 LIBRARY = Path("/usr/lib/auto-07p/lib")
 HERE = Path(__file__).parent
@@ -77,8 +76,8 @@ COLUMNS = {"switch": (-2, -1), "lugre": (-1, -2)}
 """Where amplitude and period stand in AUTO's output."""
 
 
-def compiled(model: Model, folder: Path) -> Path:
-    """The executable of a model."""
+def compiled(model: str, folder: Path) -> Path:
+    """The executable of a model: switch, lugre, or another equations file of this folder."""
     if not any(LIBRARY.glob("*.o")):
         raise Missing("AUTO-07p is not installed (Debian package auto-07p)")
     if shutil.which("gfortran") is None:

@@ -15,7 +15,7 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 
-from .taylor_machine import Cycle, L, Machine, Piece, Way, cycle
+from .taylor_machine import Cycle, L, Machine, Piece, Way, cycle, jacobian
 
 Array = np.ndarray
 NOTHING = hy.expression(0.0)
@@ -105,10 +105,10 @@ def dry_friction() -> Cycles:
         yield f"f0 = {f0:g}, w = {w:g}, tau = {tau:g}", cycle(back, [f0 - 0.5, 0.0], settle=60)
 
 
-def canudas() -> Cycles:
-    """From x = 0 in mid-slip to the next one, mirrored; in between the mass turns as often as it will."""
+def canudas_machine(K: Any = 1.0) -> Machine:
+    """The servo with all gains of its controller scaled by K."""
     x, v, w, z = hy.make_vars("x", "v", "w", "z")
-    s0, s1, s2, Fc, Fs, vs, kp, kv, ki = 1e5, 1e5**0.5, 0.4, 1.0, 1.5, 1e-3, 3.0, 6.0, 4.0
+    s0, s1, s2, Fc, Fs, vs, kp, kv, ki = 1e5, 1e5**0.5, 0.4, 1.0, 1.5, 1e-3, 3.0 * K, 6.0 * K, 4.0 * K
 
     def moving(sign: int, to: str) -> Piece:
         z_rate = v - s0 * sign * v * z / (Fc + (Fs - Fc) * hy.exp(-(v / vs) * (v / vs)))
@@ -116,7 +116,12 @@ def canudas() -> Cycles:
         ways = [Way("turns", v, -sign, to), Way("centre", x, +1, "forwards"), Way("centre", x, -1, "backwards")]
         return Piece([(x, v), (v, force), (w, x), (z, z_rate)], ways, blind=1e-7)
 
-    machine = Machine({"forwards": moving(+1, "backwards"), "backwards": moving(-1, "forwards")})
+    return Machine({"forwards": moving(+1, "backwards"), "backwards": moving(-1, "forwards")})
+
+
+def canudas() -> Cycles:
+    """From x = 0 in mid-slip to the next one, mirrored; in between the mass turns as often as it will."""
+    machine = canudas_machine()
 
     def back(y: Array, watch: bool) -> tuple[Array, Any]:
         """y = (v, w, z) at x = 0, v > 0."""
@@ -126,6 +131,82 @@ def canudas() -> Cycles:
 
     _, start, _ = machine.run("backwards", [1.0, 0, 0, 0], until="centre", times=12)
     yield "LuGre", cycle(back, start[1:], settle=4, mirror=True)
+
+
+def canudas_gains() -> Iterator[tuple[str, Any]]:
+    """K at which the symmetric cycle loses and regains its symmetry: the map of half a period has the eigenvalue -1.
+
+    From K next to it and (v, w, z) at x = 0 next to the cycle, both by problems/canudas_gain.py.
+    """
+    from problems.canudas_gain import NEAR_BREAKING
+
+    for K, y in NEAR_BREAKING:
+        seen: list[tuple[float, float]] = []
+        y = np.array(y, L)
+        for _ in range(6):
+            machine = canudas_machine(K)
+
+            def back(y: Array, machine: Machine = machine) -> Array:
+                return -machine.run("forwards", [0, *y], until="centre")[1][1:]
+
+            for _ in range(6):
+                J = jacobian(back, y)
+                step = np.linalg.solve(np.eye(3) - J, np.array(back(y) - y, float))
+                y = y + step
+                if np.max(np.abs(step)) < 1e-13:
+                    break
+            mu = float(np.min(np.linalg.eigvals(jacobian(back, y)).real))
+            seen.append((K, mu))
+            print(f"    K = {K:.12g}: {mu:.10g}", flush=True)
+            if abs(mu + 1) < 1e-7:
+                break
+            if len(seen) == 1:
+                K += 1e-4
+            else:
+                K -= (mu + 1) * (K - seen[-2][0]) / (mu - seen[-2][1])
+        yield f"multiplier -1 at K = {K:.10g}", None
+
+
+def canudas_gain_fold() -> Iterator[tuple[str, Any]]:
+    """The largest K of the symmetric cycle: w and z at x = 0 and K as functions of v there, and their turn.
+
+    Where v is held, the fixed points go through the fold; K is a parabola there, and a polynomial of degree 4 through
+    five of them has its turn.
+    """
+    from problems.canudas_gain import NEAR_FOLD
+
+    K, y = NEAR_FOLD
+    unknown = np.array([*y[1:], K], L)
+    machine = canudas_machine(hy.par[0])
+
+    def missing(v: Any, unknown: Array) -> Array:
+        machine.set_parameter(unknown[2])
+        start = np.array([v, unknown[0], unknown[1]], L)
+        return -machine.run("forwards", [0, *start], until="centre")[1][1:] - start
+
+    def largest(half_width: float, middle: Any) -> tuple[Any, Any]:
+        nonlocal unknown
+        speeds = [middle * (1 + L(half_width) * i) for i in (-2, -1, 0, 1, 2)]
+        values = []
+        for v in speeds:
+            for _ in range(8):
+                J = jacobian(lambda u, v=v: missing(v, u), unknown)
+                step = np.linalg.solve(J, np.array(missing(v, unknown), float))
+                unknown = unknown - step
+                if np.max(np.abs(step) / np.abs(np.array(unknown, float))) < 1e-13:
+                    break
+            values.append(unknown[2])
+            print(f"    v = {v:.12g}: K = {values[-1]:.15g}", flush=True)
+        offset = np.array((np.array(values, L) - values[2]), float)
+        fit = np.polynomial.Polynomial.fit([-2, -1, 0, 1, 2], offset, 4)
+        turns = fit.deriv().roots()
+        at = float(turns[np.argmin(np.abs(turns))].real)
+        return values[2] + fit(at), middle * (1 + L(half_width) * L(at))
+
+    value, middle = largest(0.02, L(y[0]))
+    for half_width in (0.01, 0.005):
+        value, middle = largest(half_width, middle)
+        yield f"fold at K = {value:.12g}, where v = {middle:.8g}", None
 
 
 def rossler() -> Cycles:
@@ -166,7 +247,13 @@ def drill_string() -> Cycles:
         yield f"speed {speed:g}", cycle(back, [speed], settle=5)
 
 
-ALL = {f.__name__: f for f in (van_der_pol, belt, impact_oscillator, dry_friction, canudas, rossler, drill_string)}
+ALL = {
+    f.__name__: f
+    for f in (
+        van_der_pol, belt, impact_oscillator, dry_friction, canudas, canudas_gains, canudas_gain_fold, rossler,
+        drill_string,
+    )
+}
 
 
 def main(names: list[str]) -> None:
@@ -174,6 +261,9 @@ def main(names: list[str]) -> None:
     for name in names or ALL:
         print(name)
         for caption, found in ALL[name]():
+            if found is None:
+                print(f"  {caption}")
+                continue
             extrema = ", ".join(f"({low!s}, {high!s})" for low, high in found.extrema)
             multipliers = ", ".join(f"{m:.13g}" for m in found.multipliers)
             print(f"  {caption}: Truth({found.period!s}, {{{extrema}}}, ({multipliers},))")

@@ -23,7 +23,7 @@ import numpy as np
 
 from casahunt import Servo
 
-from .switch_digits import Lost, Truth
+from .switch_digits import Lost, Truth, shape
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,10 @@ def _integrator(events: bool, real: Any) -> Any:
 
 
 def _parameters(servo: Servo, gain: Any, real: Any) -> Any:
-    f, c = servo.friction, servo.controller
+    f = servo.friction
     factor = real(gain) * real(servo.motor_gain)
-    lead, integral = real(c.lead_time), real(c.integral_time)
     return np.array([real(value) for value in (
-        servo.inertia, factor * (1 + lead / integral), factor * lead, factor / integral, f.static, f.coulomb,
+        servo.inertia, *(factor * k for k in shape(servo, real)), f.static, f.coulomb,
         f.stribeck_velocity, f.viscous, f.stiffness, f.damping, 1.0,
     )])  # fmt: skip
 

@@ -21,14 +21,16 @@ from __future__ import annotations
 
 import decimal
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from operator import mul
+from typing import Any
 
 import numpy as np
 
 from casahunt import Servo
+from casahunt.servo.controller import Controller
 
 DIGITS = 34
 FAR = 0.8
@@ -82,18 +84,26 @@ class Truth:
     noise: float = 0.0
 
 
+def shape(servo: Servo, real: Callable[[float], Any]) -> tuple[Any, Any, Any]:
+    """(kp, kd, ki) at K cm = 1 in numbers of a kind, of a controller by times or by gains."""
+    c = servo.controller
+    if isinstance(c, Controller):
+        lead, integral = real(c.lead_time), real(c.integral_time)
+        return 1 + lead / integral, lead, 1 / integral
+    return real(c.kp), real(c.kd), real(c.ki)
+
+
 class SwitchMap:
     """P(a) of one servo at one gain, to `digits` digits."""
 
     def __init__(self, servo: Servo, gain: float | Decimal, digits: int = DIGITS) -> None:
         self.context = decimal.Context(prec=digits, Emin=-(10**6), Emax=10**6)
         self.digits, self.order = digits, math.ceil(1.6 * digits)
-        f, c = servo.friction, servo.controller
+        f = servo.friction
         with decimal.localcontext(self.context):
-            lead, integral = Decimal(c.lead_time), Decimal(c.integral_time)
             self.gain = Decimal(gain)
             factor = self.gain * Decimal(servo.motor_gain)
-            self.kp, self.kd, self.ki = factor * (1 + lead / integral), factor * lead, factor / integral
+            self.kp, self.kd, self.ki = (factor * k for k in shape(servo, Decimal))
             self.J, self.Fs, self.Fc = Decimal(servo.inertia), Decimal(f.static), Decimal(f.coulomb)
             self.vs, self.viscous = Decimal(f.stribeck_velocity), Decimal(f.viscous)
             self.far = self.vs * Decimal(math.sqrt(digits * math.log(10)))

@@ -21,7 +21,7 @@ import numpy as np
 
 from casahunt import Servo
 
-from .switch_digits import MOST_SLIPS, THROWN_OUT, Half, Lost, SwitchMap, Truth
+from .switch_digits import MOST_SLIPS, THROWN_OUT, Half, Lost, SwitchMap, Truth, shape
 
 LONG = np.longdouble
 DIGITS = 18
@@ -59,11 +59,10 @@ class LongMap(SwitchMap):
 
     def __init__(self, servo: Servo, gain: float | Decimal, digits: int = DIGITS) -> None:
         super().__init__(servo, gain, DIGITS)
-        f, c = servo.friction, servo.controller
+        f = servo.friction
         factor = LONG(str(Decimal(gain))) * LONG(servo.motor_gain)
-        lead, integral = LONG(c.lead_time), LONG(c.integral_time)
         self.pars = np.array([
-            servo.inertia, factor * (1 + lead / integral), factor * lead, factor / integral, f.static, f.coulomb,
+            servo.inertia, *(factor * k for k in shape(servo, LONG)), f.static, f.coulomb,
             f.stribeck_velocity, f.viscous, 1.0,
         ], dtype=LONG)  # fmt: skip
 

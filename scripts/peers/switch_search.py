@@ -61,7 +61,8 @@ class SwitchTruth:
         """(gain, a) with P(a) > a and P < a beyond, of the highest gain on a coarse grid; None if there is none."""
         base = routh_hurwitz_gain(self.servo)
         if not math.isfinite(base) or base <= 0:
-            base = self.servo.inertia / (self.servo.motor_gain * self.servo.controller.integral_time**2)
+            _, _, slow = digits.shape(self.servo, float)  # 1/tau_i
+            base = self.servo.inertia * slow**2 / self.servo.motor_gain
         for gain in base * 2.0 ** np.arange(8, -9, -1):
             unit = self.servo.friction.static / self.servo.torque_gains(gain)[0]
             outside = False

@@ -92,6 +92,12 @@ class Machine:
             self._seeing[name] = built(t_events=ends)
             self._watching[name] = built(nt_events=watch)
 
+    def set_parameter(self, value: Any) -> None:
+        """The value of heyoka's par[0] in all modes."""
+        for integrators in (self._blind, self._seeing, self._watching):
+            for integrator in integrators.values():
+                integrator.pars[0] = value
+
     def run(
         self, mode: str, x: Any, t: Any = 0, *, until: str = "", times: int = 1, end: Any = np.inf, watch: bool = False
     ) -> tuple[str, Array, Any]:

@@ -3,5 +3,9 @@
 rows.py     what is measured, how often, and what it is compared with
 ours.py     casahunt on every scene, where its time goes, its memory
 others.py   the peers on the same scenes
+taylor.py   heyoka on the scenes of the servo
 table.py    rows as text, ratios, work-precision diagrams
+entries.py  the problems of the gallery for all who race
+gallery.py  casahunt and peers on the gallery
+precision.py the gallery's table and work-precision diagrams
 """

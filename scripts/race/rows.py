@@ -9,7 +9,11 @@ from typing import Any
 
 from problems import table1
 
-SCENES = ("orbit-stable", "orbit-unstable", "fold", "diagram")
+ALONE = ("orbit-stable", "orbit-unstable", "fold", "diagram")
+SCENES = (*ALONE, "gains")
+"""Of the servo: those with one question, and all."""
+GALLERY = ("van-der-pol", "belt", "relay", "gallery")
+"""Of the gallery: curves, and the table."""
 START = 0.0321
 LONG_ENOUGH, MOST_REPEATS = 0.5, 50
 """What takes milliseconds is repeated for so long [s], or so often: the best of a few is chance."""
@@ -31,22 +35,22 @@ class Row:
 
 
 def best_of(repeats: int, action: Callable[[], Any]) -> tuple[float, Any]:
-    """(shortest time, last result) of so many repeats, and of more where they are short."""
+    """(least processor time, last result) of so many repeats, and of more where they are short."""
     times: list[float] = []
     result = None
     while len(times) < repeats or (sum(times) < LONG_ENOUGH and len(times) < MOST_REPEATS):
-        began = time.perf_counter()
+        began = time.process_time()
         result = action()
-        times.append(time.perf_counter() - began)
+        times.append(time.process_time() - began)
     return min(times), result
 
 
-def reference(model: str, scene: str) -> dict[str, float]:
-    """The row of the reference table that a scene is compared with."""
+def reference(model: str, scene: str, gain: float | None = None) -> dict[str, float]:
+    """The row of the reference table that a scene is compared with, at its gain or another one of the table."""
     if scene in ("fold", "diagram"):
         return table1.REFERENCE[model]["fold"]
     rows = table1.REFERENCE[model]["stable" if scene == "orbit-stable" else "unstable"]
-    return next(row for row in rows if row["K"] == GAINS[scene])
+    return next(row for row in rows if row["K"] == (GAINS[scene] if gain is None else gain))
 
 
 def orbit_error(orbit: Any, row: dict[str, float]) -> float:

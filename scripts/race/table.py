@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from casahunt.servo.hunting import MODELS
-from scripts.race.rows import SCENES, Row
+from scripts.race.rows import ALONE, Row
+from scripts.race.taylor import METHOD as TAYLOR
 
 
 def table(rows: list[Row]) -> str:
@@ -39,6 +40,16 @@ def ratios(rows: list[Row]) -> list[str]:
                 f"AUTO-07p {setting} {peer.seconds:.3f} s ({peer.points} points, fold {peer.error:.0e}) = "
                 f"{ours.seconds / peer.seconds:.3f}  (goal {goal})"
             )
+    for scene, model, error in (
+        ("orbit-stable", "switch", 1e-8), ("orbit-unstable", "switch", 1e-7), ("fold", "switch", 1e-9),
+        ("orbit-stable", "lugre", 1e-8),
+    ):  # fmt: skip
+        ours, peer = (fastest(scene, model, method, error) for method in ("casahunt", TAYLOR))
+        if ours and peer and ours.seconds and peer.seconds:
+            out.append(
+                f"{scene} to {error:.0e}, {model}: casahunt {1e3 * ours.seconds:.3g} ms / {TAYLOR} "
+                f"{1e3 * peer.seconds:.3g} ms = {ours.seconds / peer.seconds:.1f}"
+            )
     for model, goal in (("switch", 10), ("lugre", 5)):
         ours = fastest("orbit-stable", model, "casahunt", 1e-8)
         peer = fastest("orbit-stable", model, "solve_ivp shooting", 1e-8)
@@ -50,10 +61,15 @@ def ratios(rows: list[Row]) -> list[str]:
     return out
 
 
-COLOURS = {"casahunt": "#0b2f6b", "AUTO-07p": "#b3440c", "solve_ivp shooting": "#6b8e23", "solve_bvp": "#8a2be2"}
+COLOURS = {
+    "casahunt": "#0b2f6b", "AUTO-07p": "#b3440c", "solve_ivp shooting": "#6b8e23", "solve_bvp": "#8a2be2",
+    TAYLOR: "#c2185b",
+}  # fmt: skip
+FLOOR = 1e-15
+"""Errors below this are drawn here: the reference values have sixteen digits."""
 DECADES = 30.0
 """The time axes span this factor at least."""
-MARKERS = {"casahunt": "o", "AUTO-07p": "s", "solve_ivp shooting": "^", "solve_bvp": "D"}
+MARKERS = {"casahunt": "o", "AUTO-07p": "s", "solve_ivp shooting": "^", "solve_bvp": "D", TAYLOR: "v"}
 
 
 def picture(rows: list[Row], path: Path) -> None:
@@ -62,7 +78,7 @@ def picture(rows: list[Row], path: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    scenes = [scene for scene in SCENES if any(r.scene == scene for r in rows)]
+    scenes = [scene for scene in ALONE if any(r.scene == scene for r in rows)]
     models = [model for model in MODELS if any(r.model == model for r in rows)]
     figure = Figure(figsize=(4.2 * len(scenes), 3.6 * len(models)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -71,7 +87,7 @@ def picture(rows: list[Row], path: Path) -> None:
         for axes, scene in zip(line, scenes, strict=True):
             for method, colour in COLOURS.items():
                 found = [r for r in rows if (r.scene, r.model, r.method) == (scene, model, method)]
-                done = [(r.seconds, max(r.error, 1e-13)) for r in found if r.seconds and r.error is not None]
+                done = [(r.seconds, max(r.error, FLOOR)) for r in found if r.seconds and r.error is not None]
                 if done:
                     x, y = zip(*done, strict=True)
                     axes.loglog(x, y, MARKERS[method] + "-", color=colour, label=method, markersize=5)

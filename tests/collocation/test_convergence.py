@@ -18,7 +18,7 @@ from casahunt.hybrid import language
 from casahunt.hybrid.system import Cycle, Event, Phase, Signature
 from casahunt.orbits.floquet import multipliers
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.hunting import SWITCH_HALF, hunting_cycle
+from casahunt.servo.cycles import SWITCH_HALF, hunting_cycle
 from casahunt.servo.servo import PARAMETERS, Servo
 from problems import stuart_landau as sl
 from problems import table1

@@ -7,6 +7,8 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from casahunt.continuation import bifurcations, branch_off, follow, special_points
 from casahunt.errors import InputError
@@ -254,6 +256,58 @@ def test_a_symmetric_cycle_becomes_lopsided():
     x, v, turns = lost.orbit.arcs[0].states[0, 0]
     A = lost.orbit.problem.value("A")
     np.testing.assert_allclose(one_turn(A, x, v, 2 * math.pi * turns), [x, v], rtol=0, atol=1e-7)
+
+
+def loss_of_symmetry(low: float, high: float) -> float:
+    """A at which the map x -> -phi(x) of half a turn of Duffing's oscillator has the multiplier -1: by DOP853."""
+    x = np.array([0.8, 1.2])
+
+    def f(t: float, y: np.ndarray, A: float) -> np.ndarray:
+        slope = np.array([[0.0, 1.0], [-3 * y[0] ** 2, -0.2]])
+        return np.concatenate([[y[1], A * math.cos(t) - 0.2 * y[1] - y[0] ** 3], (slope @ y[2:].reshape(2, 2)).ravel()])
+
+    def multiplier(A: float) -> float:
+        nonlocal x
+        for _ in range(20):
+            start = np.concatenate([x, np.eye(2).ravel()])
+            end = -solve_ivp(f, (0.0, math.pi), start, "DOP853", args=(A,), rtol=1e-13, atol=1e-13).y[:, -1]
+            map_slope = end[2:].reshape(2, 2)
+            step = np.linalg.solve(np.eye(2) - map_slope, end[:2] - x)
+            x = x + step
+            if np.max(np.abs(step)) < 1e-12:
+                break
+        return float(np.min(np.linalg.eigvals(map_slope).real)) + 1
+
+    return float(brentq(multiplier, low, high, xtol=1e-13))
+
+
+@pytest.mark.parametrize("off", [0.02, -0.02])
+def test_a_lopsided_branch_ends_where_it_meets_its_image(off):
+    """At the loss of symmetry that it comes from, come to along the other branch: where lambda turns back like d^2."""
+    (lost,) = follow(find_cycle(DUFFING, x=0.0, v=0.0), "A", to=4.0, options=TIGHT).special
+    lopsided = follow(branch_off(lost, "A", off=off), "A", to=2.8, options=TIGHT).orbits[-1]
+    branch = follow(lopsided, "A", to=2.0, options=TIGHT)
+    (met,) = branch.special
+    assert met.kind == "symmetry breaking" and "meets in the symmetric one" in met.meaning
+    assert "own image" in branch.ended
+    x, v, turns = lost.orbit.arcs[0].states[0, 0]
+    A = loss_of_symmetry(2.39, 2.42)
+    for special in (lost, met):
+        assert special.orbit.problem.value("A") == pytest.approx(A, rel=2e-9) and special.orbit.repeats == 2
+    assert branch.orbits[-1] is met.orbit and not branch.missed
+    assert all(a > A for a in branch.values[:-1])
+
+
+def test_two_bounces_meet_the_single_one():
+    """They end at the flip; what is not told from its image (`LOPSIDED`) has met nothing."""
+    (flip,) = follow(bouncing(), "a", to=0.05, options=TIGHT).special
+    two = follow(branch_off(flip, "a"), "a", to=0.028, options=TIGHT).orbits[-1]
+    branch = follow(two, "a", to=0.01, options=TIGHT)
+    (met,) = branch.special
+    assert met.kind == "flip" and "half its period" in met.meaning and not branch.missed
+    assert met.orbit.problem.value("a") == pytest.approx(FLIP, rel=2e-9)
+    assert met.orbit.period == pytest.approx(2 * math.pi / W, rel=1e-10)
+    assert np.all(branch.values > FLIP) and branch.periods == pytest.approx(4 * math.pi / W, rel=1e-9)
 
 
 @pytest.mark.parametrize("located", [True, False])

@@ -16,9 +16,10 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.continuation.plane_curve import Place, Reading, follow
+from casahunt.continuation.sheet import Axis
 from casahunt.design.fold_curve.curve import fold_curve, unfed
 from casahunt.design.fold_curve.files import INTERRUPTED, load_curve, save_curve
-from casahunt.design.fold_curve.points import Axis, FoldCurve, FoldPoint, as_found, hermite
+from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found, hermite
 from casahunt.errors import Status
 
 TOL = 1e-8

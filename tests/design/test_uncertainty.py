@@ -13,7 +13,7 @@ import pytest
 
 from casahunt import InputError, Options, Servo, cli, find_fold
 from casahunt.design.sensitivity import fold_sensitivities
-from casahunt.design.uncertainty import nearby
+from casahunt.design.uncertainty import batch, nearby
 from casahunt.design.uncertainty.linear import linear_gains, linear_interval, linear_moments, linear_range
 from casahunt.design.uncertainty.nearby import fold_beside
 from casahunt.design.uncertainty.samples import draw, sample
@@ -170,6 +170,7 @@ def test_failures_are_kept(servo, fold, monkeypatch):
         raise NoOrbit("no convergence here", Status.NOT_CONVERGED)
 
     monkeypatch.setattr(nearby, "find_fold", fails)
+    monkeypatch.setattr(batch, "known_fold", lambda *_: None)  # there is nothing to predict from
     samples = sample(servo, "switch", FRICTION, 2, options=QUICK, fold=fold)
     assert np.isnan(samples.gains).all() and samples.worst is None and samples.quantiles() == {}
     assert samples.failures == ((0, "no convergence here"), (1, "no convergence here"))

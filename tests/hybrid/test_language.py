@@ -92,10 +92,14 @@ BAD: dict[str, tuple[Callable[[], System], str]] = {
     "no mode": (lambda: system(modes=()), f"{SYSTEM}: modes must be a tuple of at least one Mode"),
     "no Mode": (lambda: system(modes=(van_der_pol,)), f"{SYSTEM}: <function van_der_pol.* among the modes is no Mode"),
     "mode name": (lambda: system(Mode(["a"], van_der_pol)), r"the name of a mode must be a text, not \['a'\]"),
+    "sign": (lambda: system(Mode("free", van_der_pol, sign="+")), r"mode 'free': sign = '\+': must be a finite number"),
+    "signless": (v_is(lambda x, p: p.sign), f"{FIELD}: there is no parameter 'sign'; there is mu"),
+    "two signs": (lambda: system(Mode("free", van_der_pol, sign=1), parameters={"mu": 1, "sign": 1}),
+                  f"{SYSTEM}: p.sign is the sign of a mode, and a parameter"),
     # Events
     "leads nowhere": (with_event(to="stick"), f"{HITS}: leads to 'stick', which is none of the modes free"),
     "leads to 3": (with_event(to=3), f"{HITS}: to must be a function, not 3"),
-    "no direction": (with_event(direction=0), f"{HITS}: direction = 0: must be .1 .rising. or -1 .falling."),
+    "no direction": (with_event(direction=None), f"{HITS}: direction = None: must be .1 .rising., -1 .falling. or 0"),
     "direction 2": (with_event(direction=2), f"{HITS}: direction = 2"),
     "direction True": (with_event(direction=True), f"{HITS}: direction = True"),
     "directions": (with_event(direction=np.array([1, -1])), f"{HITS}: direction = array"),
@@ -253,3 +257,100 @@ def test_a_system_is_changed_by_parts():
     assert replace(system(), parameters={"mu": 2.0}).values().tolist() == [2.0]
     assert system().values({"mu": 5}).tolist() == [5.0]
     np.testing.assert_array_equal(system().state({"v": 1, "x": 2}), [2.0, 1.0])
+
+
+def thrown(x, p):
+    return {"x": x.v, "v": -p.sign * p.g}
+
+
+def fallen(x, t, p):
+    return {"x": x.x + x.v * t - p.sign * p.g * t**2 / 2, "v": x.v - p.sign * p.g * t}
+
+
+def far(x, p):
+    return p.sign * x.x - p.far
+
+
+def flipped(x, p):
+    return {"v": x.v + p.sign * p.kick}
+
+
+def beyond(x, p):
+    return "right" if p.sign * x.x < 0 else "left"
+
+
+def pulled(how: str) -> System:
+    """A weight that is pulled to the right or to the left, and let go beyond p.far with a kick."""
+    field, flow = (thrown, None) if how == "field" else (None, fallen)
+    end = Event("far", far, -1, to=beyond, reset=flipped)
+    return System("pulled", ("x", "v"), {"g": 2.0, "far": -3.0, "kick": 0.5},
+                  (Mode("right", field, flow, sign=-1, ends=(replace(end),), holds=far, feature=far),
+                   Mode("left", field, flow, sign=+1, ends=(end,), holds=far, feature=far)))  # fmt: skip
+
+
+@pytest.mark.parametrize("how", ["field", "flow"])
+def test_every_function_of_a_mode_sees_its_sign(how):
+    """From rest at 0 a weight pulled with g is sqrt(2 d/g) later at the distance d; the other mode takes over."""
+    system = pulled(how)
+    motion = simulate(system, "left", x=0.0, v=0.0, duration=2.5, tol=1e-10)
+    time, speed = math.sqrt(2 * 3 / 2), -math.sqrt(2 * 2 * 3)
+    event = motion.events[0]
+    assert event.time == pytest.approx(time, rel=1e-9) and event.mode == "left"
+    assert event.behind == pytest.approx([-3.0, speed + 0.5], rel=1e-9)
+    assert motion.phases[1].mode == "right"
+    left = 2.5 - time
+    assert motion.end["v"] == pytest.approx(speed + 0.5 + 2 * left, rel=1e-8)
+    form = system.vector_form
+    x, p = np.array([[1.0, -4.0], [0.0, 0.0]]), system.values()
+    for name, sign in (("right", -1), ("left", 1)):
+        mode = form.modes[name]
+        assert mode.sign == sign
+        assert mode.admissible(x, p, mode.sign) == pytest.approx(sign * x[0] + 3)
+        assert mode.feature(x, p) == pytest.approx(sign * x[0] + 3)
+    assert form.modes["left"].field == form.modes["right"].field  # compiled once
+
+
+@pytest.mark.parametrize("points", [1, 2, 31, 32, 33, 100])
+def test_a_scalar_at_any_number_of_points(points):
+    form = system(Mode("free", van_der_pol, holds=lambda x, p: x.x - p.mu * x.v**2)).vector_form
+    x = np.random.default_rng(points).standard_normal((2, points))
+    values = form.modes["free"].admissible(x, np.array([0.7]), 0.0)
+    assert values.shape == (points,) and values == pytest.approx(x[0] - 0.7 * x[1] ** 2, rel=1e-14)
+
+
+def test_an_event_is_crossed_either_way():
+    """x'' = -x from x = 1: zero at pi/2 + k pi, falling and rising; the cycle of an oscillator is met there too."""
+    zero = Event("zero", height, 0, to="free")
+    swing = system(Mode("free", lambda x, p: {"x": x.v, "v": -x.x}, ends=(zero,)))
+    times = [crossing.time for crossing in simulate(swing, x=1.0, v=0.0, duration=8.0, tol=1e-10).events]
+    assert times == pytest.approx([math.pi / 2, 3 * math.pi / 2, 5 * math.pi / 2], rel=1e-9)
+    orbit = find_cycle(system(Mode("free", van_der_pol, ends=(zero,))), x=2.0, v=0.0)
+    assert orbit.period == pytest.approx(6.6632868593231301897, rel=1e-8)
+    assert orbit.repeats == 2 and orbit.signature == (("free", "zero"),)
+    aside = Event("aside", lambda x, p: x.x - 0.3, 0, to="free")  # not symmetric: one way and the other in a period
+    orbit = find_cycle(system(Mode("free", van_der_pol, ends=(aside,))), x=2.0, v=0.0)
+    assert orbit.period == pytest.approx(6.6632868593231301897, rel=1e-8) and len(orbit.signature) == 2
+
+
+def test_a_function_may_ask_whether_there_is_a_parameter():
+    def damped(x, p):
+        return {"x": x.v, "v": -x.x - (p.d * x.v if "d" in p else 0)}
+
+    for d in (None, 0.1):
+        one = system(Mode("free", damped), parameters={} if d is None else {"d": d})
+        rate = math.exp(-(d or 0) * math.pi / 2)
+        period = 2 * math.pi / math.sqrt(1 - (d or 0) ** 2 / 4)
+        end = simulate(one, x=1.0, v=0.0, duration=period, tol=1e-10).end
+        assert end["x"] == pytest.approx(rate ** (period / math.pi), rel=1e-8)
+
+
+def test_a_function_is_called_with_symbols_once():
+    calls = []
+
+    def counted(x, p):
+        calls.append(1)
+        return van_der_pol(x, p)
+
+    one = system(Mode("free", counted))
+    find_cycle(one, x=2.0, v=0.0)
+    assert len(calls) == 1

@@ -83,3 +83,17 @@ def test_what_is_no_number_is_no_exit():
 
     with pytest.raises(MarchFailure, match="'end' cannot be located at 0.[45]"):
         marched(Exit(Event("end", broken), +1, lambda x, p: "swing", mark=True), start=0.5)
+
+
+def test_of_two_exits_next_to_each_other_the_first_is_taken() -> None:
+    # On straight lines one interval is as long as one likes: both exits lie between the same two watched times.
+    for late, early in ((0.50001, 0.5), (0.5, 0.50001)):
+        line = Mode("line", lambda x, p, sign: ca.vertcat(1.0, 1.0))
+        exits = (
+            Exit(Event("x", lambda x, T, p, late=late: x[0] - late), +1, lambda x, p: "line", mark=True),
+            Exit(Event("y", lambda x, T, p, early=early: x[1] - early), +1, lambda x, p: "line", mark=True),
+        )
+        system = System("line", ("x", "y"), {"line": line}, {"line": exits})
+        found = march(system, "line", np.zeros(2), np.zeros(0), scale=np.ones(2), until=lambda s: True)
+        assert found[0].event == ("y" if early < late else "x")
+        assert found[0].duration == pytest.approx(0.5, abs=1e-12)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import re
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.errors import NoOrbit, Status
+from casahunt.errors import InputError, NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion.simulation import Motion, simulate
+from casahunt.orbits import find_cycle
 from problems import belt
 
 # Systems --------------------------------------------------------------------------------------------------------------
@@ -194,17 +194,77 @@ def test_a_motion_that_runs_away():
     assert simulate(away, x=1.0, duration=0.9).end["x"] == pytest.approx(10.0, rel=1e-8)
 
 
+def high(level: float) -> tuple[Event, ...]:
+    return (Event("high", lambda x, p: x.x - level, +1, to="up"),)
+
+
 def test_a_closed_form_that_is_no_flow():
     """t^2 from any start: its rate at the start is zero, and the motion would be taken for rest."""
-    up = Mode("up", flow=lambda x, t, p: {"x": x.x + t**2}, ends=(Event("high", lambda x, p: x.x - 1, +1, to="up"),))
-    no_flow = System("no flow", ("x",), {}, (up,))
-    refused(no_flow, "mode 'up': after .* closed form .* off the motion", x=0.0, duration=3.0)
+    no_flow = System("no flow", ("x",), {}, (Mode("up", flow=lambda x, t, p: {"x": x.x + t**2}, ends=high(1)),))
+    with pytest.raises(InputError, match="^mode 'up': its flow contradicts its own rate from there on"):
+        simulate(no_flow, x=0.0, duration=3.0)
+    late = Mode("up", flow=lambda x, t, p: {"x": x.x + t + ca.fmax(t - 1, 0) ** 2}, ends=high(100))
+    sentence = "mode 'up': after 3 its closed form is .* off the motion along its field"
+    refused(System("late", ("x",), {}, (late,)), sentence, x=0.0, duration=3.0)
+    jump = Mode("up", flow=lambda x, t, p: {"x": x.x + 1 + t}, ends=high(100))
+    with pytest.raises(InputError, match="^mode 'up': its flow is not where it starts after no time"):
+        find_cycle(System("jump", ("x",), {}, (jump,)), x=0.0)
 
 
 def test_a_field_beside_its_closed_form():
-    both = Mode("up", lambda x, p: {"x": x.x}, lambda x, t, p: {"x": x.x * ca.exp(2 * t)},
-                ends=(Event("high", lambda x, p: x.x - 50, +1, to="up"),))  # fmt: skip
-    refused(System("two", ("x",), {}, (both,)), re.escape("mode 'up': after 2 its closed form"), x=1.0, duration=2.0)
+    """exp(2 t) beside x' = x; the right one beside it; one that is right at the start alone."""
+    for flow, right in (
+        (lambda x, t, p: {"x": x.x * ca.exp(2 * t)}, False),
+        (lambda x, t, p: {"x": x.x * ca.exp(t)}, True),
+        (lambda x, t, p: {"x": x.x * (1 + t)}, False),
+    ):
+        two = System("two", ("x",), {}, (Mode("up", lambda x, p: {"x": x.x}, flow, ends=high(50)),))
+        if right:
+            assert simulate(two, x=1.0, duration=2.0).end["x"] == pytest.approx(math.exp(2), rel=1e-12)
+            continue
+        with pytest.raises(InputError, match="^mode 'up': its flow contradicts its field"):
+            simulate(two, x=1.0, duration=2.0)
+
+
+def test_a_closed_form_is_tried_where_it_is_a_number_and_the_mode_holds():
+    """sqrt of a negative start is none; a block that sticks has the speed of its belt, whatever it had before."""
+    root = lambda x, t, p: {"x": (ca.sqrt(x.x) + t) ** 2}  # noqa: E731
+    up = Mode("up", lambda x, p: {"x": 2 * ca.sqrt(x.x)}, root, ends=high(100))
+    assert simulate(System("root", ("x",), {}, (up,)), x=0.01, duration=1.0).end["x"] == pytest.approx(1.21, rel=1e-12)
+    stuck = Mode("up", flow=lambda x, t, p: {"x": x.x + 0.2 * t, "v": 0.2}, ends=high(1))
+    assert simulate(System("stuck", ("x", "v"), {}, (stuck,)), x=0.0, v=3.0, duration=1.0).end["v"] == 0.2
+    wall = Mode("up", flow=lambda x, t, p: {"x": x.x + t + ca.fmax(x.x - 1, 0)}, holds=lambda x, p: 1 - x.x,
+                ends=high(1))  # fmt: skip
+    assert simulate(System("wall", ("x",), {}, (wall,)), x=0.0, duration=0.5).end["x"] == pytest.approx(0.5)
+
+
+def table(how: str) -> System:
+    """A ball that nothing forbids to be below the table."""
+    fall = {"field": lambda x, p: {"x": x.v, "v": -1.0}}
+    if how == "flow":
+        fall = {"flow": lambda x, t, p: {"x": x.x + x.v * t - t**2 / 2, "v": x.v - t}}
+    bounce = Event("impact", lambda x, p: x.x, -1, to="flight", reset=lambda x, p: {"v": -0.5 * x.v})
+    return System("table", ("x", "v"), {}, (Mode("flight", ends=(bounce,), **fall),))
+
+
+@pytest.mark.parametrize("how", ["field", "flow"])
+@pytest.mark.parametrize("v", [0.0, -0.5])
+def test_a_mode_that_starts_on_its_own_event(how, v):
+    """It lies there, or is thrown down: without a condition it would fall through, and never meet the table."""
+    sentence = "at 0 the mode 'flight' starts on its own event 'impact' and moves on through it.*`holds`"
+    refused(table(how), sentence, x=0.0, v=v, duration=1.0)
+    with pytest.raises(NoOrbit, match="starts on its own event 'impact'"):
+        find_cycle(table(how), x=0.0, v=v)
+    up = simulate(table(how), x=0.0, v=1.0, duration=2.5)
+    assert [crossing.time for crossing in up.events] == pytest.approx([2.0], rel=1e-12)
+
+
+def test_a_mark_may_be_where_a_motion_starts():
+    """An event that leads on in its own mode is counted from the start on."""
+    mark = Event("up", lambda x, p: x.x, +1, to="turns")
+    turns = Mode("turns", lambda x, p: {"x": x.v, "v": -x.x}, ends=(mark,))
+    motion = simulate(System("circle", ("x", "v"), {}, (turns,)), x=0.0, v=1.0, duration=13.0)
+    assert [crossing.time for crossing in motion.events] == pytest.approx([2 * math.pi, 4 * math.pi], rel=1e-8)
 
 
 def test_a_missing_exit():
@@ -212,3 +272,22 @@ def test_a_missing_exit():
     free = Mode("free", lambda x, p: {"x": 1}, holds=lambda x, p: 1 - x.x)
     ramp = System("ramp", ("x",), {}, (free,))
     refused(ramp, "at .* 'free' does not hold any more .* an exit is missing", x=0.0, duration=3.0)
+
+
+def test_a_push_at_an_event_is_no_fall_through_it():
+    """A pendulum pushed on where it passes the middle, against the energy that every push adds."""
+
+    def pushed(sign):
+        return lambda x, p: {"w": sign * ca.sqrt(x.w**2 + p.push)}
+
+    clock = System(
+        "clock", ("a", "w"), {"push": 0.1},
+        (Mode("swing", lambda x, p: {"a": x.w, "w": -ca.sin(x.a)},
+              ends=(Event("tick", lambda x, p: x.a, +1, to="swing", reset=pushed(+1)),
+                    Event("tock", lambda x, p: x.a, -1, to="swing", reset=pushed(-1)))),),
+    )  # fmt: skip
+    motion = simulate(clock, a=0.5, w=0.0, duration=30.0)
+    speeds = [abs(crossing.behind[1]) for crossing in motion.events]
+    energy = 2 * (1 - math.cos(0.5))
+    assert len(speeds) > 5
+    assert speeds == pytest.approx([math.sqrt(energy + 0.1 * (k + 1)) for k in range(len(speeds))], rel=1e-7)

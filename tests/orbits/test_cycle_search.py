@@ -9,10 +9,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.errors import NoOrbit, Status
+from casahunt import effort
+from casahunt.errors import InputError, NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import find_cycle
+from casahunt.motion import simulate
+from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.orbit import Orbit
+from problems import rossler
 
 START = {"x": 2.0, "v": 0.0}
 VAN_DER_POL = {
@@ -95,6 +98,21 @@ def test_stuart_landau():
     assert sorted(orbit.multipliers.full.real) == pytest.approx([multiplier, 1.0], rel=1e-8)
     for arc in orbit.arcs:
         np.testing.assert_allclose(np.hypot(*arc.states[:, 0].T), math.sqrt(0.5), rtol=1e-10)
+
+
+@pytest.mark.parametrize(("degree", "kind"), [(3, "radau"), (3, "gauss"), (None, "radau"), (9, None), (2, "radau")])
+def test_the_scheme_of_the_question(degree, kind):
+    """The motion is marched in another scheme; the cycle is solved in the one that is asked for."""
+    orbit = find_cycle(stuart_landau(), x=0.1, y=0.0, options=Options(tol=1e-7, degree=degree, kind=kind))
+    assert (orbit.degree, orbit.kind) == (degree or 7, kind or "gauss")
+    assert_period(orbit, 2 * math.pi / 2.35)
+
+
+def test_a_scheme_that_there_is_not_is_refused():
+    with pytest.raises(InputError, match="^degree = 13"):
+        find_cycle(stuart_landau(), x=0.1, y=0.0, options=Options(degree=13))
+    with pytest.raises(InputError, match="^scheme = 'trapezoid'"):
+        find_cycle(stuart_landau(), x=0.1, y=0.0, options=Options(kind="trapezoid"))
 
 
 def test_parameters_of_the_question():
@@ -252,3 +270,134 @@ def test_a_strongly_unstable_cycle_through_the_start():
     assert abs(orbit.multipliers.leading) * abs(forward.multipliers.full[1]) == pytest.approx(1.0, rel=1e-7)
     with pytest.raises(NoOrbit, match="comes back no nearer"):
         find_cycle(reverse, x=0.0, v=1.0, settled=True)
+
+
+# No cycle, and no long search -----------------------------------------------------------------------------------------
+
+
+SECOND = 4e4
+"""Work of a second (casahunt/effort.py); it is the same on every machine."""
+
+
+def refusal_of(system: System, **asked) -> tuple[str, float]:
+    """(the sentence, seconds of work that it has cost)."""
+    with effort.watched(None) as watch, pytest.raises(NoOrbit) as refusal:
+        find_cycle(system, **asked)
+    assert refusal.value.status is Status.NOT_FOUND
+    return str(refusal.value), watch.work / SECOND
+
+
+@pytest.mark.slow
+def test_chaos_is_given_up():
+    """Rossler's at c = 5.7; before, 3072 phases and the equations of hundreds of phases at once."""
+    said, seconds = refusal_of(rossler.SYSTEM, parameters={"c": 5.7}, x=1.0, y=1.0, z=1.0)
+    assert "did not repeat within" in said and "(followed for 2" in said
+    assert seconds < 8
+
+
+def test_centres_have_no_cycle_of_their_own():
+    """One of many: the equations are singular, and going on shows nothing more."""
+    spring = System("spring", ("x", "v"), {"k": 1.0}, (Mode("free", lambda x, p: {"x": x.v, "v": -p.k * x.x}),))
+    said, seconds = refusal_of(spring, x=1.0, v=0.0)
+    assert "the motion repeats after 1 phase, but its cycle was not computed" in said
+    assert seconds < 3
+
+
+def test_drifts_and_growth():
+    """x + 1.5 t; exp(0.05 t)."""
+    drift = System("drift", ("x", "v"), {}, (Mode("free", lambda x, p: {"x": x.v, "v": 1.5 - x.v}),))
+    said, seconds = refusal_of(drift, x=1.0, v=0.0)
+    assert "the motion does not come back to x" in said and seconds < 3
+    grows = System("grows", ("x", "v"), {}, (Mode("free", lambda x, p: {"x": x.v, "v": 0.1 * x.v - x.x}),))
+    said, seconds = refusal_of(grows, x=1.0, v=0.0)
+    assert "the motion grows" in said and seconds < 3
+
+
+@pytest.mark.slow
+def test_a_torus_is_no_cycle():
+    """Two oscillators whose frequencies have no common multiple: it nearly repeats, and never settles."""
+
+    def field(x, p):
+        r, s = 1 - x.x**2 - x.y**2, 1 - x.u**2 - x.w**2
+        w = math.sqrt(2)
+        return {"x": r * x.x - x.y, "y": r * x.y + x.x, "u": s * x.u - w * x.w, "w": s * x.w + w * x.u}
+
+    torus = System("torus", ("x", "y", "u", "w"), {}, (Mode("smooth", field),))
+    said, seconds = refusal_of(torus, x=1.0, y=0.1, u=0.5, w=0.0)
+    assert said.startswith("no cycle of torus was met") and seconds < 8
+
+
+def test_it_says_how_long_it_watched():
+    damped = System("damped", ("x", "v"), {}, (Mode("free", lambda x, p: {"x": x.v, "v": -0.3 * x.v - x.x}),))
+    said, _ = refusal_of(damped, x=1.0, v=0.0)
+    assert "followed for" in said and "followed for 0)" not in said
+
+
+# An angle alone -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settled", [False, True])
+@pytest.mark.parametrize(("w", "e"), [(1.0, 0.0), (1.5, 0.3), (-1.5, 0.3), (1.5, 1.49), (1e3, 1.0), (1e-3, 5e-4)])
+def test_a_rotor_of_one_state(w, e, settled):
+    """theta' = w + e sin theta: one turn in 2 pi / sqrt(w^2 - e^2), either way round."""
+    turns = Mode("turns", lambda x, p: {"theta": p.w + p.e * ca.sin(x.theta)})
+    rotor = System("rotor", ("theta",), {"w": w, "e": e}, (turns,), angles=("theta",))
+    orbit = find_cycle(rotor, theta=0.3, settled=settled, tol=1e-10)
+    assert_period(orbit, 2 * math.pi / math.sqrt(w**2 - e**2))
+    _, x = orbit.sample()
+    assert x[0, -1] - x[0, 0] == pytest.approx(math.copysign(2 * math.pi, w), rel=1e-12)
+
+
+@pytest.mark.parametrize("w", [0.0, 1.5])
+def test_a_rotor_whose_speed_settles(w):
+    """w' = (1.5 - w) / 20: at last nothing moves but the angle; the multiplier is exp(-T / 20)."""
+    turns = Mode("turns", lambda x, p: {"theta": x.w, "w": p.k * (1.5 - x.w)})
+    rotor = System("rotor", ("theta", "w"), {"k": 0.05}, (turns,), angles=("theta",))
+    orbit = find_cycle(rotor, theta=0.0, w=w, tol=1e-10)
+    assert_period(orbit, 2 * math.pi / 1.5)
+    assert sorted(orbit.multipliers.full.real) == pytest.approx([math.exp(-0.05 * orbit.period), 1.0], rel=1e-9)
+
+
+def test_a_rotor_that_stops():
+    turns = Mode("turns", lambda x, p: {"theta": 0.5 + ca.sin(x.theta)})
+    refused(System("rotor", ("theta",), {}, (turns,), angles=("theta",)), "comes to rest", theta=0.3)
+
+
+# What is asked --------------------------------------------------------------------------------------------------------
+
+
+def test_a_state_given_twice_is_refused():
+    with pytest.raises(InputError, match="^x: given both in start= and as a keyword"):
+        find_cycle(stuart_landau(), start={"x": 1.0, "y": 0.0}, x=2.0)
+    with pytest.raises(InputError, match="^x: given both"):
+        simulate(stuart_landau(), start={"x": 1.0, "y": 0.0}, x=1.0, duration=1.0)
+
+
+def test_conditions_that_are_not_mirrored_are_no_symmetry():
+    """Van der Pol's cycle in two modes, of which one is a motion at x < 3 and the other at x > -2.5."""
+
+    def field(x, p):
+        return {"x": x.v, "v": (1 - x.x**2) * x.v - x.x}
+
+    def halves(low):
+        up = Mode("up", field, holds=lambda x, p: 3 - x.x, ends=(Event("top", lambda x, p: x.v, -1, to="down"),))
+        down = Mode("down", field, holds=lambda x, p: x.x + low, ends=(Event("end", lambda x, p: x.v, +1, to="up"),))
+        return System("two modes", ("x", "v"), {}, (up, down))
+
+    for low, repeats in ((3.0, 2), (2.5, 1)):
+        orbit = find_cycle(halves(low), "down", x=2.0, v=0.0, tol=1e-10)
+        assert orbit.repeats == repeats
+        assert_period(orbit, VAN_DER_POL[0.0][0])
+
+
+def test_what_a_mesh_may_miss_is_named():
+    """A motion that leaves its mode without meeting an exit: one is missing, or a mesh has stepped over something."""
+
+    def swing(**named):
+        return Mode("swing", lambda x, p: {"x": x.v, "v": -x.x}, holds=lambda x, p: 0.5 - x.x, **named)
+
+    with pytest.raises(NoOrbit, match="named as the `feature` of the mode"):
+        find_cycle(System("swing", ("x", "v"), {}, (swing(),)), x=0.0, v=1.0)
+    with pytest.raises(NoOrbit, match="does not hold any more") as refusal:
+        find_cycle(System("swing", ("x", "v"), {}, (swing(feature=lambda x, p: x.v),)), x=0.0, v=1.0)
+    assert "feature" not in str(refusal.value)

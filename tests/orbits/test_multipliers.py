@@ -280,7 +280,8 @@ def test_two_that_merge_near_zero():
 def test_an_event_hardly_crossed(slope, known):
     """States are known to 1e-12: where the motion crosses the event at a slope of 1e-9, the map behind it is not."""
     before, behind = np.array([1.0, slope, 0.0]), np.array([1.0, 1.0, 0.5])
-    pieces = [([np.eye(3)], np.array([before, before])), ([np.eye(3)], np.array([behind, behind]))]
+    shrinks = np.diag([1.0, 1.0, 0.5])  # else a double multiplier, whose uncertainty is a root
+    pieces = [([shrinks], np.array([before, before])), ([np.eye(3)], np.array([behind, behind]))]
     borders = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
     m = floquet.chain_multipliers(map_chain._closed(pieces, [None, None], borders, np.eye(3)), 1)
     assert (m.rounding < 1e-9) is known and (m.rounding < floquet.TRUSTED) is known

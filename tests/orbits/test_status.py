@@ -15,7 +15,7 @@ from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
 from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.hunting import SWITCH_HALF, hunting_cycle
+from casahunt.servo.cycles import SWITCH_HALF, hunting_cycle
 from casahunt.servo.servo import PARAMETERS
 
 

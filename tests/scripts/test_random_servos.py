@@ -186,3 +186,27 @@ def test_servos_are_drawn_from_the_ranges():
         assert abs(np.log(values).mean() - np.log(low * high) / 2) < 0.1 * np.log(high / low)
     assert 30 < sum(p["friction.viscous"] == 0 for p in drawn) < 90
     assert random_servos.draw(3, 7) == drawn[7]
+
+
+def test_a_controller_by_gains_has_the_map_of_the_same_one_by_times():
+    by_times = Servo()
+    by_gains = replace(by_times, controller=by_times.controller.pid())
+    maps = [switch_digits.SwitchMap(servo, 0.04, 24) for servo in (by_times, by_gains)]
+    one, other = (m.half(0.05) for m in maps)
+    assert abs(one.position / other.position - 1) < 1e-13 and abs(one.slope / other.slope - 1) < 1e-12
+
+
+def test_servos_by_gains(monkeypatch, capsys):
+    """Every third has complex zeros; one of those is asked and checked."""
+    pytest.importorskip("heyoka")  # decimal arithmetic takes a minute
+    drawn = [random_servos.draw(11, number, "pid") for number in range(200)]
+    for key, (low, high) in random_servos.CONTROLLERS["pid"].items():
+        values = np.array([p[key] for p in drawn])
+        assert low * 0.999 <= values.min() and values.max() <= high * 1.001
+    pairs = [p["controller.kp"] ** 2 / p["controller.kd"] / p["controller.ki"] for p in drawn]
+    assert 0.2 < np.mean(np.array(pairs) < 4) < 0.5
+    assert not {"controller.lead_time", "controller.integral_time"} & set(drawn[0])
+    monkeypatch.setattr(random_servos, "SHARES", (0.5,))
+    assert pairs[18] < 4
+    assert random_servos.main(["--controller", "pid", "--only", "18", "--tol", "1e-6", "--fast"]) == 0
+    assert "#18: 3 solved" in capsys.readouterr().err

@@ -114,6 +114,7 @@ def test_a_map_of_jumps_without_end_is_given_up(monkeypatch):
     assert seen.unresolved and not seen.conclusive and len(seen.points) < 30
 
 
+@pytest.mark.slow
 def test_fold_of_the_map_is_the_fold():
     """Independent of the collocation equations; the tolerance of the collocation fold is 1e-9."""
     found = map_fold(Servo())

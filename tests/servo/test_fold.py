@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -273,6 +274,28 @@ def test_folds_of_servos_never_seen(seed):
         assert taylor.switch_half_cycle(servo, fold.gain * (1 + 1e-6), a)[0] < a
 
 
+def test_gains_at_which_a_proof_denies_are_not_scanned(monkeypatch):
+    """(kd + sigma2 - s) kp/ki > J holds from one gain on: below it the search scans, above it the proof speaks."""
+    from casahunt.servo import find_fold as fold
+    from casahunt.servo.event_map import scan as event_map
+
+    servo = NEVER_HUNTS.replace(**{"friction.coulomb": 0.44, "friction.viscous": 0.28})
+    f, c = servo.friction, servo.controller
+    steepest = math.sqrt(2 / math.e) * (f.static - f.coulomb) / f.stribeck_velocity
+    proved_from = (servo.inertia / c.reset_time + steepest - f.viscous) / (servo.motor_gain * c.lead_time)
+    scanned: list[float] = []
+    honest = fold.scan
+    monkeypatch.setattr(fold, "scan", lambda model, s, gain: scanned.append(gain) or honest(model, s, gain))
+    monkeypatch.setattr(fold, "SEARCH_FACTORS", 2)
+    monkeypatch.setattr(fold, "typical_gain", lambda s: proved_from * 1.1)
+    monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
+    with pytest.raises(NoOrbit, match="does not prove .*: 2 gains .* were scanned .* provably has none") as refused:
+        find_fold(servo, "switch")
+    assert refused.value.status is Status.NOT_FOUND
+    assert max(scanned) == pytest.approx(proved_from * 0.55)
+    assert f"from gain {proved_from * 1.1:.3g} up" in str(refused.value)
+
+
 # Friction rises with speed everywhere, so that it does not hunt; at tiny gains swings come back to 0.98 of their size.
 NEVER_HUNTS = Servo().replace(
     **{
@@ -298,6 +321,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is None
     monkeypatch.setattr(fold, "check_hunts", lambda servo, model: None)
+    monkeypatch.setattr(fold, "no_cycle", lambda *_: "")
     monkeypatch.setattr(fold, "SEARCH_FACTORS", 0)
     monkeypatch.setattr(fold, "typical_gain", lambda servo: gain)
     monkeypatch.setattr(event_map, "SCAN_POINTS", 15)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from command_line import NUMBER, run
 
+from casahunt import cli, effort
 from casahunt.checks import error_text, finite_or_none
 from casahunt.views.commands import console
 from casahunt.views.commands.console import complex_text
@@ -118,3 +119,23 @@ def test_a_long_step_is_named_again(monkeypatch):
         tell("computing fold 4")
         stream.close()
         time.sleep(0.1)
+
+
+def test_what_is_left_is_what_it_took_so_far(monkeypatch):
+    """30 of 120 in 10 s: 30 s for the other 90, said only where it is known and worth saying."""
+    monkeypatch.setattr(effort.time, "monotonic", lambda: 110.0)
+    assert effort.left(30, 120, 100.0) == ", about 30 s left"
+    assert effort.left(1, 120, 100.0) == ", about 20 min left"
+    assert effort.left(0, 120, 100.0) == effort.left(120, 120, 100.0) == effort.left(119.9, 120, 100.0) == ""
+
+
+def test_a_map_says_how_long_it_will_still_take(capsys, monkeypatch):
+    """In its grid, and between its neighbours: never more than all of it takes, and on a stream that is no terminal."""
+    monkeypatch.setattr(console, "TELL_EVERY", 0.0)
+    monkeypatch.setattr(effort, "WORTH_SAYING", 0.0)
+    assert cli.main(["map", "--gain", "0.1", "--from", "1e-3", "--to", "0.02", "--points", "9"]) == 0
+    said = capsys.readouterr().err
+    assert re.search(r"5 of 9 motions of the first grid, about \d+ s left\n", said)
+    assert re.search(r"1\d motions computed, the last one from the stick position \S+ rad, about \d+ s left\n", said)
+    assert cli.main(["map", "--gain", "0.1", "--from", "1e-3", "--to", "0.02", "--points", "9", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""

@@ -6,7 +6,7 @@ At a fold of the branch in the gain the tangent has no parameter component.  Wit
 a fold form a surface with the coordinates s and c, on which the folds are the curve phi = 0, followed by
 continuation/plane_curve.py.  The curve may turn back in q: a cusp, phi_s = 0, where two folds meet and vanish.
 
-points.py   a fold curve as data: its axis, its points, the cubic through them
+points.py   a fold curve as data: its points, the cubic through them
 charts.py   the surface of orbits beside a fold, and the fold checked as an extremum
 curve.py    all of it: `fold_curve`
 files.py    a fold curve on the disk after every point, and taken up again

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...checks import known, require, shown
 from ...continuation.plane_curve import Place, follow
+from ...continuation.sheet import Axis
 from ...errors import InputError, NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
@@ -22,7 +23,7 @@ from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, flatten
 from ..sensitivity import NAMES
 from .charts import Chart, Problem, chart_of
-from .points import Axis, FoldCurve, FoldPoint, as_found
+from .points import FoldCurve, FoldPoint, as_found
 
 RANGE_POINTS = 17
 """Points over the range where the curve is not steep."""

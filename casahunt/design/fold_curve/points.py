@@ -1,9 +1,4 @@
-"""A fold curve as data: its axis, its points, the cubic through them.
-
-    c = (q - A)/(B - A), or (ln q - ln A)/(ln B - ln A) for a wide range:  the place of q between its ends A and B
-
-Units: K in V/rad, q as in servo/servo.py.
-"""
+"""A fold curve as data: its points, the cubic through them.  Units: K in V/rad, q as in servo/servo.py."""
 
 from __future__ import annotations
 
@@ -18,45 +13,6 @@ from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo
 
 Array = np.ndarray
-
-WIDE_RANGE = 5.0
-"""Ratio of the ends of a range from which on the points are spread over the logarithm of the parameter."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """The second parameter: its name and range."""
-
-    vary: str
-    start: float
-    end: float
-
-    @property
-    def wide(self) -> bool:
-        """Whether c is spread over the logarithm."""
-        a, b = sorted((self.start, self.end))
-        return a > 0 and b >= WIDE_RANGE * a
-
-    def value(self, c: float) -> float:
-        """q at c; the ends exactly."""
-        if c in (0.0, 1.0):
-            return self.end if c else self.start
-        if self.wide:
-            return float(self.start * (self.end / self.start) ** c)
-        return self.start + c * (self.end - self.start)
-
-    def place(self, q: float) -> float:
-        """c at q; the ends exactly."""
-        if q in (self.start, self.end):
-            return float(q == self.end)
-        if self.wide:
-            return float(np.log(q / self.start) / np.log(self.end / self.start))
-        return (q - self.start) / (self.end - self.start)
-
-    def rate(self, c: float) -> float:
-        """dq/dc."""
-        return self.value(c) * float(np.log(self.end / self.start)) if self.wide else self.end - self.start
-
 
 @dataclass(frozen=True, eq=False)
 class FoldPoint:

@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from ... import effort
 from ...errors import InputError, NoOrbit
 from ...orbits.adapt import Options
 from ...servo.delayed_loop import Margins, margins
@@ -29,7 +31,7 @@ from ...servo.event_map.scan import scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
-from ..uncertainty.nearby import fold_gains
+from ..uncertainty.batch import fold_gains
 from ..uncertainty.set import Uncertainty
 from .demands import Demands, silent
 from .given import Answer, fold_of
@@ -234,9 +236,10 @@ def _check_set(
         except InputError:  # static below Coulomb friction: no servo
             continue
         rows.append(q)
+    began = time.monotonic()
     gains, failures = fold_gains(
         answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
-        report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set"),
+        report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set{effort.left(i, len(rows), began)}"),
     )  # fmt: skip
     above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
     unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]

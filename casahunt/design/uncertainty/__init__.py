@@ -12,6 +12,7 @@ set.py            what is uncertain: intervals, or a covariance; the box of it
 toml.py           an uncertainty read from a file
 linear.py         the gradient's answer: range, mean and standard deviation
 nearby.py         folds of servos nearby, looked for where one of them lets them be expected
+batch.py          many of them at once, in batches that any executor may share out
 samples.py        servos drawn from the uncertainty, and their fold gains
 worst_corner.py   the largest fold gain in the box
 summary.py        the three side by side: where the linear answer misleads

@@ -2,15 +2,16 @@
 
     K(q) ~ K0 prod_i (q_i/q0_i)^e_i,    e_i = d ln K/d ln q_i at q0: positive everywhere, unlike the linear answer
 
-The way to a fold starts at a cycle below the gain that is expected; where none is met there, from nothing.  A fold
-depends on its own servo and on the fold from which it is predicted, not on what was computed before it.
+One by one: the way to a fold starts at a cycle below the gain that is expected; where none is met there, from nothing.
+Many at once are those of batch.py, which leaves to this what it cannot do.  A fold depends on its own servo and on the
+fold from which it is predicted, not on what was computed before it.
 
 Units: K in V/rad.  Symbols: k uncertain parameters, n servos, q (k,) values.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,49 +26,10 @@ from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ..sensitivity import fold_sensitivities
-from .set import Array, servo_at, values_of
+from .set import Array, values_of
 
 BELOW = 0.7
 """Part of the predicted fold gain at which the way to the fold starts; the cold search costs three times as much."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """Everything a worker needs for a few samples; small, and pickled once per task."""
-
-    servo: Servo
-    model: Model
-    options: Options
-    names: tuple[str, ...]
-    rows: Array
-    expected: Array
-
-
-def work(task: Task, report: Callable[[int], None] | None = None) -> list[tuple[float, str]]:
-    """The fold gains of a task; a function of the task alone, whoever runs it.
-
-    Parameters
-    ----------
-    task
-        servos by the rows of their parameters.
-    report
-        called after every row with the number of rows done.
-
-    Returns
-    -------
-    Of every row the fold gain [V/rad], 0 where the servo cannot hunt, nan where it was not computed; and "" or what
-    went wrong.
-    """
-    results = []
-    for q, expected in zip(task.rows, task.expected, strict=True):
-        try:
-            fold = fold_near(servo_at(task.servo, task.names, q), task.model, float(expected), task.options)
-            results.append((fold.gain if fold else 0.0, ""))
-        except NoOrbit as error:
-            results.append((float("nan"), str(error)))
-        if report is not None:
-            report(len(results))
-    return results
 
 
 def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> HuntingFold | None:
@@ -167,43 +129,6 @@ def nominal_fold(servo: Servo, model: Model, options: Options, fold: HuntingFold
         return find_fold(servo, model, options=options)
     except NoOrbit:
         return None
-
-
-def fold_gains(
-    servo: Servo,
-    model: Model,
-    names: Sequence[str],
-    rows: Array,
-    *,
-    options: Options | None = None,
-    fold: HuntingFold | None = None,
-    report: Callable[[int], None] | None = None,
-) -> tuple[Array, dict[int, str]]:
-    """Fold gains at given parameter values.
-
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    names, rows
-        k parameters and (n, k) values of them.
-    options
-        tolerance of every fold.
-    fold
-        a fold from which the others are predicted, of any servo nearby.
-    report
-        called with the number of folds computed so far.
-
-    Returns
-    -------
-    (n,) gains; 0 where a proof shows that no gain hunts (servo/denial.py), nan where the fold was not computed, and the
-    sentence by index of the latter.
-    """
-    near = fold.orbit.servo if fold is not None else servo
-    names = tuple(names)
-    expected = prediction(near, fold, names)(rows)
-    results = work(Task(servo, model, options or Options(), names, rows, expected), report)
-    return np.array([gain for gain, _ in results]), {i: said for i, (_, said) in enumerate(results) if said}
 
 
 def fold_beside(

@@ -19,11 +19,10 @@ from ...orbits.adapt import Options
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .nearby import Task, nominal_fold, prediction, work
+from .batch import folds_of
+from .nearby import nominal_fold
 from .set import Array, Uncertainty, check_box, servo_at, values_of
 
-CHUNK = 5
-"""Samples per task: few enough to keep all workers busy to the end, enough to hide what a task costs."""
 MOST_SAMPLES = 1_000_000
 """Beyond so many the folds would take days."""
 QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
@@ -124,8 +123,8 @@ def sample(
 ) -> Samples:
     """Fold gains of n servos drawn from the uncertainty.
 
-    Every sample starts from the gain that the servo's own fold predicts for it, none from another sample: results
-    depend neither on the executor nor on the order.
+    Every sample starts from the fold that the servo's own one predicts for it, none from another sample: results depend
+    neither on the executor nor on the order.
 
     Parameters
     ----------
@@ -141,7 +140,7 @@ def sample(
     fold
         the servo's own fold, where it is known already.
     report
-        called with the number of samples solved so far.
+        called with the number of samples solved so far, batch after batch (batch.py).
 
     Returns
     -------
@@ -156,16 +155,9 @@ def sample(
     options = options or Options()
     names = uncertainty.parameters
     rows = draw(servo, uncertainty, n, seed=seed)
-    expected = prediction(servo, nominal_fold(servo, model, options, fold), names)(rows)
-    tasks = [
-        Task(servo, model, options, names, rows[i : i + CHUNK], expected[i : i + CHUNK])
-        for i in range(0, len(rows), CHUNK)
-    ]
-    batches = map(work, tasks) if executor is None else executor.map(work, tasks)
-    results: list[tuple[float, str]] = []
-    for batch in batches:
-        results += batch
-        if report is not None:
-            report(len(results))
-    failures = tuple((i, sentence) for i, (_, sentence) in enumerate(results) if sentence)
-    return Samples(names, rows, np.array([gain for gain, _ in results]), failures)
+    done = folds_of(
+        servo, model, names, rows, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,
+        report=report,
+    )  # fmt: skip
+    failures = tuple((i, sentence) for i, sentence in enumerate(done.sentences) if sentence)
+    return Samples(names, rows, done.numbers[0], failures)

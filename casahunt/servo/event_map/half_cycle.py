@@ -15,7 +15,8 @@ import numpy as np
 
 from ...collocation.scheme import Kind
 from ...motion.march import Segment, march
-from ..hunting import LUGRE, SCHEMES, SWITCH, Model, motor_torque
+from ..cycles import SCHEMES, automaton, motor_torque
+from ..hunting import Model
 from ..servo import Servo
 
 Array = np.ndarray
@@ -129,11 +130,12 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
         thrown_out = abs(float(segment.end[0])) > FAR_OUT * a
         return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
 
+    p = servo.parameters(gain)
     segments = march(
-        SWITCH,
+        automaton("switch", p.size),
         "slip+",
         np.array([-a, 0.0, (kp * a - servo.friction.static) / ki]),
-        servo.parameters(gain),
+        p,
         scale=state_scale("switch", servo, gain, a),
         until=stuck_or_tired,
         tol=tol,
@@ -163,7 +165,7 @@ def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: K
 
     p = servo.parameters(gain)
     segments = march(
-        LUGRE, "slide+", x, p,
+        automaton("lugre", p.size), "slide+", x, p,
         scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
         max_time=patience(servo), max_intervals=MOST_INTERVALS["lugre"],
     )  # fmt: skip

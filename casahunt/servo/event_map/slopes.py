@@ -25,14 +25,16 @@ Symbols: n states, d stages, R = n (d + 1).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...checks import require
 from ...collocation.interval import field_at, interval_map
+from ...hybrid.system import Mode
 from ...motion.march import MarchFailure, Segment, march
-from ..hunting import SCHEMES, SWITCH, slips_back
+from ..cycles import SCHEMES, automaton, slips_back
 from ..servo import Servo
 from .half_cycle import patience, state_scale
 
@@ -48,6 +50,8 @@ SWINGING_ON = 100.0
 """A motion that stops this many times farther out than it started, with more torque than static friction holds, counts
 as swinging on."""
 MOST_SLIP_INTERVALS = 3000
+ELIMINATED = 16
+"""Intervals whose stages are eliminated together."""
 GROWS = 3.0
 """A motion that goes this many times farther out than it started is marched again in its own scale."""
 AT_SET_POINT = 1e-9
@@ -154,8 +158,8 @@ def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, d
         slips = 0
         try:
             return march(
-                SWITCH, "slip+", x, p, scale=scale, until=stuck_or_tired, tol=tolerance, degree=degree, kind="gauss",
-                max_time=patience(servo), max_intervals=MOST_SLIP_INTERVALS,
+                automaton("switch", p.size), "slip+", x, p, scale=scale, until=stuck_or_tired, tol=tolerance,
+                degree=degree, kind="gauss", max_time=patience(servo), max_intervals=MOST_SLIP_INTERVALS,
             )  # fmt: skip
         except MarchFailure:
             if k == len(tolerances) - 1:
@@ -167,24 +171,15 @@ def _sensitivities(
     segments: list[Segment], dx: Array, p: Array, scale: Array, degree: int
 ) -> tuple[tuple[float, float], float, float]:
     """((dP/da, dP/dK), d/da of the slips' duration, dx3/da at the stop) from d x0/d(a, K) = `dx` (3, 2)."""
-    n = 3
-    rows = n * (degree + 1)
-    d_rows = rows - n
     dp = np.zeros(p.size)
     dp[-1] = 1.0  # the gain
     column = dx / scale[:, None]
     duration = 0.0
     for segment in segments:
-        mode = SWITCH.modes[segment.mode]
-        function = interval_map(mode.field, n, p.size, degree, "gauss", 1)
-        scaled = segment.w / np.tile(scale, degree + 1)
-        for w, fraction in zip(scaled, np.diff(segment.breaks), strict=True):
-            block = function(w, np.zeros(n), segment.duration, fraction, mode.sign, p, dp, scale)[0]
-            # Residual columns of the block are its rows here: d/dw at 1..R, d/d lambda last.
-            forcing = block[1 : n + 1].T @ column
-            forcing[:, 1] += block[rows + 2]
-            stages = np.linalg.solve(block[n + 1 : rows + 1, :d_rows].T, forcing[:d_rows])
-            column = block[n + 1 : rows + 1, d_rows:].T @ stages - forcing[d_rows:]
+        mode = automaton("switch", p.size).modes[segment.mode]
+        for through, forced in _interval_slopes(mode, segment, dp, p, scale, degree):
+            column = through @ column
+            column[:, 1] += forced
         f = field_at(mode.field, segment.end / scale, mode.sign, p, scale)  # at the stop
         if f[1] == 0:  # the stop grazes: P has no derivative there
             nan = float("nan")
@@ -193,6 +188,29 @@ def _sensitivities(
         column = column - np.outer(f, column[1] / f[1])
     slope = column[0] * scale[0]
     return (float(slope[0]), float(slope[1])), duration, float(column[2, 0] * scale[2])
+
+
+def _interval_slopes(
+    mode: Mode, segment: Segment, dp: Array, p: Array, scale: Array, degree: int
+) -> Iterator[tuple[Array, Array]]:
+    """Of each interval d end/d start (n, n) and d end/d lambda (n,), scaled; stages eliminated many at a time."""
+    n = scale.size
+    rows = n * (degree + 1)
+    d_rows = rows - n
+    function = interval_map(mode.field, n, p.size, degree, "gauss", ELIMINATED)
+    scaled, lengths = segment.w / np.tile(scale, degree + 1), np.diff(segment.breaks)
+    for first in range(0, len(scaled), ELIMINATED):
+        w, fractions = scaled[first : first + ELIMINATED], lengths[first : first + ELIMINATED]
+        count = len(w)
+        w = np.concatenate([w, np.repeat(w[-1:], ELIMINATED - count, axis=0)])
+        fractions = np.append(fractions, np.zeros(ELIMINATED - count))
+        block = function(w, np.zeros(n), segment.duration, fractions, mode.sign, p, dp, scale)[:count]
+        # Residual columns of the block are its rows here: d/dw at 1..R, d/d lambda last.
+        known = block[:, [*range(1, n + 1), rows + 2]].swapaxes(1, 2)
+        by_stages = block[:, n + 1 : rows + 1].swapaxes(1, 2)
+        stages = np.linalg.solve(by_stages[:, :d_rows], known[:, :d_rows])
+        ends = by_stages[:, d_rows:] @ stages - known[:, d_rows:]
+        yield from ((end[:, :n], end[:, n]) for end in ends)
 
 
 def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:

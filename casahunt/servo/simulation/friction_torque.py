@@ -17,9 +17,9 @@ import numpy as np
 from ...collocation.interval import point_function
 from ...compiled import alone
 from ...hybrid.system import Mode
+from ..cycles import automaton
 from ..friction import Friction, stribeck
-from ..hunting import SYSTEMS
-from ..stick_band import REGULARISED, parameters
+from ..stick_band import parameters
 from .trajectory import Trajectory
 
 Array = np.ndarray
@@ -46,8 +46,8 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     t = np.asarray(times, float).ravel()
     x = trajectory.sample(t)
     servo, gain = trajectory.servo, trajectory.gain
-    system = REGULARISED if trajectory.regularised else SYSTEMS[trajectory.model]
     p = parameters(servo, gain) if trajectory.regularised else servo.parameters(gain)
+    system = automaton(trajectory.model, p.size)
     modes = np.array(trajectory.mode_at(t))
     acceleration = np.zeros(t.size)
     for name in dict.fromkeys(modes.tolist()):

@@ -33,9 +33,10 @@ import numpy as np
 
 from ...motion.march import MarchFailure, march
 from .. import stick_band as band
+from ..cycles import SCHEMES, automaton
 from ..event_map.fixed_points import map_at
 from ..event_map.scan import half_cycle, patience, state_scale
-from ..hunting import SCHEMES, SYSTEMS, Model
+from ..hunting import Model
 from ..servo import Servo
 
 Array = np.ndarray
@@ -148,8 +149,9 @@ def _band_position(servo: Servo, gain: float, b: float) -> float:
     """|x1| where the servo with a stick band breaks away next; 0 where it never does."""
     kp, _, ki = servo.torque_gains(gain)
     x = np.array([-b, 0.0, (kp * b - servo.friction.static) / ki])
+    p = band.parameters(servo, gain)
     segments = march(
-        band.REGULARISED, "transition+", x, band.parameters(servo, gain), scale=state_scale("switch", servo, gain, b),
+        automaton("switch", p.size), "transition+", x, p, scale=state_scale("switch", servo, gain, b),
         until=lambda segment: segment.mode == "stick", tol=1e-6, degree=8, max_time=patience(servo),
         max_intervals=3000,
     )  # fmt: skip
@@ -276,10 +278,11 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
     size = float(np.abs(x[0]))
     scale = np.maximum(state_scale("lugre", servo, gain, max(size, 1e-3 * servo.friction.static)), np.abs(x))
     degree, kind = SCHEMES["lugre"]
+    p = servo.parameters(gain)
     pushed = x * np.array([1 + NUDGE, 1 + NUDGE, 1 + NUDGE, 1.0])
     try:
         segments = march(
-            SYSTEMS["lugre"], mode, pushed, servo.parameters(gain), scale=scale, until=lambda _: False, tol=1e-7,
+            automaton("lugre", p.size), mode, pushed, p, scale=scale, until=lambda _: False, tol=1e-7,
             degree=degree, kind=kind, max_time=NUDGED * period,
         )  # fmt: skip
     except MarchFailure:

@@ -35,8 +35,9 @@ from ...hybrid.system import System
 from ...motion.march import MarchFailure, Segment, march
 from ...orbits.adapt import TOLERANCE_RANGE
 from .. import stick_band as band
+from ..cycles import SCHEMES, automaton, names_of
 from ..event_map.scan import state_scale
-from ..hunting import MODELS, SCHEMES, SYSTEMS, Model
+from ..hunting import MODELS, Model
 from ..servo import Servo
 from .prospect import escapes
 from .trajectory import Happening, Trajectory
@@ -191,8 +192,8 @@ class _Run:
     def __init__(self, servo: Servo, model: Model, gain: float, start: Array, time: float, regularised: bool) -> None:
         self.servo, self.model, self.gain, self.start, self.time = servo, model, gain, start, time
         self.regularised = regularised
-        self.system: System = band.REGULARISED if regularised else SYSTEMS[model]
         self.p = band.parameters(servo, gain) if regularised else servo.parameters(gain)
+        self.system: System = automaton(model, self.p.size)
         kp = servo.torque_gains(gain)[0]
         self.unit = servo.friction.static / kp
         self.scale = state_scale(model, servo, gain, UNIT * self.unit)
@@ -201,7 +202,8 @@ class _Run:
     def first_mode(self) -> str:
         """The mode of the initial state."""
         if self.regularised:
-            return band.mode_of(self.start, self.p)
+            names = names_of(self.model, self.p.size)
+            return band.mode_of(names.x(self.start, self.p), names.p(self.p))
         slip = "slip" if self.model == "switch" else "slide"
         if self.start[1] != 0:
             return f"{slip}{'+' if self.start[1] > 0 else '-'}"
@@ -216,7 +218,11 @@ class _Run:
         after: list[str] = []
         ended, instant = "", 0
         limit = THROWN_OUT * max(abs(float(x[0])), self.unit)
-        effort.at(lambda: f"followed to {now:.4g} s of {self.time:.4g} s, to the march tolerance {tau:.0e}")
+        began = clock.monotonic()
+        effort.at(
+            lambda: f"followed to {now:.4g} s of {self.time:.4g} s{effort.left(now, self.time, began)}, to the march "
+            f"tolerance {tau:.0e}"
+        )  # fmt: skip
         while now < self.time * (1 - 1e-15):
             (segment,) = march(
                 self.system, mode, x, self.p, scale=self.scale, until=lambda _: True, tol=tau,
@@ -232,7 +238,7 @@ class _Run:
             if not segment.event:
                 after.append(mode)
                 continue
-            way_out = next(e for e in self.system.exits[mode] if e.event.name == segment.event)
+            way_out = self.system.ways_out(mode, segment.event)[0]
             mode = way_out.successor(x, self.p)
             after.append(mode)
             instant = instant + 1 if segment.duration <= INSTANT * max(now, 1.0) else 0

@@ -15,7 +15,8 @@ import numpy as np
 
 from ...collocation.scheme import Scheme, scheme
 from ...errors import InputError, Status
-from ..hunting import SCHEMES, Model, motor_torque
+from ..cycles import SCHEMES, motor_torque
+from ..hunting import Model
 from ..servo import Servo
 from .verdict import Verdict, judge
 

@@ -27,11 +27,11 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from ...motion.march import MarchFailure, march
+from ..cycles import SCHEMES, automaton, motor_torque
 from ..event_map.fixed_points import map_at
 from ..event_map.scan import patience, state_scale
-from ..hunting import SCHEMES, SYSTEMS, Model, motor_torque
+from ..hunting import Model
 from ..servo import Servo
-from ..stick_band import REGULARISED
 from ..stick_band import parameters as band_parameters
 from .prospect import KNOWN, NUDGE, Ahead, Cycle, cycle_near, escapes, nudged, settles
 from .swings import ABOVE, limit_of, limit_of_sides
@@ -334,7 +334,7 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
     servo, model, x = motion.servo, motion.model, motion.states[:, -1]
     exact = model == "switch" and not motion.regularised
     p = band_parameters(servo, motion.gain) if motion.regularised else servo.parameters(motion.gain)
-    system: Any = REGULARISED if motion.regularised else SYSTEMS[model]
+    system: Any = automaton(model, p.size)
     side, slips = np.sign(x[0]), 0
 
     def over(segment: Any) -> bool:

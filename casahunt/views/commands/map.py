@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+import time
+from collections.abc import Callable
 from typing import Any
 
+from ... import effort
 from ...checks import finite_or_none, to_error
 from ...errors import InputError, NoOrbit, Status
-from ...servo.event_map.fixed_points import MAP_POINTS, fixed_points
+from ...servo.event_map.fixed_points import MAP_POINTS, default_range, fixed_points
+from ...servo.servo import Servo
 from .arguments import add_common, gain_of, picture_of, positive, servo_of
 from .console import progress, teller
 
@@ -37,11 +42,7 @@ def run(options: argparse.Namespace) -> int:
     points = _count(options.points)
     servo = servo_of(options)
     plot = picture_of(options)
-    tell = teller(progress(options.quiet))
-
-    def report(motions: int, a: float) -> None:
-        tell(f"{motions} motions computed, the last one from the stick position {a:.4g} rad")
-
+    report = _reporter(servo, gain, low, high, points, options)
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
         raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
@@ -84,6 +85,27 @@ def run(options: argparse.Namespace) -> int:
         print(f"  jump         a = {j.start:.8g} rad, P from {j.below:.6g} to {j.above:.6g} rad"
               f"{', across P = a' if j.crosses else ''}")  # fmt: skip
     return 0
+
+
+def _reporter(
+    servo: Servo, gain: float, low: float | None, high: float | None, points: int, options: argparse.Namespace
+) -> Callable[[int, float], None]:
+    """Who says where a map is: in its first grid, then between its neighbours, from the smallest position up."""
+    tell = teller(progress(options.quiet))
+    began = since = time.monotonic()
+
+    def report(motions: int, a: float) -> None:
+        nonlocal since
+        if motions <= points:
+            since = time.monotonic()
+            tell(f"{motions} of {points} motions of the first grid{effort.left(motions, points, began)}")
+            return
+        ends = default_range(servo, gain)
+        bottom, top = low or ends[0], high or ends[1]
+        rest = effort.left(math.log(a / bottom), math.log(top / bottom), since)
+        tell(f"{motions} motions computed, the last one from the stick position {a:.4g} rad{rest}")
+
+    return report
 
 
 def _count(text: Any) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ... import interrupts
+from ... import effort, interrupts
 from ...checks import known, quoted, to_error
 from ...design.uncertainty.samples import Samples, draw, sample
 from ...design.uncertainty.set import Uncertainty
@@ -69,8 +69,11 @@ def run(options: argparse.Namespace) -> int:
     fold = find_fold(servo, model, options=how)
     say(out, progress_line(fold.orbit, mu="+1 (fold)"))
     say(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
-    tell = teller(out)
-    samples = _solved(servo, model, uncertainty, n, seed, jobs, how, fold, lambda i: tell(f"{i} of {n} samples solved"))
+    tell, since = teller(out), time.monotonic()
+    samples = _solved(
+        servo, model, uncertainty, n, seed, jobs, how, fold,
+        lambda i: tell(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
+    )  # fmt: skip
     say(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     worst = worst_corner(
         servo,

@@ -5,6 +5,7 @@ branches.py      amplitude, period and multiplier against the gain
 orbits.py        time traces, phase portraits
 fold.py          elasticities of a fold
 fold_curve.py    the gains with and without hunting against another parameter
+fold_map.py      contours of the fold gain over two parameters
 loop.py          Bode pictures
 event_map.py     cobweb picture of the event map
 uncertainty.py   histogram of sampled fold gains

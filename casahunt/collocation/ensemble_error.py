@@ -1,0 +1,154 @@
+"""The errors of many solutions at once: error_estimate.py with members in front.
+
+    u_b on the mesh with halved intervals -> r_b, linearised there -> joined over the halves -> J_b^T psi = c_b
+    q(exact) - q(u_b) = sum_e psi_e . r_e,    and what a Newton step inside the intervals leaves
+
+Symbols: B members, n states, d stages, N intervals, E elements, P phases, k functionals, y unknowns of the node system.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .ensemble import Linearisations, Settings, fields_of_many, linearise_many, nodes_of_many
+from .error_estimate import ROUNDING, fine_rule
+from .transcription import Transcription, transcribe
+
+Array = np.ndarray
+
+OF_HALVED_MESH = 1 / 16
+"""Part of an error that the mesh with halved intervals may have itself: what is left of it at order four, below that of
+the schemes, but not below what a mesh shows that only just resolves a motion."""
+
+
+def halved_for_many(t: Transcription, u: Array, settings: Settings) -> tuple[Transcription, Array, Settings]:
+    """Solutions with every interval cut in two, as `mesh.on_halved_mesh`.
+
+    Parameters
+    ----------
+    t, u, settings
+        transcription, (B, size) unknowns, and settings.
+
+    Returns
+    -------
+    The same on the finer mesh.
+    """
+    fine, B = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind), len(u)
+    old = nodes_of_many(t, u)
+    w = u[:, : t.intervals * t.rows].reshape(B, t.intervals, 1, t.degree + 1, t.n)
+    w = np.matmul(t.scheme.halves, w).reshape(B, fine.intervals, fine.rows)
+    nodes = np.empty((B, fine.elements + 1, t.n))
+    nodes[:, fine.interval_elements] = w[:, :, : t.n]
+    nodes[:, fine.closed_elements] = old[:, t.closed_elements]
+    nodes[:, -1] = old[:, -1]
+    # A phase starts where the one before it ended, exactly: interpolation must not move an event.
+    nodes[:, fine.phase_start] = old[:, t.phase_start]
+    nodes[:, fine.phase_end] = old[:, t.phase_end]
+    out = np.empty((B, fine.size))
+    out[:, : fine.intervals * fine.rows] = w.reshape(B, -1)
+    out[:, fine.node_index] = nodes
+    out[:, -fine.phases :] = u[:, -t.phases :]
+    fractions = np.repeat(settings.fractions / 2, 2, axis=1)
+    return fine, out, Settings(fractions, settings.p, settings.scale, settings.directions)
+
+
+def errors_of_many(
+    t: Transcription,
+    fine: Transcription,
+    u: Array,
+    settings: Settings,
+    lin: Linearisations,
+    goals: Array,
+    border: Array,
+) -> Array:
+    """Errors of linear functionals of the node systems at converged solutions.
+
+    Parameters
+    ----------
+    t
+        the transcription of the solutions.
+    fine, u, settings, lin
+        the solutions on the halved mesh, and the equations linearised there.
+    goals
+        (B, k, y) functionals of the node systems of `t`.
+    border
+        (B, .) border rows under which the solutions were computed.
+
+    Returns
+    -------
+    (B, k) absolute errors, what they overlook added.
+    """
+    with np.errstate(all="ignore"):
+        B, E, n = len(u), t.elements, t.n
+        maps = _joined(t, fine, lin.maps)
+        system, zero = t.system, np.zeros((B, 1))
+        events = lin.events[:, : n + 3]
+        rhs = np.concatenate([maps[..., 0].reshape(B, -1), -lin.closure_residual, -events[:, 0], zero], axis=1)
+        nonzeros = system.nonzeros_of_many(maps[..., : n + 3], lin.closure, events, border)
+        psi = system.solve_many(nonzeros, goals, transposed=True)
+        errors = np.abs(np.matmul(psi, rhs[:, :, None])[..., 0])
+        chains = psi[:, :, : E * n]
+        if t.intervals:
+            weights = chains.reshape(B, -1, E, n)[:, :, t.interval_elements]
+            left = _left_by_steps(fine, u, lin, settings).reshape(B, t.intervals, 4, n)
+            terms = np.abs(np.matmul(left, weights.transpose(0, 2, 3, 1)))
+            overlooked = np.maximum(terms[:, :, 0], terms[:, :, 1]) + np.maximum(terms[:, :, 2], terms[:, :, 3])
+            errors = errors + np.matmul(np.ones(t.intervals), overlooked)
+        return errors + ROUNDING * np.sqrt(np.matmul(chains[:, :, None, :], chains[..., None])[..., 0, 0])
+
+
+def _left_by_steps(fine: Transcription, u: Array, lin: Linearisations, s: Settings) -> Array:
+    """r' (B, N, 2, 2, n): see `error_estimate._left_by_a_step`."""
+    B, n, count, d = len(u), fine.n, fine.intervals // 2, fine.degree
+    w = u[:, : fine.intervals * fine.rows].reshape(B, count, 2, d + 1, n).copy()
+    ends = nodes_of_many(fine, u)[:, fine.interval_elements + 1].reshape(B, count, 2, n)
+    maps = lin.maps[:, fine.interval_elements].reshape(B, count, 2, n, -1)
+    update = lin.eliminated.reshape(B, count, 2, d * n, -1)
+    middle, through = maps[:, :, 0, :, 0], maps[..., 1 : n + 1]
+    second = through[:, :, 1]
+    w[..., 1:, :] -= update[..., 0].reshape(B, count, 2, d, n)
+    w[:, :, 1, 1:] -= np.matmul(update[:, :, 1, :, 1 : n + 1], middle[..., None]).reshape(B, count, d, n)
+    w[:, :, 1, 0] += middle
+    ends[:, :, 0] += middle
+    ends[:, :, 1] += maps[:, :, 1, :, 0] + np.matmul(second, middle[..., None])[..., 0]
+    weights, rule = fine_rule(d, fine.kind)
+    x = np.matmul(rule, w).reshape(B, fine.intervals, -1, n)
+    f = fields_of_many(fine, x, s).reshape(B, count, 2, -1, n)
+    step = s.fractions * u[:, -fine.phases :][:, fine.phase_of[fine.interval_elements]]
+    integrals = np.matmul(weights[:, None], f)[..., 0, :] * step.reshape(B, count, 2, 1)
+    left = w[:, :, :, 0] + integrals - ends
+    late_early = np.stack([left, np.matmul(through, left[..., None])[..., 0]], axis=3)
+    late_early[:, :, 0] = np.matmul(late_early[:, :, 0], second.transpose(0, 1, 3, 2))
+    return late_early
+
+
+def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
+    """(B, E, n, .) maps over the intervals of t from those over their two halves: the middle node eliminated."""
+    B, n = len(maps), t.n
+    halves = maps[:, fine.interval_elements].reshape(B, t.intervals, 2, n, maps.shape[-1])
+    first, second = halves[:, :, 0], halves[:, :, 1]
+    through = np.matmul(second[..., 1 : n + 1], first)
+    through[..., 0] += second[..., 0]
+    through[..., n + 1 :] += second[..., n + 1 :]
+    out = np.empty((B, t.elements, n, maps.shape[-1]))
+    out[:, t.interval_elements] = through
+    out[:, t.closed_elements] = maps[:, fine.closed_elements]
+    return out
+
+
+def estimates_of_many(t: Transcription, u: Array, settings: Settings, goals: Array, border: Array) -> Array:
+    """Errors of linear functionals, from solutions on the mesh that they were computed on.
+
+    Parameters
+    ----------
+    t, u, settings
+        transcription, (B, size) solutions and settings.
+    goals, border
+        as in `errors_of_many`.
+
+    Returns
+    -------
+    (B, k) absolute errors.
+    """
+    fine, finer, halves = halved_for_many(t, u, settings)
+    return errors_of_many(t, fine, finer, halves, linearise_many(fine, finer, halves), goals, border)

@@ -1,0 +1,218 @@
+"""Behind a grazing: the cycle with which a branch goes on where an event is met with no speed.
+
+    a phase has vanished            the cycle without it                                     (vanishing.py)
+    an event is touched once more   the cycle that meets it, at first with no speed: its speed tells how far it is along
+    an event is only touched        the cycle next to it that keeps clear of it, on either side of the parameter: where
+                                    the motion settles on one that is nearly the same
+
+Where an event is touched once more, the equations of the cycle go on beyond the touch, and between its points a phase
+shows the event no better than its polynomial: the touch is where the scalar of the event turns at zero (touching.py).
+At the touch the cycle with one more boundary has a regular tangent, although h' = 0 there: the speed is free.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+from typing import Generic, NamedTuple, cast
+
+import numpy as np
+
+from ..errors import NoOrbit, Status
+from ..hybrid.roots import secant
+from ..orbits.adapt import Options
+from ..orbits.cycle_search import find_cycle
+from ..orbits.family import Family
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
+from .curve import along, backwards, point_at, predict
+from .special_points import GRAZING, SpecialPoint, special_point
+from .touching import Touch, touches, value_of
+from .vanishing import solved_at
+from .walk import corrected
+
+BESIDE_TOUCH, TOUCH_ROUNDS = 1e-6, 12
+"""How far from the last cycle, in lambda, the next one is looked at for where it touches; steps of that search."""
+SLOWLY = (1e-2, 1e-3, 1e-4)
+"""How far behind a touch, in arclength, the cycle that meets the event is looked for."""
+BESIDE_GRAZING = 1e-3
+"""How far beside a grazing, in lambda, the motion is looked at."""
+TOUCHED = 1e-3
+"""An exit that a cycle comes this near, in units of the way that it goes off it, is touched where no step leads on:
+between the nodes a solution shows no more."""
+NEARLY_THE_SAME = 0.05
+"""Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
+MET_WITHOUT_SPEED = replace(
+    GRAZING,
+    meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
+)
+
+
+class Behind(NamedTuple, Generic[AnyOrbit]):
+    """What a branch has come to: the grazing and the cycle that it goes on with, None for either where there is none.
+
+    Attributes
+    ----------
+    grazing, following : the special point and the orbit.
+    place : where an event is touched once more: orbits of the branch may have passed it.
+    """
+
+    grazing: SpecialPoint[AnyOrbit] | None
+    following: AnyOrbit | None
+    place: Touch | None = None
+
+    def reached(self, orbits: tuple[AnyOrbit, ...]) -> tuple[AnyOrbit, ...]:
+        """The orbits of the branch up to the touch, and the one that touches."""
+        if self.place is None or self.grazing is None:
+            return orbits
+        many = len(orbits)
+        while many > 1 and orbits[many - 1].signature == orbits[-1].signature:
+            if not value_of(self.place, orbits[many - 1]) > 0:
+                break
+            many -= 1
+        return *orbits[:many], self.grazing.orbit
+
+
+def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Options) -> Behind[AnyOrbit]:
+    """The grazing that a branch has come to, and the cycle that it goes on with.
+
+    Parameters
+    ----------
+    last, vary
+        the last cycle of a walk, and the name of the parameter.
+    failure
+        why the walk has ended.
+    options
+        tolerance and method.
+
+    Returns
+    -------
+    Behind.
+    """
+    fewer = last.problem.vanishing(*unknowns_of(last))
+    without = None if fewer is None else solved_at(last.problem, fewer[1], options)
+    if without is not None and without.signature != last.signature and _alike(last, without):
+        return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
+    distance, mode, event = np.inf, "", ""
+    if isinstance(last.problem, Family):
+        distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
+    if distance > TOUCHED:
+        if failure.status is not Status.INADMISSIBLE:
+            return Behind(None, None)
+        return Behind(special_point(MET_WITHOUT_SPEED, last, vary), _clear_of_it(last, vary, options))
+    what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
+    located = _located(last, event, vary, options)
+    if located is None:  # the last cycle is as near to it as its polynomials show
+        called = replace(GRAZING, meaning=f"{what}; no cycle with these phases follows")
+        return Behind(special_point(called, last, vary, error=TOUCHED), _clear_of_it(last, vary, options))
+    place, orbit = located
+    more = _with_one_more(orbit, place, vary, options)
+    follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"
+    touch = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
+    return Behind(touch, more or _clear_of_it(last, vary, options), place)
+
+
+def _located(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Touch, AnyOrbit] | None:
+    """The cycle next to one that touches an event inside a phase, and where; None where it is none of the system's."""
+    for _, place in touches(last, event):
+        if place.at_end or place.piece:
+            continue
+        found = _touching(place.loosened(last), place, vary, options)
+        if not isinstance(found, str):
+            return place, found
+    return None
+
+
+def _touching(loose: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | str:
+    """The cycle of the loose family next to one that touches, as one of the system's; a sentence where it is none."""
+    start, seen = unknowns_of(loose), []
+
+    def beyond(lam: float) -> float:
+        problem = loose.problem.with_value(vary, loose.problem.moved(vary, float(lam)))
+        orbit = solved_at(problem, start, options) if abs(lam) <= TOUCHED else None
+        if orbit is None:
+            return math.nan
+        seen.append(orbit)
+        return value_of(place, orbit)
+
+    _, left = secant(beyond, 0.0, BESIDE_TOUCH, tolerance=place.monitor.tolerance, rounds=TOUCH_ROUNDS)
+    reached = abs(left) <= place.monitor.tolerance
+    return cast(AnyOrbit | str, place.reported(seen[-1])) if reached else "no cycle next to it touches the event"
+
+
+def _with_one_more(orbit: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle next to one that touches an event which meets it, slowly; None where none was found."""
+    family = cast(Family, orbit.problem)
+    start = family.with_touch(place.phase, place.event, *unknowns_of(orbit))
+    if start is None:
+        return None
+    point = point_at(*start, along(family, vary), like=None)
+    for ds in SLOWLY:
+        for one in (point, backwards(point)):
+            u, lam = predict(one, ds)
+            solved = corrected(one, u, lam, family, options, ds=ds, border=one.row)
+            if solved.status.ok and solved.t.cycle.signature == start[0].cycle.signature:
+                value = family.moved(vary, lam, solved.solution.parameter)
+                return cast(AnyOrbit, orbit_of(solved, family.with_value(vary, value), wall_s=0.0))
+    return None
+
+
+def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options) -> tuple[AnyOrbit, AnyOrbit | None]:
+    """The same cycles from the boundary on that is crossed the fastest: next to one that is touched, x_0 turns back.
+
+    There its distance from the touch goes like a square root of the parameter's, as if the branch had a fold.
+
+    Parameters
+    ----------
+    orbit, previous
+        the cycle, and the one before it on the branch or None.
+    options
+        tolerance and method.
+
+    Returns
+    -------
+    Both; as they are where that is not known.
+    """
+    family = orbit.problem
+    if not isinstance(family, Family) or previous is not None and previous.signature != orbit.signature:
+        return orbit, previous
+    first = family.strongest(*unknowns_of(orbit))
+    turned = []
+    for one in (orbit,) if previous is None else (orbit, previous):
+        start = family.starting_at(first, *unknowns_of(one)) if first else None
+        found = None if start is None else solved_at(one.problem, start, options)
+        if found is None:
+            return orbit, previous
+        turned.append(cast(AnyOrbit, found))
+    return turned[0], turned[1] if previous is not None else None
+
+
+def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
+    family = last.problem
+    if not isinstance(family, Family):
+        return None
+    arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
+    for side in (1.0, -1.0):
+        value = family.moved(vary, side * BESIDE_GRAZING)
+        start = family.system.names.numbers(arc.states[len(arc.states) // 2, 0], family.vector())
+        parameters = dict(zip(family.names, family.values, strict=True)) | {vary: value}
+        with suppress(NoOrbit):
+            other = find_cycle(
+                family.system, arc.mode, parameters=parameters, follow=family.followed, measure=family.measured,
+                options=options, start=start,
+            )  # fmt: skip
+            if other.signature != last.signature and _alike(last, other):
+                return cast(AnyOrbit, other)
+    return None
+
+
+def _alike(one: Orbit, other: Orbit) -> bool:
+    """Whether the ranges of all states and the periods are nearly the same."""
+    if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
+        return False
+    states = len(one.problem.system.states) if isinstance(one.problem, Family) else one.scale.size
+    x, y = one.sample()[1][:states], other.sample()[1][:states]
+    size = np.ptp(x, axis=1)
+    off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))
+    return bool(np.all(off <= NEARLY_THE_SAME * size))

@@ -1,0 +1,130 @@
+"""The largest and the smallest value of a parameter along a branch, as optimisation problems.
+
+    maximise  +- lambda   subject to  G(u, lambda; q) = 0       by IPOPT with the exact Hessian (fold.py)
+
+The branch is followed to its fold; there the optimisation problem is solved on the mesh of the orbit and on the mesh
+with halved intervals.  Its multipliers give the derivatives of the value by all other parameters at once (adjoint.py).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any
+
+from ..checks import known
+from ..errors import InputError, NoOrbit, Status
+from ..orbits.adapt import Options
+from ..orbits.orbit import AnyOrbit
+from .adjoint import curvature
+from .curve import along, parameter_value
+from .fold import WALK_TOLERANCE, Fold, confirmed
+from .sheet import finer
+from .special_points import FOLD, SpecialPoint, crossings
+from .walk import walk
+
+
+def largest(
+    start: AnyOrbit | SpecialPoint[AnyOrbit],
+    vary: str,
+    *,
+    to: float = math.inf,
+    options: Options | None = None,
+    max_points: int = 200,
+) -> Fold[AnyOrbit]:
+    """The largest value of a parameter on the branch of a cycle: the first fold on the way up.
+
+    Parameters
+    ----------
+    start
+        a cycle of the branch, or a located fold of it.
+    vary
+        name of the parameter.
+    to
+        value beyond which no fold is sought.
+    options
+        `tol` bounds the relative errors; default the tolerance to which the orbit is known, or 1e-8.
+    max_points
+        number of orbits after which the search ends.
+
+    Returns
+    -------
+    Fold: value, error, and `sensitivities`, by how much the value moves with every other parameter.
+
+    Raises
+    ------
+    InputError : unknown parameter, or a special point that is no fold.
+    NoOrbit : the branch does not turn back before `to`, or the fold is not confirmed.
+    """
+    return _extremum(start, vary, 1.0, to, options, max_points)
+
+
+def smallest(
+    start: AnyOrbit | SpecialPoint[AnyOrbit],
+    vary: str,
+    *,
+    to: float = -math.inf,
+    options: Options | None = None,
+    max_points: int = 200,
+) -> Fold[AnyOrbit]:
+    """The smallest value of a parameter on the branch of a cycle: the first fold on the way down.
+
+    Parameters
+    ----------
+    start, vary, to, options, max_points
+        as in `largest`.
+
+    Returns
+    -------
+    Fold.
+
+    Raises
+    ------
+    InputError, NoOrbit : as in `largest`.
+    """
+    return _extremum(start, vary, -1.0, to, options, max_points)
+
+
+def _extremum(
+    start: Any, vary: str, sense: float, to: float, options: Options | None, max_points: int
+) -> Any:
+    """The fold at which the parameter is largest (sense = +1) or smallest (-1)."""
+    began = time.perf_counter()
+    orbit = start.orbit if isinstance(start, SpecialPoint) else start
+    known("parameter", vary, orbit.problem.names)
+    options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    special = start if isinstance(start, SpecialPoint) else _met(orbit, vary, sense, to, options, max_points)
+    fold = confirmed(special, vary, options, began, sense)
+    if curvature(fold.orbit, fold.multipliers, along(fold.orbit.problem, vary)) * sense > 0:
+        word, other = ("largest", "smallest") if sense > 0 else ("smallest", "largest")
+        sentence = f"{vary} is not {word} at the fold of {orbit.problem.title} at {fold.value:.10g}: try `{other}`"
+        raise NoOrbit(sentence, Status.NOT_FOUND)
+    return fold
+
+
+def _met(
+    orbit: AnyOrbit, vary: str, sense: float, to: float, options: Options, max_points: int
+) -> SpecialPoint[AnyOrbit]:
+    """The first fold on the way of a parameter up or down, located; the way itself takes less accuracy."""
+    here = parameter_value(orbit, vary)
+    if not (to - here) * sense > 0:
+        way = "up" if sense > 0 else "down"
+        raise InputError(f"{vary} is {here:.6g} at the start: its way {way} cannot end at {to:g}")
+    lowest, highest = orbit.problem.range_of(vary)
+    low, high = (lowest, min(to, highest)) if sense > 0 else (max(to, lowest), highest)
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    steps, before = walk(orbit, vary=vary, low=low, high=high, sense=sense, options=rough, max_points=max_points), orbit
+    while True:
+        try:
+            after = next(steps)
+        except StopIteration as end:
+            word = "largest" if sense > 0 else "smallest"
+            sentence = f"{orbit.problem.title} has no {word} {vary} on this branch between {here:.6g} and {to:.6g}"
+            raise NoOrbit(f"{sentence}: {end.value}", Status.NOT_FOUND) from None
+        found, missed = crossings(before, after, vary=vary, monitors=(FOLD,), options=finer(options))
+        if found:
+            return found[0]
+        if missed:
+            raise NoOrbit(missed[0].meaning, Status.NOT_CONVERGED)
+        before = after

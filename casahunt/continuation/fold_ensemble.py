@@ -1,0 +1,276 @@
+"""Folds of many problems near one whose fold is known, all at once.
+
+    expansion of the known fold -> where it is expected -> turning point -> confirmed, judged -> "batch"
+                                                               |                 | other phases, or another mesh
+                                                               |                 v
+                                                               |     solved singly from there -> confirmed -> "recut"
+                                                               v                                  |
+                                                     nothing: left to the single way  <-----------+
+
+The derivatives of the expansion are differences of folds at l_i +- `NEIGHBOURS_APART` (fold_expansion.py).  A member's
+numbers depend on the member and on the known fold alone (collocation/ensemble.py).
+
+Symbols: B members, k parameters that differ, n states, P phases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from ..collocation.admissibility import judge
+from ..collocation.ensemble import Settings, settings_of
+from ..collocation.mesh import transfer
+from ..collocation.remesh import better_breaks
+from ..collocation.transcription import Setting, Transcription
+from ..errors import InputError, NoOrbit, Status
+from ..hybrid.problem import Problem
+from ..orbits.adapt import TOLERANCE_RANGE, Options, curve_border, solve_adaptively
+from ..orbits.amplitude import estimated
+from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
+from ..orbits.orbit import unknowns_of
+from .curve import along
+from .fold import Fold
+from .fold_confirmation import confirmed_many, slopes_of_many
+from .fold_expansion import Expansion
+from .turning_points import from_expansion, turning_points
+
+Array = np.ndarray
+How = Literal["batch", "recut", ""]
+
+NEIGHBOURS_APART = 1e-3
+"""Distance of the neighbours from which the expansion is made, in logarithms: their differences have ten digits."""
+MESHES_OF_KNOWN = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Folds of B members.
+
+    Attributes
+    ----------
+    values, value_errors : (B,) of the parameter, errors relative to its unit.
+    periods, period_errors, amplitudes, amplitude_errors : (B,) of the cycles there.
+    statuses : one of each; only what is CONVERGED is to be trusted.
+    how : "batch"; "recut" where other phases or another mesh were needed; "" where there is none.
+    slopes : (B, k) d ln value/d ln q for the parameters asked for; (B, 0) where none are.
+    """
+
+    values: Array
+    value_errors: Array
+    periods: Array
+    period_errors: Array
+    amplitudes: Array
+    amplitude_errors: Array
+    statuses: tuple[Status, ...]
+    how: tuple[How, ...]
+    slopes: Array
+
+    @property
+    def errors(self) -> Array:
+        """(B,) the largest estimated relative error of value, period and amplitude."""
+        return np.max([self.value_errors, self.period_errors, self.amplitude_errors], axis=0)
+
+
+def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
+    """A known fold, on a mesh for the tolerance, and its change with parameters.
+
+    Parameters
+    ----------
+    fold, names
+        the fold, where its parameter is largest, and the k parameters that will differ.
+    tol
+        relative error that its neighbours may have.
+
+    Returns
+    -------
+    Expansion.
+
+    Raises
+    ------
+    NoOrbit : the fold could not be solved again.
+    """
+    problem, vary = fold.orbit.problem, fold.parameter
+    t, u, setting = unknowns_of(fold.orbit)
+    setting = replace(setting, dp=along(problem, vary))
+    known = _polished(t, u, setting, problem, vary, tol)
+    for changes in range(MESHES_OF_KNOWN):
+        t, u, setting = known.t, known.u, known.setting()
+        error = estimated(t, u, setting, border=curve_border(t, u, known.row), believed=tol)
+        if error.error <= ROOM_FOR_KNOWN * tol or not np.isfinite(error.error):
+            break
+        breaks = better_breaks(t, setting.fractions, error, ROOM_FOR_KNOWN * tol, changes)
+        t, u, fractions = transfer(t, u, setting.fractions, breaks)
+        known = _polished(t, u, replace(setting, fractions=fractions), problem, vary, tol)
+    names = tuple(name for name in names if name != vary)
+    return _expanded(replace(known, names=names), tol)
+
+
+def _polished(
+    t: Transcription, u: Array, setting: Setting, problem: Problem, vary: str, tol: float, bend: float | None = None
+) -> Expansion:
+    """The fold on a mesh, with its row and bend; `bend` is about that, where it is known."""
+    lin = t.linearise(u, setting)
+    du, y = lin.tangent(curve_border(t, u, np.append(np.ones(t.n), [0.0, 0.0])))
+    row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], 0.0]])
+    row /= np.linalg.norm(row)
+    bend = _bend(t, u, setting, row) if bend is None else bend
+    many = settings_of(setting, setting.p[None], setting.dp[None, None])
+    found = turning_points(t, u[None], np.zeros(1), many, row, bend, tol)
+    if found.statuses[0] is not Status.CONVERGED:
+        raise NoOrbit(f"the known fold of {problem.title} was not solved again", Status.NOT_CONVERGED)
+    there = problem.with_value(vary, problem.moved(vary, float(found.lam[0])))
+    return Expansion(
+        there, vary, t.cycle.signature, t.cycle.repeats, t.counts, t.degree, t.kind, found.u[0], setting.fractions,
+        setting.scale, row, float(found.bend[0]),
+    )  # fmt: skip
+
+
+def _bend(t: Transcription, u: Array, setting: Setting, row: Array) -> float:
+    """d2 lambda/d a2 from the slopes at a short way to either side, corrected there."""
+    slopes = []
+    for way in (-NEIGHBOURS_APART, NEIGHBOURS_APART):
+        x, lam = u.copy(), 0.0
+        du, y = t.linearise(x, setting).tangent(curve_border(t, x, row))
+        x, lam = x + way * du, way * float(y[-1])
+        for _ in range(3):
+            du, _, dlam = t.linearise(x, setting.moved(lam)).step(curve_border(t, x, row))
+            x, lam = x + du, lam + dlam
+        slopes.append(float(t.linearise(x, setting.moved(lam)).tangent(curve_border(t, x, row))[1][-1]))
+    return (slopes[1] - slopes[0]) / (2 * NEIGHBOURS_APART)
+
+
+def _expanded(known: Expansion, tol: float) -> Expansion:
+    """With the derivatives by the parameters it names; zero by one that is not positive, or whose neighbours fail."""
+    t, own, P = known.t, known.problem.vector(), known.t.phases
+    at = [known.problem.names.index(name) for name in known.names]
+    p = np.repeat(own[None], 2 * len(at), axis=0)
+    for i, place in enumerate(at):
+        p[2 * i, place] *= np.exp(NEIGHBOURS_APART)
+        p[2 * i + 1, place] *= np.exp(-NEIGHBOURS_APART)
+    flat = replace(known, first=np.zeros((len(at), t.size + 1)), second=np.zeros((len(at), t.size + 1)))
+    if not at:
+        return flat
+    found, settings = from_expansion(flat, p, tol)
+    values = settings.p[:, known.problem.names.index(known.vary)]
+    z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
+    z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
+    z_0 = np.append(known.u, 0.0)
+    z_0[-1 - P : -1] = np.log(z_0[-1 - P : -1])
+    up, down = z[::2], z[1::2]
+    good = np.array([s is Status.CONVERGED for s in found.statuses]).reshape(-1, 2).all(axis=1) & (own[at] > 0)
+    first = np.where(good[:, None], (up - down) / (2 * NEIGHBOURS_APART), 0.0)
+    second = np.where(good[:, None], (up - 2 * z_0 + down) / NEIGHBOURS_APART**2, 0.0)
+    return replace(known, first=first, second=second)
+
+
+def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
+    """The folds of members, confirmed.
+
+    Parameters
+    ----------
+    known
+        the fold from which they are predicted.
+    p
+        (B, np) their parameters; that of the fold is not read.
+    tol
+        relative error of value, period and amplitude.
+    slopes_by
+        parameters whose d ln value/d ln q are wanted.
+
+    Returns
+    -------
+    Folds, with nan where there is none.
+    """
+    parts = [_pass(known, p[i : i + MEMBERS_OF_A_PASS], tol, slopes_by) for i in range(0, len(p), MEMBERS_OF_A_PASS)]
+    numbers = np.concatenate([np.zeros((6, 0)), *(part.numbers for part in parts)], axis=1)
+    value, value_error, period, period_error, amplitude, amplitude_error = numbers
+    statuses = tuple(status for part in parts for status in part.statuses)
+    how = tuple(word for part in parts for word in part.how)
+    slopes = np.concatenate([np.zeros((0, len(slopes_by))), *(part.slopes for part in parts)])
+    return Folds(value, value_error, period, period_error, amplitude, amplitude_error, statuses, how, slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """What became of B members: (6, B) values with errors, statuses, how, (B, k) slopes.
+
+    `roots` are the turning points, (unknowns, setting) by member, that are no folds as they stand.
+    """
+
+    numbers: Array
+    statuses: list[Status]
+    how: list[How]
+    slopes: Array
+    roots: dict[int, tuple[Array, Setting]]
+
+    def take(self, member: int, numbers: Array, slopes: Array, how: How) -> None:
+        """The fold of a member."""
+        self.numbers[:, member], self.slopes[member], self.how[member] = numbers, slopes, how
+        self.statuses[member] = Status.CONVERGED
+
+
+def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
+    """`folds_near` for a few members: in the batch, then by what a turning point leads to."""
+    out = _attempt(known, p, tol, slopes_by)
+    for member, (u, setting) in out.roots.items():
+        local = _recut(known, u, setting, tol)
+        if local is not None:
+            own = _settings_of_known(local)
+            numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
+            slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
+            out.take(member, numbers, slopes, "recut")
+    return out
+
+
+def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
+    """The folds of members, as far as they have the phases and the mesh of a known one."""
+    B, t = len(p), known.t
+    found, settings = from_expansion(known, p, tol)
+    out = _Tried(np.full((6, B), np.nan), list(found.statuses), [""] * B, np.full((B, len(slopes_by)), np.nan), {})
+    there = np.array([i for i, s in enumerate(found.statuses) if s is Status.CONVERGED], dtype=int)
+    if not there.size:
+        return out
+    own, u = settings.of(there), found.u[there]
+    confirmed = confirmed_many(known, u, own, found.bend[there])
+    slopes = slopes_of_many(known, u, own, slopes_by) if slopes_by else np.zeros((there.size, 0))
+    for i, member in enumerate(there.tolist()):
+        out.statuses[member] = _verdict(t, u[i], own.one(i), confirmed[:, i], tol)
+        if out.statuses[member] is Status.CONVERGED:
+            out.take(member, confirmed[:, i], slopes[i], "batch")
+        else:
+            out.roots[member] = u[i], own.one(i)
+    return out
+
+
+def _verdict(t: Transcription, u: Array, setting: Setting, numbers: Array, tol: float) -> Status:
+    """What becomes of a turning point whose (6,) numbers are these."""
+    if not judge(t, u, setting).admissible:
+        return Status.INADMISSIBLE
+    return Status.CONVERGED if numbers[1::2].max() <= tol else Status.TOLERANCE_NOT_REACHED
+
+
+def _recut(known: Expansion, u: Array, setting: Setting, tol: float) -> Expansion | None:
+    """The fold that a turning point leads to which needs other phases or another mesh; None: to none."""
+    try:
+        problem = known.problem.with_values(known.problem.names, setting.p)
+        options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
+        start = known.t, u, setting
+        solved = solve_adaptively(problem, start, options, solver="newton", border=known.row, soft=False)
+        if not solved.status.ok:
+            return None
+        there = problem.with_value(known.vary, problem.moved(known.vary, solved.solution.parameter))
+        fresh = replace(solved.setting.moved(solved.solution.parameter), dp=along(there, known.vary))
+        local = _polished(solved.t, solved.solution.u, fresh, there, known.vary, tol, known.bend)
+    except (NoOrbit, InputError):
+        return None
+    numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
+    sound = _verdict(local.t, local.u, local.setting(), numbers, tol) is Status.CONVERGED
+    return local if sound and local.bend * known.bend > 0 else None
+
+
+def _settings_of_known(known: Expansion) -> Settings:
+    setting = known.setting()
+    return settings_of(setting, setting.p[None], setting.dp[None, None])

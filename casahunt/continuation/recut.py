@@ -1,0 +1,256 @@
+"""Another plane for a cycle that meets no event and is cut by planes (closure.py).
+
+A plane x_i = level is a good place to cut where the cycle crosses it steeply,
+
+    steepness = |x_i'| T / (max x_i - min x_i)        (pi for a sine through its middle, 0 where a plane is touched)
+
+Along a branch the cycle moves and changes its size, and a plane that stays where it was is left behind: then the cycle
+is cut by another one, and goes on.  The intervals are those of the orbit, in another order, some of them cut in two.
+
+Symbols: n states, d stages, N intervals of the computed piece, tau local time in an interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..collocation.interval import field_at
+from ..collocation.scheme import scheme
+from ..hybrid.roots import boundary
+from ..hybrid.vector_form import TURNS
+from ..motion.march import Segment
+from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.closure import Section
+from ..orbits.family import Family
+from ..orbits.orbit import AnyOrbit, Orbit, orbit_of
+from ..orbits.restart import from_segments
+from .curve import along, point_at
+
+Array = np.ndarray
+
+WORTH_ANOTHER = 0.5
+"""A plane crossed less steeply than this is left for a better one ..."""
+BETTER = 1.5
+"""... which must be crossed so many times more steeply."""
+TRIED_LEVELS = (0.5, 0.4, 0.6, 0.3, 0.7)
+"""Planes that are looked at, as parts of the range of a state."""
+PLANE_EDGE = 0.1
+"""A plane is left, too, when it is nearer to the ends of the range than this part of it."""
+SAME_PERIOD = 1e-3
+"""A cycle cut anew has the period that it had, to this; on a steep branch the parameter says less."""
+AT_NOTHING = 1e-9
+"""A level below this part of the range is zero."""
+_WATCHED = np.linspace(0.0, 1.0, 9)
+
+
+class _Crossing(NamedTuple):
+    """Where the computed piece crosses a plane: interval, local time, direction, steepness."""
+
+    interval: int
+    tau: float
+    rising: bool
+    steepness: float
+
+
+class _Plane(NamedTuple):
+    """A plane with its crossings, in the order of time, and the steepness of the flattest."""
+
+    state: int
+    level: float
+    crossings: tuple[_Crossing, ...]
+    steepness: float
+
+
+def cut_by_planes(orbit: Orbit) -> bool:
+    """Whether a cycle is anchored by planes alone, which may be chosen anew."""
+    family = orbit.problem
+    if not isinstance(family, Family) or not family.sections or any(s.state == TURNS for s in family.sections):
+        return False
+    names = {event.event.name for s in family.sections for event in s.exits(family.system.names.entries)}
+    return all(arc.event in names and arc.mode == orbit.arcs[0].mode for arc in orbit.arcs)
+
+
+def left_behind(orbit: Orbit) -> bool:
+    """Whether a cycle's own plane is not good any more."""
+    return _steepness_of_ends(orbit) <= WORTH_ANOTHER
+
+
+def recut(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False) -> AnyOrbit | None:
+    """The same cycle, cut by the plane that it crosses most steeply.
+
+    Parameters
+    ----------
+    orbit, vary
+        cut by planes (`cut_by_planes`), and the name of the parameter that is followed.
+    options
+        tolerance and method.
+    insist
+        take another plane wherever it is better at all; default: where it is much better.
+
+    Returns
+    -------
+    Orbit; None where no other plane is better, or it did not serve.
+    """
+    now = _steepness_of_ends(orbit)
+    planes = [p for p in _planes(orbit) if p.steepness > (1.0 if insist else BETTER) * now]
+    return _cut(orbit, max(planes, key=lambda p: p.steepness), vary, options) if planes else None
+
+
+def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle cut by the plane of another orbit.
+
+    Parameters
+    ----------
+    orbit, like, vary
+        the cycle, another one near by, and the name of the parameter that is followed.
+    options
+        tolerance and method.
+
+    Returns
+    -------
+    Orbit; None where it does not cross that plane as the other one does.
+    """
+    section = _family(like).sections[0]
+    i = _family(orbit).system.names.entries.index(section.state)
+    plane = _plane(orbit, i, section.level)
+    found = None if plane is None else _cut(orbit, plane, vary, options)
+    return found if found is not None and found.signature == like.signature else None
+
+
+def _family(orbit: Orbit) -> Family:
+    """The problem of a cycle that is cut by planes."""
+    assert isinstance(orbit.problem, Family)
+    return orbit.problem
+
+
+def _pieces(orbit: Orbit) -> tuple[Array, Array]:
+    """(lengths (N,), states (N, d + 1, n)) of the intervals of the computed piece."""
+    lengths = np.concatenate([arc.duration * np.diff(arc.breaks) for arc in orbit.arcs])
+    return lengths, np.concatenate([arc.states for arc in orbit.arcs])
+
+
+def _rates(orbit: Orbit, states: Array) -> Array:
+    """(m, n) x' at states (m, n)."""
+    mode = orbit.cycle.phases[0].mode
+    p, scale = orbit.problem.vector(), orbit.scale
+    return np.array([scale * field_at(mode.field, x / scale, mode.sign, p, scale) for x in states])
+
+
+def _ranges(orbit: Orbit) -> tuple[Array, Array]:
+    """Lowest and highest value of every state over the cycle, (n,) each."""
+    states = orbit.sample()[1]
+    return states.min(axis=1), states.max(axis=1)
+
+
+def _steepness_of_ends(orbit: Orbit) -> float:
+    """Steepness of the flattest crossing at the end of a phase; 0 where the plane is next to the end of the range."""
+    low, high = _ranges(orbit)
+    entries = _family(orbit).system.names.entries
+    worst = np.inf
+    for arc, rate in zip(orbit.arcs, _rates(orbit, np.array([arc.end for arc in orbit.arcs])), strict=True):
+        i = entries.index(next(s.state for s in _family(orbit).sections if arc.event.startswith(f"{s.state} ")))
+        size = high[i] - low[i]
+        inside = PLANE_EDGE * size < arc.end[i] - low[i] < (1 - PLANE_EDGE) * size
+        worst = min(worst, abs(rate[i]) * orbit.period / size if inside else 0.0)
+    return float(worst)
+
+
+def _planes(orbit: Orbit) -> list[_Plane]:
+    """Planes that may serve; those across which an angle turns do not."""
+    low, high = _ranges(orbit)
+    found = []
+    for i, name in enumerate(_family(orbit).system.names.entries):
+        if name in _family(orbit).system.angles or not high[i] > low[i]:
+            continue
+        levels = low[i] + np.array(TRIED_LEVELS) * (high[i] - low[i])
+        levels[np.abs(levels) < AT_NOTHING * (high[i] - low[i])] = 0.0  # where a symmetry has it
+        found += [_plane(orbit, i, float(level)) for level in levels]
+    return [plane for plane in found if plane is not None]
+
+
+def _plane(orbit: Orbit, i: int, level: float) -> _Plane | None:
+    """A plane with the crossings at which it cuts: rising and falling where there are just two, or the steepest one."""
+    _, states = _pieces(orbit)
+    s = scheme(orbit.degree, orbit.kind)
+    low, high = _ranges(orbit)
+    values = states[:, :, i] @ s.interpolation(_WATCHED).T - level
+    ends = np.append(states[1:, 0, i], orbit.arcs[-1].end[i]) - level
+    values[:, -1] = ends
+    crossings = []
+    for k, j in zip(*np.nonzero((values[:, :-1] < 0) != (values[:, 1:] < 0)), strict=True):
+        rising = values[k, j + 1] > values[k, j]
+
+        def beyond(tau: float, k: int = k, rising: bool = rising) -> bool:
+            value = float((s.interpolation(np.array([tau])) @ states[k, :, i])[0]) - level
+            return (value > 0) == rising
+
+        a, b = _WATCHED[j], _WATCHED[j + 1]
+        tau = float(b) if not beyond(float(b)) else boundary(beyond, float(a), float(b), width=1e-15, rounds=60)[1]
+        x = (s.interpolation(np.array([tau])) @ states[k])[0]
+        rate = abs(float(_rates(orbit, x[None])[0, i]))
+        crossings.append(_Crossing(int(k), tau, bool(rising), rate * orbit.period / (high[i] - low[i])))
+    if not crossings:
+        return None
+    if len(crossings) != 2 or orbit.repeats != 1:
+        crossings = [max(crossings, key=lambda c: c.steepness)]
+    return _Plane(i, float(level), tuple(crossings), min(c.steepness for c in crossings))
+
+
+def _cut(orbit: AnyOrbit, plane: _Plane, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle from the first crossing of a plane on, solved."""
+    family = _family(orbit)
+    mode, entries = orbit.arcs[0].mode, family.system.names.entries
+    own = Section(mode, entries[plane.state], plane.level, float(orbit.scale[plane.state]))
+    last, rising = _closing_section(orbit, plane, own)
+    sections = [*(own for _ in plane.crossings[1:]), last]
+    ways = [*(c.rising for c in plane.crossings[1:]), rising]
+    first = plane.crossings[0]
+    places = [*((c.interval, c.tau) for c in plane.crossings), (first.interval + len(_pieces(orbit)[0]), first.tau)]
+    segments = []
+    for section, up, begin, end in zip(sections, ways, places[:-1], places[1:], strict=True):
+        event = section.exits(entries)[0 if up else 1].event.name
+        segments.append(_between(orbit, mode, event, begin, end))
+    problem = replace(family, sections=(last,))
+    cycle = problem.cycle(tuple((g.mode, g.event) for g in segments), orbit.repeats)
+    t, u, setting = from_segments(
+        cycle, [(1.0, g) for g in segments], problem.vector(), along(problem, vary), degree=orbit.degree,
+        kind=orbit.kind,
+    )  # fmt: skip
+    # Where a branch is steep a cycle is known by its place on it, not by the parameter.
+    row = point_at(t, u, setting, setting.dp, like=None).row
+    solved = solve_adaptively(problem, (t, u, setting), options, solver="newton", border=row)
+    if not solved.status.ok or solved.estimate is None or solved.t.cycle != cycle:
+        return None
+    value = problem.moved(vary, solved.solution.parameter)
+    found: AnyOrbit = orbit_of(solved, problem.with_value(vary, value), wall_s=orbit.wall_s)
+    same = abs(found.period / orbit.period - 1) <= SAME_PERIOD
+    return found if same else None
+
+
+def _closing_section(orbit: Orbit, plane: _Plane, own: Section) -> tuple[Section, bool]:
+    """The plane at the end of the piece, the image of the one that it starts at, and whether it is crossed rising."""
+    if np.array_equal(orbit.cycle.closure, np.eye(orbit.scale.size)):
+        return own, plane.crossings[0].rising
+    first = plane.crossings[0]
+    x = (scheme(orbit.degree, orbit.kind).interpolation(np.array([first.tau])) @ _pieces(orbit)[1][first.interval])[0]
+    end = orbit.cycle.opened(x)
+    return replace(own, level=float(end[plane.state])), bool(_rates(orbit, end[None])[0, plane.state] > 0)
+
+
+def _between(orbit: Orbit, mode: str, event: str, begin: tuple[int, float], end: tuple[int, float]) -> Segment:
+    """The motion from one place (interval, local time) to another; behind the computed piece its image goes on."""
+    lengths, states = _pieces(orbit)
+    both, twice = np.concatenate([states, orbit.cycle.opened(states)]), np.concatenate([lengths, lengths])
+    s = scheme(orbit.degree, orbit.kind)
+    (k, tau), (m, until) = begin, end
+    parts = [(j, tau if j == k else 0.0, until if j == m else 1.0) for j in range(k, m + 1)]
+    parts = [(j, a, b) for j, a, b in parts if b > a]
+    w = np.array([(s.interpolation(a + (b - a) * s.points) @ both[j]).ravel() for j, a, b in parts])
+    steps = np.array([(b - a) * twice[j] for j, a, b in parts])
+    breaks = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    breaks[-1] = 1.0
+    j, _, b = parts[-1]
+    return Segment(mode, event, float(steps.sum()), breaks, w, (s.interpolation(np.array([b])) @ both[j])[0])

@@ -1,0 +1,294 @@
+"""Charts of a curve of special points, as plane_curve.py wants them: a sheet of orbits and the monitor on it.
+
+    phi(s, m) = the monitor at the orbit (s, m) of the sheet,    phi_s, phi_m by differences
+    slope       d lambda/d m = lambda_m - lambda_s phi_m/phi_s along the curve;  exactly, by the adjoint, at a fold
+
+A place where phi vanishes is confirmed before it is one: a fold as an extremum of the parameter on two meshes
+(fold.py), a flip or a loss of symmetry by its multiplier -1, a torus by a complex pair on the unit circle.
+
+Error of the parameter: that of lambda along the branch, and what an error e of phi moves the place by along the branch,
+
+    ds = e/|phi_s|,   no more than  ds = (e/|grad phi|)^(1/2)  where the curve turns back and phi_s vanishes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ..errors import NoOrbit
+from ..orbits.adapt import Options
+from ..orbits.orbit import Orbit
+from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
+from .curve import parameter_value
+from .fold import confirmed
+from .plane_curve import Reading
+from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
+from .special_points import FOLD, Monitor, SpecialPoint
+
+Array = np.ndarray
+
+KINK = 1e-6
+"""By how much the angles of a pair of multipliers at three places in a row are out of line where it has passed 0 or pi
+between them [rad]."""
+CONFIRMED = 1e-5
+"""How far from where it should be the multiplier of a special point may be, besides its estimated error."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpecialOrbit:
+    """A place of the curve.
+
+    Attributes
+    ----------
+    orbit : the orbit there.
+    error : estimated relative error of the first parameter, in its unit.
+    slope : derivative of the first parameter by the second along the curve; infinite where it turns.
+    """
+
+    orbit: Any
+    error: float
+    slope: float
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What all charts of a curve share.
+
+    Attributes
+    ----------
+    monitor : vanishes on the curve.
+    options : tolerance and method of the special points.
+    reported : (orbit of the sheet) -> that which a user gets, or a sentence about why it is no such point.
+    """
+
+    monitor: Monitor
+    options: Options
+    reported: Callable[[Any], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class SpecialChart:
+    """Coordinates (s, m) around a special point (plane_curve.Chart)."""
+
+    task: Task
+    sheet: Sheet
+    gradient: tuple[float, float] = (0.0, 0.0)
+    special: SpecialOrbit | None = None
+    angle: tuple[float, float, float] | None = None
+    """Of the pair of multipliers of a torus, in (0, pi), with its derivatives by s and m."""
+
+    @property
+    def position(self) -> float:
+        """The place of the second parameter in its range."""
+        return self.sheet.position
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The largest steps in s and in m."""
+        return self.sheet.reach
+
+    def value(self, s: float, m: float) -> Reading | str:
+        """Read the monitor at a place of the sheet.
+
+        Parameters
+        ----------
+        s, m
+            the place.
+
+        Returns
+        -------
+        Its value with the orbit there, or a sentence that says why there is none.
+        """
+        orbit = self.sheet.orbit_at(s, m)
+        if isinstance(orbit, str):
+            return orbit
+        if orbit.signature != self.sheet.orbit.signature:
+            return "the phases of the cycle change: it touches an event, or one of them vanishes"
+        value = self.task.monitor.value(orbit, self.sheet.point_of(orbit))
+        return Reading(value, orbit) if np.isfinite(value) else "its multipliers are not known well enough"
+
+    def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
+        """The chart of the special point that was read at a place of the sheet.
+
+        Parameters
+        ----------
+        s, m
+            the place, as in `value`.
+        reading
+            what was read there.
+
+        Returns
+        -------
+        Chart, or a sentence that says why there is none.
+        """
+        found = special_chart(self.task, reading, self.sheet, m)
+        if isinstance(found, str):
+            return found
+        if not self.sheet.agrees(found.sheet, s):
+            return "the corrector went to another special point"
+        return passes_resonance(self, found, s, m) or found
+
+
+def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> SpecialChart | str:
+    """The chart of a place where the monitor vanishes, confirmed, with its gradient, slope and error.
+
+    Parameters
+    ----------
+    task
+        the curve that is asked for.
+    reading
+        the monitor there, and the orbit.
+    like, m
+        the sheet in whose direction the branch is followed, and where on it the place lies.
+
+    Returns
+    -------
+    Chart, or a sentence that says why there is none.
+    """
+    orbit, vary, axis = reading.data, like.vary, like.axis
+    complaint = not_what_it_is_called(task.monitor, orbit)
+    if complaint:
+        return complaint
+    sheet = sheet_of(
+        orbit, vary, axis, like.position + m, options=like.options, spacing=like.spacing, like=like
+    )
+    sheet = replace(sheet, steepness=like.steepness)
+    bare = SpecialChart(task, sheet)
+    above, below = bare.value(DIFFERENCE, 0.0), bare.value(-DIFFERENCE, 0.0)
+    step = sheet.inwards
+    ahead, behind = bare.value(0.0, step), bare.value(0.0, -step)
+    for read in (above, below, ahead):
+        if isinstance(read, str):
+            return read
+    assert not isinstance(above, str) and not isinstance(below, str) and not isinstance(ahead, str)
+    if isinstance(behind, str):  # the second parameter cannot have a value beyond its range: one side is enough
+        behind, back = reading, 0.0
+    else:
+        back = -step
+    phi_s, phi_m = (above.value - below.value) / (2 * DIFFERENCE), (ahead.value - behind.value) / (step - back)
+    steepness = (sheet.growth_to(ahead.data) - sheet.growth_to(behind.data)) / (step - back)
+    sheet = replace(sheet, steepness=steepness).tilted(ahead.data, step)
+    try:
+        special = _special_orbit(task, sheet, (phi_s, phi_m), reading)
+    except NoOrbit as refusal:
+        return str(refusal)
+    if isinstance(special, str):
+        return special
+    if task.monitor.kind != NEIMARK_SACKER.kind:
+        return SpecialChart(task, sheet, (phi_s, phi_m), special)
+    at, right, left, up, down = (_angle(read.data) for read in (reading, above, below, ahead, behind))
+    bent = abs(right + left - 2 * at) - abs(right - left), abs(up + down - 2 * at) - abs(up - down) if back else 0.0
+    if max(bent) > KINK:
+        return f"the pair of multipliers meets at {_resonance(at > np.pi / 2)}"
+    angle = at, (right - left) / (2 * DIFFERENCE), (up - down) / (step - back)
+    return SpecialChart(task, sheet, (phi_s, phi_m), special, angle)
+
+
+def _special_orbit(task: Task, sheet: Sheet, gradient: tuple[float, float], reading: Reading) -> SpecialOrbit | str:
+    """What a user gets of the place at the origin of a sheet; raises NoOrbit where a fold is not confirmed."""
+    phi_s, phi_m = gradient
+    orbit, vary, axis = sheet.orbit, sheet.vary, sheet.axis
+    along_s = float(sheet.point.row[-1])
+    unit, rate = orbit.problem.unit(vary), axis.rate(sheet.position)
+    length = float(np.hypot(phi_s, phi_m))
+    noise = abs(reading.value) + _noise(task.monitor, orbit)
+    off = noise / max(abs(phi_s), float(np.sqrt(noise * length))) if noise else 0.0
+    error = max(orbit.parameter_error, orbit.error_estimate) + abs(along_s) * off
+    if task.monitor is FOLD:
+        slope = unit * sheet.steepness / rate
+        if abs(phi_s) > NEXT_TO_CUSP:
+            point = SpecialPoint(FOLD.kind, orbit, "")
+            fold = confirmed(point, vary, task.options, sense=1.0 if phi_s < 0 else -1.0)
+            orbit, error, slope = fold.orbit, fold.error_estimate, fold.sensitivities[axis.vary]
+    else:
+        slope = unit * (sheet.steepness - along_s * phi_m / phi_s) / rate if phi_s else np.inf
+    shown = task.reported(orbit)
+    return shown if isinstance(shown, str) else SpecialOrbit(shown, float(error), float(slope))
+
+
+def _noise(monitor: Monitor, orbit: Orbit) -> float:
+    """Estimated error of a monitor."""
+    if monitor.kind in (FLIP.kind, SYMMETRY_LOST.kind, NEIMARK_SACKER.kind):
+        return orbit.multipliers.error
+    return monitor.tolerance
+
+
+def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:
+    """What speaks against a place where a monitor of multipliers vanishes.
+
+    Parameters
+    ----------
+    monitor, orbit
+        the monitor and the orbit at which it vanishes.
+
+    Returns
+    -------
+    A sentence, or "" where it is what it is called, or has no multipliers to tell.
+    """
+    if monitor.kind not in (FLIP.kind, SYMMETRY_LOST.kind, NEIMARK_SACKER.kind):
+        return ""
+    multipliers = orbit.multipliers
+    if not multipliers.trusted:
+        return f"the multipliers are not known well enough: their error is {multipliers.error:.2g}"
+    mu = multipliers.half[1:]
+    slack = CONFIRMED + 10 * multipliers.error
+    if monitor.kind != NEIMARK_SACKER.kind:
+        off = float(np.min(np.abs(mu + 1), initial=np.inf))
+        return "" if off <= slack else f"no multiplier is -1: the nearest is off by {off:.2g}"
+    a, b = _pair(orbit)
+    if abs(a * b - 1) > 2 * slack:
+        return "no pair of multipliers lies on the unit circle"
+    if abs(a.imag) > COMPLEX:
+        return ""
+    return f"the pair of multipliers becomes real at {_resonance(a.real < 0)}, and no torus branches off beyond"
+
+
+def passes_resonance(here: SpecialChart, there: SpecialChart, s: float, m: float) -> str:
+    """Whether the pair of multipliers of a torus meets at -1 or +1 between two points of its curve.
+
+    Parameters
+    ----------
+    here, there
+        the charts of the points.
+    s, m
+        the place of the second one.
+
+    Returns
+    -------
+    A sentence, or "".  The angle of the pair comes back from 0 or pi, where it would have gone beyond.
+    """
+    if here.angle is None or there.angle is None:
+        return ""
+    angle, first = here.angle[0], here.angle[1] * s + here.angle[2] * m
+    second = there.angle[1] * s + there.angle[2] * m
+    left = np.pi - angle if first > 0 else angle
+    if first * second < 0 and abs(first) + abs(second) > left:
+        return f"the pair of multipliers meets at {_resonance(first > 0)}"
+    return ""
+
+
+def _resonance(turned: bool) -> str:
+    return "-1: a 1:2 resonance" if turned else "+1: a 1:1 resonance"
+
+
+def _pair(orbit: Orbit) -> tuple[complex, complex]:
+    """The two nontrivial multipliers whose product is nearest to 1."""
+    pairs = list(combinations(orbit.multipliers.half[1:], 2))
+    return min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1)) if pairs else (0j, 0j)
+
+
+def _angle(orbit: Orbit) -> float:
+    """Of that pair, in [0, pi]."""
+    return abs(float(np.angle(_pair(orbit)[0])))
+
+
+def where(sheet: Sheet) -> str:
+    """The two parameters at the orbit of a sheet, for a sentence."""
+    orbit = sheet.orbit
+    q = parameter_value(orbit, sheet.axis.vary)
+    return f"{sheet.axis.vary} = {q:.8g}, {sheet.vary} = {parameter_value(orbit, sheet.vary):.8g}"

@@ -1,0 +1,299 @@
+"""Cycles that touch an event: what vanishes there, and a family in which they have neighbours on both sides.
+
+    inside   the scalar h of an event has a largest value (for one that rises; else smallest) of zero inside a phase
+    end      a phase ends with h = 0 and dh/dt = 0: its event is met with no speed
+
+On one side of a grazing the cycle with the same phases is no motion of the system, on the other side the roots of its
+equations go on all the same.  `Loose` is the family of these roots: it asks nothing of one phase.  A cycle that touches
+is judged by the rules of the system again, and no event may be passed on it without notice.
+
+A phase that vanishes at a grazing has no neighbours in its duration, which cannot be negative.  The cycle without it is
+sought where its motion would lead if the event before it did nothing; it touches that event inside a phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from typing import Any, cast
+
+import numpy as np
+
+from ..collocation.admissibility import judge
+from ..collocation.joints import event_rate
+from ..collocation.transcription import Setting, Transcription, transcribe
+from ..errors import InputError, NoOrbit, Status
+from ..hybrid.system import Cycle, Event, Exit, Signature
+from ..orbits.adapt import Options
+from ..orbits.cycle_search import find_cycle
+from ..orbits.family import Family
+from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..orbits.passage import passed, turning_values
+from ..orbits.restart import Start
+from .curve import Point, parameter_value
+from .special_points import GRAZING, Monitor
+
+Array = np.ndarray
+
+TOUCHES = 1e-6
+"""How far the scalar of an event, or the condition of a mode, may be beyond zero where a cycle touches it."""
+TOUCHABLE = 0.05
+"""Scalars of events that are no nearer to zero than this are not touched by a cycle next to it."""
+VANISHING_SHARE = 1e-3
+"""A phase that takes less of the period than this has vanished."""
+
+
+@dataclass(frozen=True)
+class Loose(Family):
+    """The cycles of a family, and the roots of their equations that are none because of what one phase does.
+
+    Attributes
+    ----------
+    loose : number of the phase of which nothing is asked.
+    """
+
+    loose: int = 0
+
+    def cycle(self, signature: Signature, repeats: int) -> Cycle:
+        """The cycle with these phases.
+
+        Parameters
+        ----------
+        signature, repeats
+            as in `Family`.
+
+        Returns
+        -------
+        Cycle.
+
+        Raises
+        ------
+        ValueError : the system has no such phase.
+        """
+        return self.asking(super().cycle(signature, repeats), None)
+
+    def asking(self, cycle: Cycle, slack: float | None) -> Cycle:
+        """A cycle of the system with less asked of the loose phase.
+
+        Parameters
+        ----------
+        cycle
+            of the system.
+        slack
+            how far its condition may fall below zero; None for anywhere.
+
+        Returns
+        -------
+        Cycle.
+        """
+        phase = cycle.phases[self.loose]
+        mode = replace(phase.mode, admissible=None) if slack is None else replace(phase.mode, slack=slack)
+        phase = replace(phase, mode=mode, direction=0)
+        return replace(cycle, phases=(*cycle.phases[: self.loose], phase, *cycle.phases[self.loose + 1 :]))
+
+    @property
+    def strict(self) -> Family:
+        """The family of the system."""
+        return Family(**{each.name: getattr(self, each.name) for each in fields(Family)})
+
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+        """None: the phases are those of the cycle that touches.
+
+        Parameters
+        ----------
+        t, u, setting, phase, soft
+            as in `Family`.
+
+        Returns
+        -------
+        No starting points.
+        """
+        return []
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Where a cycle touches an event.
+
+    Attributes
+    ----------
+    phase, event, direction : number of the phase, name of the event, +1 where it rises through zero.
+    at_end : whether it is touched at the end of the phase, which is then met with no speed; else inside.
+    piece : number of the computed piece in the period, where that is made up of several.
+    """
+
+    phase: int
+    event: str
+    direction: int
+    at_end: bool
+    piece: int = 0
+
+    @property
+    def monitor(self) -> Monitor:
+        """Vanishes where the cycle touches."""
+        return Monitor(GRAZING.kind, self._value, "grazing at {name} = {value:.10g}: " + f"{self.event!r} is touched")
+
+    def _value(self, orbit: Orbit, point: Point | None) -> float:
+        return value_of(self, orbit)
+
+    def loosened(self, orbit: Any) -> Any:
+        """The orbit as one of the loose family."""
+        family = orbit.problem
+        own = {each.name: getattr(family, each.name) for each in fields(Family)}
+        return replace(orbit, problem=Loose(**own, loose=self.phase))
+
+    def reported(self, orbit: Any) -> Any:
+        """An orbit of the loose family that touches, as one of the system; a sentence where it is none."""
+        family = cast(Loose, orbit.problem)
+        t, u, setting = unknowns_of(orbit)
+        cycle = family.asking(family.strict.cycle(orbit.signature, orbit.repeats), TOUCHES)
+        verdict = judge(transcribe(cycle, t.counts, t.degree, t.kind), u, setting)
+        if verdict.violated:
+            return f"beyond, the cycle that touches {self.event!r} is no motion of the system: {verdict.violated}"
+        for k, way_out in _exits(family, orbit):
+            for piece in range(orbit.repeats):
+                if passed(t, u, setting, _scalar(way_out.event), k, way_out.direction, slack=TOUCHES, piece=piece):
+                    return f"beyond, phase {k + 1} passes {way_out.event.name!r}: another event is touched"
+        return replace(orbit, problem=family.strict)
+
+
+@dataclass(frozen=True)
+class _Still:
+    """h(x; p) of an event of a user's system, as `extrema` wants it."""
+
+    function: Callable[[Any, Any, Any], Any]
+
+    def __call__(self, x: Any, p: Any) -> Any:
+        return self.function(x, 0.0, p)
+
+
+def _scalar(event: Event) -> _Still:
+    return _Still(event.function)
+
+
+def _exits(family: Family, orbit: Orbit) -> Iterator[tuple[int, Exit]]:
+    """(number of the phase, exit of its mode) of all phases, but for sections."""
+    for k, arc in enumerate(orbit.arcs):
+        for way_out in family.system.vector_form.exits.get(arc.mode, ()):
+            yield k, way_out
+
+
+def events_of(family: Family, orbit: Orbit) -> list[str]:
+    """Names of the events that an orbit may touch.
+
+    Parameters
+    ----------
+    family, orbit
+        the cycles of a system, and one of them.
+
+    Returns
+    -------
+    Names; one that several phases may touch is there for each.
+    """
+    return [way_out.event.name for _, way_out in _exits(family, orbit)]
+
+
+def value_of(touch: Touch, orbit: Orbit) -> float:
+    """What vanishes where an orbit touches.
+
+    Parameters
+    ----------
+    touch, orbit
+        where it may touch, and the orbit.
+
+    Returns
+    -------
+    The scalar where it turns inside the phase, counted along its direction, nearest to being passed; or its rate at the
+    end, times the period.  NaN where it does not turn inside.
+    """
+    t, u, setting = unknowns_of(orbit)
+    phase = t.cycle.phases[touch.phase]
+    if touch.at_end:
+        x = t.nodes_of(u)[t.phase_end[touch.phase]] * setting.scale
+        return touch.direction * event_rate(phase, x, orbit.arcs[touch.phase].duration, setting.p)[0] * orbit.period
+    exits = cast(Family, orbit.problem).system.vector_form.exits[phase.mode.name]
+    event = next(e.event for e in exits if e.event.name == touch.event)
+    turning = turning_values(t, u, setting, _scalar(event), touch.phase, touch.direction, piece=touch.piece)
+    return max((touch.direction * g for g in turning), default=float("nan"))
+
+
+def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]:
+    """Where a cycle of a user's system may touch an event, the nearest first.
+
+    Parameters
+    ----------
+    orbit
+        the cycle.
+    event
+        name of the event; default any.
+
+    Returns
+    -------
+    (how far it is from touching, the place) each.
+    """
+    family = cast(Family, orbit.problem)
+    found = []
+    for k, way_out in _exits(family, orbit):
+        name = way_out.event.name
+        if event is not None and name != event:
+            continue
+        ways = [(False, piece) for piece in range(orbit.repeats)]
+        for at_end, piece in [*ways, (True, 0)] if name == orbit.arcs[k].event else ways:
+            touch = Touch(k, name, way_out.direction, at_end, piece)
+            value = abs(value_of(touch, orbit))
+            if np.isfinite(value):
+                found.append((value, touch))
+    return sorted(found, key=lambda pair: pair[0])
+
+
+def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOrbit]:
+    """Where a cycle next to a grazing touches, and the cycle of the loose family to go on with.
+
+    Parameters
+    ----------
+    orbit
+        a grazing that a branch has located.
+    vary, options
+        the parameter of the branch; tolerance and method.
+
+    Returns
+    -------
+    Touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
+
+    Raises
+    ------
+    InputError : it is no cycle of a user's system.
+    NoOrbit : it touches nothing.
+    """
+    if not isinstance(orbit.problem, Family):
+        raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
+    shares = [arc.duration * orbit.repeats / orbit.period for arc in orbit.arcs]
+    if min(shares) < VANISHING_SHARE and len(orbit.arcs) > 1:
+        orbit = _without(orbit, int(np.argmin(shares)), options)
+    near = [touch for distance, touch in touches(orbit) if distance <= TOUCHABLE]
+    if not near:
+        at = f"{vary} = {parameter_value(orbit, vary):.8g}"
+        raise NoOrbit(f"the cycle of {orbit.problem.title} at {at} touches no event", Status.NOT_FOUND)
+    return near[0], near[0].loosened(orbit)
+
+
+def _without(orbit: AnyOrbit, vanishing: int, options: Options) -> AnyOrbit:
+    """The cycle next to one with a phase that has vanished, without it: where the event before it did nothing."""
+    family = cast(Family, orbit.problem)
+    before = orbit.arcs[vanishing - 1]
+    modes = tuple(
+        replace(mode, holds=None, ends=tuple(e for e in mode.ends if e.name != before.event))
+        if mode.name == before.mode else mode
+        for mode in family.system.modes
+    )  # fmt: skip
+    sentence = f"phase {vanishing + 1} ({orbit.arcs[vanishing].mode}) vanishes, and no cycle was found without it"
+    start = family.system.names.numbers(before.states[len(before.states) // 2, 0], family.vector())
+    with suppress(InputError, NoOrbit):
+        system = replace(family.system, modes=modes)
+        found = find_cycle(
+            system, before.mode, parameters=dict(zip(family.names, family.values, strict=True)),
+            follow=family.followed, measure=family.measured, options=options, start=start, settled=True,
+        )  # fmt: skip
+        return cast(AnyOrbit, replace(found, problem=replace(cast(Family, found.problem), system=family.system)))
+    raise NoOrbit(f"{sentence}; `grazing` takes one that keeps clear of {before.event!r}", Status.NOT_FOUND)

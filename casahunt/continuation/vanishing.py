@@ -1,0 +1,142 @@
+"""Where a phase of a cycle shrinks to nothing: T_k = 0.
+
+    G(u, lambda) = 0,    T_k = given -> 0
+
+A phase between two events that are about to become one touch lasts like a square root of the way that the parameter
+has left, so the parameter is no coordinate there: the duration is.  Held at ever smaller values, with the parameter
+free, it leads to the touch; behind it stands the cycle without the phase.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from ..collocation.newton import newton
+from ..collocation.transcription import Setting, Transcription
+from ..hybrid.problem import Problem
+from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
+from ..orbits.restart import Start
+from .curve import along, parameter_value
+
+Array = np.ndarray
+
+SHRINKS_TO, SLOWEST = 0.25, 0.95
+"""Part of its duration that is left of the phase in one step; where the step fails, its root, which is at most this."""
+VANISHED_PART = 1e-7
+"""Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
+SOON = 0.7
+"""A phase that has shrunk to this part from one orbit to the next vanishes, by a square root, within as long a way."""
+AS_FAR = 3.0
+"""A touch farther away than this many of the last steps is none that the branch has come to."""
+BEHIND = 1e-4
+"""How far behind a touch, in lambda, the next cycle is looked for."""
+
+
+def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
+    """The cycle next to a starting point, at the parameters of the problem.
+
+    Parameters
+    ----------
+    problem, start, options
+        the problem, the starting point, and the tolerance.
+
+    Returns
+    -------
+    Orbit; None where it does not converge.
+    """
+    began = time.perf_counter()
+    t, u, setting = start
+    start = t, u, replace(setting, p=problem.vector())
+    solved = solve_adaptively(problem, start, options, solver="newton")
+    return orbit_of(solved, problem, wall_s=time.perf_counter() - began) if solved.status.ok else None
+
+
+def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle at which the shortest phase of one has vanished, without it.
+
+    Parameters
+    ----------
+    orbit
+        a cycle with a phase that is about to vanish.
+    vary
+        name of the parameter.
+    options
+        tolerance and method.
+
+    Returns
+    -------
+    Orbit; None where no phase vanishes.
+    """
+    problem = orbit.problem
+    t, u, setting = unknowns_of(orbit)
+    found = problem.vanishing(t, u, setting)
+    if found is None:
+        return None
+    k, _ = found
+    setting = replace(setting, dp=along(problem, vary))
+    end = _shrunk(t, u, setting, k, 1e-3 * options.tol)
+    if end is None:
+        return None
+    u, lam = end
+    there = problem.with_value(vary, problem.moved(vary, lam))
+    fewer = there.vanishing(t, u, setting.moved(lam))
+    if fewer is None or fewer[0] != k:
+        return None
+    without = solved_at(there, fewer[1], options)
+    return cast(AnyOrbit, without) if without is not None and without.signature != orbit.signature else None
+
+
+def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: float) -> tuple[Array, float] | None:
+    """(u, lambda) where phase k has become `VANISHED_PART` times as long; None where it does not get there."""
+    goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
+    durations = np.zeros(t.phases)
+    while float(t.durations_of(u)[k]) > goal:
+        durations[k] = 1.0 / t.durations_of(u)[k]
+        row = t.system.border(durations=durations)
+        du, y = t.linearise(u, setting.moved(lam)).tangent(row)
+        ahead = u + (part - 1) * du, lam + (part - 1) * float(y[-1])
+        solution = newton(t, ahead[0], setting, border=row, parameter=ahead[1], accuracy=accuracy)
+        if solution.status.ok:
+            u, lam, part = solution.u, solution.parameter, max(part**2, SHRINKS_TO)
+        elif (part := float(np.sqrt(part))) > SLOWEST:
+            return None
+    return u, lam
+
+
+def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> tuple[AnyOrbit, AnyOrbit] | None:
+    """Where the shortest phase of the last of two orbits is about to vanish: the touch, and the cycle behind it.
+
+    Parameters
+    ----------
+    before, after
+        successive orbits of a branch.
+    vary
+        name of the parameter.
+    options
+        tolerance and method.
+
+    Returns
+    -------
+    (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
+    """
+    found = after.problem.vanishing(*unknowns_of(after)) if before.signature == after.signature else None
+    if found is None or after.arcs[found[0]].duration > SOON * before.arcs[found[0]].duration:
+        return None
+    touch = touched(after, vary, options)
+    if touch is None:
+        return None
+    value, last = parameter_value(touch, vary), parameter_value(after, vary)
+    if abs(value - last) > AS_FAR * abs(last - parameter_value(before, vary)):
+        return None
+    sense = float(np.sign(value - last)) or 1.0
+    for way in (sense, -sense):
+        beyond = touch.problem.with_value(vary, touch.problem.moved(vary, way * BEHIND))
+        behind = solved_at(beyond, unknowns_of(touch), options)
+        if behind is not None and behind.signature == touch.signature:
+            return touch, cast(AnyOrbit, behind)
+    return None

@@ -1,0 +1,190 @@
+"""The folds and the cycles of thousands of servos in one call.
+
+    servo, rows of parameter values -> fold gain, period and amplitude of each, with their errors
+
+They are computed from the fold or the cycle of one servo, in batches (uncertainty/batch.py, orbits/ensemble.py);
+what a batch cannot do is computed alone, as `find_fold` and `find_orbit` do, and says so.
+
+Units: K in V/rad, amplitude in rad, period in s.  Symbols: n servos, k parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..checks import known
+from ..errors import Status
+from ..orbits.adapt import Options
+from ..orbits.ensemble import OrbitEnsemble, table_of
+from ..orbits.ensemble import orbit_ensemble as orbits_near
+from ..servo.find_orbit import find_orbit
+from ..servo.hunting import MODELS, Model
+from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
+from ..servo.servo import Servo
+from .uncertainty.batch import Done, folds_of
+from .uncertainty.nearby import nominal_fold
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoldEnsemble:
+    """The folds of n servos.
+
+    Attributes
+    ----------
+    model : the friction model.
+    names : the k parameters in which they differ.
+    parameters : (n, k) their values.
+    gains, gain_errors : (n,) fold gains, 0 where a proof shows that no gain hunts, nan where the fold was not computed;
+        estimated relative errors.
+    periods, period_errors, amplitudes, amplitude_errors : (n,) of the cycles at the folds.
+    elasticities : (n, k) d ln K/d ln q, where they were asked for, else (n, 0).
+    statuses : of each; None where a refusal has none.
+    how : "batch"; "recut" where its cycle has other phases, or needs a mesh of its own, than that of the known fold;
+        "alone" where it was looked for as `find_fold` does.
+    failures : (index, sentence) of every fold that was not computed.
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    parameters: Array
+    gains: Array
+    gain_errors: Array
+    periods: Array
+    period_errors: Array
+    amplitudes: Array
+    amplitude_errors: Array
+    elasticities: Array
+    statuses: tuple[Status | None, ...]
+    how: tuple[str, ...]
+    failures: tuple[tuple[int, str], ...]
+
+    def __len__(self) -> int:
+        return len(self.gains)
+
+    def __repr__(self) -> str:
+        n, alone = len(self), self.how.count("alone")
+        found = self.gains[self.gains > 0]
+        between = f", gains {found.min():.6g} to {found.max():.6g}" if found.size else ""
+        none = int((self.gains == 0).sum())
+        return (
+            f"<folds of {n} {self.model} servos{between}: {alone} alone, {none} that cannot hunt, "
+            f"{len(self.failures)} not computed>"
+        )
+
+
+def fold_ensemble(
+    servo: Servo,
+    model: Model,
+    names: Sequence[str],
+    rows: Array,
+    *,
+    options: Options | None = None,
+    fold: HuntingFold | None = None,
+    elasticities: bool = False,
+    executor: Executor | None = None,
+    report: Callable[[int], None] | None = None,
+) -> FoldEnsemble:
+    """The folds of servos that differ from one in some parameters.
+
+    Parameters
+    ----------
+    servo, model
+        the servo, and "switch" or "lugre".
+    names, rows
+        k of its parameters, and (n, k) values of them.
+    options
+        `tol` bounds the relative errors of gain, period and amplitude of every fold.
+    fold
+        the servo's own fold, or that of one nearby, where it is known already.
+    elasticities
+        d ln K/d ln q of every servo as well, by the k parameters.
+    executor
+        any concurrent.futures.Executor, to which batches of servos are handed; default: this process.
+    report
+        called with the number of folds computed so far, batch after batch.
+
+    Returns
+    -------
+    FoldEnsemble; a servo's numbers depend neither on the executor nor on the other rows.
+
+    Raises
+    ------
+    InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
+    """
+    known("model", model, MODELS)
+    names = tuple(names)
+    table = table_of(Hunting(model, servo, 1.0), names, rows)
+    options = options or Options()
+    done = folds_of(
+        servo, model, names, table, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,
+        report=report, elasticities_by=names if elasticities else (),
+    )  # fmt: skip
+    return _ensemble(model, names, table, done)
+
+
+def orbit_ensemble(
+    servo: Servo,
+    model: Model,
+    gain: float,
+    names: Sequence[str],
+    rows: Array,
+    *,
+    options: Options | None = None,
+    orbit: HuntingOrbit | None = None,
+    multipliers: bool = False,
+    executor: Executor | None = None,
+    report: Callable[[int], None] | None = None,
+) -> OrbitEnsemble:
+    """The stable hunting cycles of servos that differ from one in some parameters.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the servo, "switch" or "lugre", and the gain [V/rad].
+    names, rows
+        k of the servo's parameters, "gain" among them where it differs too, and (n, k) values of them.
+    options
+        `tol` bounds the relative errors of period and amplitude of every cycle.
+    orbit
+        the servo's own cycle, or that of one nearby, where it is known already; an unstable one leads to unstable ones.
+    multipliers
+        the leading Floquet multiplier of each as well.
+    executor, report
+        as in `fold_ensemble`.
+
+    Returns
+    -------
+    OrbitEnsemble.
+
+    Raises
+    ------
+    InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
+    NoOrbit : the servo itself has no such cycle.
+    """
+    known("model", model, MODELS)
+    known_orbit = orbit if orbit is not None else find_orbit(servo, model, gain, options=options)
+    return orbits_near(
+        known_orbit, names, rows, options=options, multipliers=multipliers, executor=executor, report=report,
+        alone=_alone if orbit is None or orbit.stable else None,
+    )  # fmt: skip
+
+
+def _alone(problem: Any, options: Options) -> HuntingOrbit:
+    """The cycle of one servo, from nothing."""
+    return find_orbit(problem.servo, problem.model, problem.gain, options=options)
+
+
+def _ensemble(model: Model, names: tuple[str, ...], rows: Array, done: Done) -> FoldEnsemble:
+    failures = tuple((i, sentence) for i, sentence in enumerate(done.sentences) if sentence)
+    gain, gain_error, period, period_error, amplitude, amplitude_error = done.numbers
+    return FoldEnsemble(
+        model, names, rows, gain, gain_error, period, period_error, amplitude, amplitude_error, done.elasticities,
+        done.statuses, done.how, failures,
+    )  # fmt: skip

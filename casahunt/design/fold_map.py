@@ -1,0 +1,176 @@
+"""The fold gain over two parameters of a servo: a grid of folds, for contours.
+
+    K(q_i, r_j)    i = 1..m, j = 1..n
+
+The folds of one row, r as the servo has it, are followed from the servo's own outwards; from the fold of a column the
+others in it are predicted (uncertainty/batch.py).  A fold depends on its own servo, not on the order.
+
+Units: K in V/rad.  Symbols: m, n values of the first and the second parameter.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks import known
+from ..errors import InputError, NoOrbit, Status
+from ..orbits.adapt import Options
+from ..servo.find_fold import find_fold
+from ..servo.hunting import MODELS, Model
+from ..servo.problem import HuntingFold
+from ..servo.servo import Servo, flatten
+from .sensitivity import NAMES
+from .uncertainty.batch import fold_gains
+from .uncertainty.nearby import fold_beside
+
+Array = np.ndarray
+
+SIDES = (2, 200)
+"""Fewest and most values of a parameter."""
+NO_SERVO = "no servo has these two values"
+
+
+@dataclass(frozen=True, eq=False)
+class FoldMap:
+    """The fold gain over two parameters.
+
+    Attributes
+    ----------
+    servo, model : whose folds they are, but for the two parameters.
+    names : the two parameters.
+    values : (m,) and (n,) values of them.
+    gains : (m, n) fold gains [V/rad]; 0 where a proof shows that no gain hunts, nan where none was computed.
+    tolerance : bound on the estimated relative error of every gain.
+    failures : why there is no gain, by (i, j).
+    wall_s : time that it took [s].
+    """
+
+    servo: Servo
+    model: Model
+    names: tuple[str, str]
+    values: tuple[Array, Array]
+    gains: Array
+    tolerance: float
+    failures: dict[tuple[int, int], str]
+    wall_s: float
+
+    @property
+    def status(self) -> Status:
+        """Converged where every servo of the grid has its answer."""
+        whole = all(sentence == NO_SERVO for sentence in self.failures.values())
+        return Status.CONVERGED if whole else Status.NOT_CONVERGED
+
+    def __str__(self) -> str:
+        computed = self.gains[self.gains > 0]
+        span = f"{computed.min():.5g} to {computed.max():.5g}" if computed.size else "none"
+        m, n = self.gains.shape
+        return f"{self.model} servo: fold gain {span} over {m} x {n} values of {self.names[0]} and {self.names[1]}"
+
+
+def fold_map(
+    servo: Servo,
+    model: Model,
+    names: tuple[str, str],
+    first: Array,
+    second: Array,
+    *,
+    options: Options | None = None,
+    fold: HuntingFold | None = None,
+    report: Callable[[int], None] | None = None,
+) -> FoldMap:
+    """The fold gain at every pair of values of two parameters.
+
+    Parameters
+    ----------
+    servo, model
+        all other values, and the friction model.
+    names
+        two different parameters (sensitivity.NAMES).
+    first, second
+        (m,) and (n,) values of them, increasing.
+    options
+        tolerance of every fold.
+    fold
+        the servo's own, where it is known already.
+    report
+        called with the number of folds computed so far.
+
+    Returns
+    -------
+    FoldMap.
+
+    Raises
+    ------
+    InputError : a name, a value or an order that cannot be.
+    NoOrbit : no fold was found to start from.
+    """
+    began = time.perf_counter()
+    known("model", model, MODELS)
+    values = _checked(servo, names, (first, second))
+    options = options or Options()
+    start = fold or find_fold(servo, model, options=options)
+    gains = np.full((values[0].size, values[1].size), np.nan)
+    failures: dict[tuple[int, int], str] = {}
+    columns = _columns(servo, model, names[0], values[0], start, options)
+    for i, q in enumerate(values[0]):
+        there = [_is_servo(servo, {names[0]: float(q), names[1]: float(r)}) for r in values[1]]
+        failures.update({(i, int(j)): NO_SERVO for j in np.flatnonzero(~np.array(there))})
+        kept = np.flatnonzero(there)
+        rows = np.column_stack([np.full(kept.size, q), values[1][kept]])
+        done = i * values[1].size
+        tell = None if report is None else lambda count, done=done: report(done + count)
+        if kept.size:
+            near = columns[i] or start
+            gains[i, kept], said = fold_gains(servo, model, names, rows, options=options, fold=near, report=tell)
+            failures.update({(i, int(kept[k])): sentence for k, sentence in said.items()})
+        if report is not None:
+            report(done + values[1].size)
+    return FoldMap(servo, model, names, values, gains, options.tol, failures, time.perf_counter() - began)
+
+
+def _checked(servo: Servo, names: tuple[str, str], values: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The two axes as arrays.  Raises InputError where one is none."""
+    allowed = [name for name in NAMES if name in servo.names]
+    for name in names:
+        known("parameter", name, allowed)
+    if names[0] == names[1]:
+        raise InputError(f"{names[0]} and {names[1]}: must be two different parameters")
+    axes = []
+    for name, given in zip(names, values, strict=True):
+        axis = np.asarray(given, float)
+        if axis.ndim != 1 or not SIDES[0] <= axis.size <= SIDES[1] or not np.all(np.diff(axis) > 0):
+            raise InputError(f"{name}: must be {SIDES[0]} to {SIDES[1]} increasing values")
+        axes.append(axis)
+    for q in (axes[0][0], axes[0][-1]):
+        if not any(_is_servo(servo, {names[0]: float(q), names[1]: float(r)}) for r in (axes[1][0], axes[1][-1])):
+            servo.replace(**{names[0]: float(q)})  # says what is wrong with it, where that is the value alone
+    return axes[0], axes[1]
+
+
+def _is_servo(servo: Servo, changed: dict[str, float]) -> bool:
+    try:
+        servo.replace(**changed)
+    except InputError:
+        return False
+    return True
+
+
+def _columns(
+    servo: Servo, model: Model, name: str, values: Array, start: HuntingFold, options: Options
+) -> list[HuntingFold | None]:
+    """The fold at each value of the first parameter, the second as it is: outwards from the servo's own value."""
+    found: list[HuntingFold | None] = [None] * values.size
+    middle = int(np.argmin(np.abs(values - flatten(servo)[name])))
+    for way in (range(middle, values.size), range(middle - 1, -1, -1)):
+        last = start
+        for i in way:
+            try:
+                found[i] = fold_beside(servo.replace(**{name: float(values[i])}), model, last, options=options)
+            except (NoOrbit, InputError):
+                continue
+            last = found[i] or last
+    return found

@@ -1,0 +1,360 @@
+"""Cycles of many problems near one whose cycle is known, all at once, each at its own parameters.
+
+    u(q) ~ u_0 + sum_i du/dl_i (l_i - l_i0),    l = ln q (q itself where q_0 is not positive), ln T for the durations
+
+    expected -> Newton for all, who is done leaves the batch -> judged, error estimated -> "batch"
+                        |                                        | other phases, or another mesh
+                        |                                        v
+                        |                         solve_adaptively from there (adapt.py) -> "recut"
+                        v                                        |
+     alone, from nothing of the batch  <-------------------------+
+
+The derivatives are those of the equations, exact.  A member's numbers depend on the member and on the known cycle alone
+(collocation/ensemble.py).
+
+Symbols: B members, k parameters that differ, y unknowns of the node system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..checks import known as one_of
+from ..collocation.admissibility import judge
+from ..collocation.ensemble import Settings, linearise_many, settings_of
+from ..collocation.ensemble_error import OF_HALVED_MESH, estimates_of_many
+from ..collocation.newton import DIVERGED
+from ..collocation.transcription import Transcription
+from ..errors import InputError, NoOrbit, Status
+from ..hybrid.problem import Problem
+from .adapt import LEFT_OUT, TOLERANCE_RANGE, Options, finished, refined, solve_adaptively
+from .amplitude import goals_of_many
+from .orbit import Orbit, unknowns_of
+
+Array = np.ndarray
+
+MEMBERS_OF_A_PASS = 48
+"""Members of one pass: few enough for the caches, enough to hide the price of a call."""
+ROWS_OF_A_TASK = 96
+"""Rows of a task: enough to hide what a task costs, few enough to keep the workers of a long run busy to its end."""
+MOST_NEWTON_STEPS = 12
+ROOM_FOR_KNOWN = 0.1
+"""Part of the tolerance that the known cycle's own error may take, so that those of its neighbours fit in."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OrbitEnsemble:
+    """The cycles of n problems.
+
+    Attributes
+    ----------
+    title : of the problem.
+    names : the k parameters in which they differ.
+    parameters : (n, k) their values.
+    periods, period_errors, amplitudes, amplitude_errors : (n,), nan where there is none; errors relative.
+    multipliers : (n,) leading nontrivial Floquet multipliers, where they were asked for, else (0,).
+    statuses : of each; None where a refusal has none.
+    how : "batch"; "recut" where its cycle has other phases, or needs a mesh of its own; "alone" where it was looked for
+        without the batch.
+    failures : (index, sentence) of every cycle that was not computed.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    parameters: Array
+    periods: Array
+    period_errors: Array
+    amplitudes: Array
+    amplitude_errors: Array
+    multipliers: Array
+    statuses: tuple[Status | None, ...]
+    how: tuple[str, ...]
+    failures: tuple[tuple[int, str], ...]
+
+    def __len__(self) -> int:
+        return len(self.periods)
+
+    def __repr__(self) -> str:
+        found = self.periods[np.isfinite(self.periods)]
+        between = f", periods {found.min():.6g} to {found.max():.6g}" if found.size else ""
+        alone, lost = self.how.count("alone"), len(self.failures)
+        return f"<cycles of {len(self)} times {self.title}{between}: {alone} alone, {lost} not computed>"
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A batch, for whoever computes it."""
+
+    orbit: Orbit
+    names: tuple[str, ...]
+    rows: Array
+    options: Options
+    multipliers: bool
+    alone: Callable[[Problem, Options], Any] | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Done:
+    """numbers (5, n): period, amplitude, each followed by its error, and multiplier; and the words."""
+
+    numbers: Array
+    statuses: list[Status | None]
+    how: list[str]
+    sentences: list[str]
+
+
+def orbit_ensemble(
+    orbit: Orbit,
+    names: Sequence[str],
+    rows: Array,
+    *,
+    options: Options | None = None,
+    multipliers: bool = False,
+    executor: Executor | None = None,
+    report: Callable[[int], None] | None = None,
+    alone: Callable[[Problem, Options], Any] | None = None,
+) -> OrbitEnsemble:
+    """The cycles of problems that differ from one in some parameters.
+
+    Parameters
+    ----------
+    orbit
+        the known cycle.
+    names, rows
+        k parameters of its problem, and (n, k) values of them.
+    options
+        `tol` bounds the relative errors of period and amplitude of every cycle.
+    multipliers
+        the leading Floquet multiplier of each as well.
+    executor
+        any concurrent.futures.Executor, to which batches are handed; default: this process.
+    report
+        called with the number of cycles computed so far, batch after batch.
+    alone
+        how the cycle of a problem is found that the batch does not lead to; default from the known cycle.
+
+    Returns
+    -------
+    OrbitEnsemble; a member's numbers depend neither on the executor nor on the other rows.
+
+    Raises
+    ------
+    InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
+    NoOrbit : the known cycle is not known to the tolerance, and could not be computed to it.
+    """
+    names, options = tuple(names), options or Options()
+    table = table_of(orbit.problem, names, rows)
+    fine = replace(options, tol=max(ROOM_FOR_KNOWN * options.tol, TOLERANCE_RANGE[0]))
+    sharp = orbit if orbit.error_estimate <= fine.tol else refined(orbit, fine)
+    batches = [table[i : i + ROWS_OF_A_TASK] for i in range(0, len(table), ROWS_OF_A_TASK)]
+    tasks = [_Task(sharp, names, batch, options, multipliers, alone) for batch in batches]
+    parts: list[_Done] = []
+    for part in map(work, tasks) if executor is None else executor.map(work, tasks):
+        parts.append(part)
+        if report is not None:
+            report(sum(len(p.how) for p in parts))
+    return _ensemble(orbit, names, table, parts, multipliers)
+
+
+def _ensemble(
+    orbit: Orbit, names: tuple[str, ...], table: Array, parts: list[_Done], multipliers: bool
+) -> OrbitEnsemble:
+    """The batches as one."""
+    numbers = np.concatenate([np.zeros((5, 0)), *(part.numbers for part in parts)], axis=1)
+    statuses, how, sentences = (
+        tuple(x for part in parts for x in getattr(part, name)) for name in ("statuses", "how", "sentences")
+    )
+    failures = tuple((i, sentence) for i, sentence in enumerate(sentences) if sentence)
+    period, period_error, amplitude, amplitude_error, leading = numbers
+    return OrbitEnsemble(
+        orbit.problem.title, names, table, period, period_error, amplitude, amplitude_error,
+        leading if multipliers else np.zeros(0), statuses, how, failures,
+    )  # fmt: skip
+
+
+def table_of(problem: Problem, names: Sequence[str], rows: Array) -> Array:
+    """Rows of parameters as numbers, each of which the problem can have.
+
+    Parameters
+    ----------
+    problem, names, rows
+        the problem, k of its parameters, and (n, k) values of them.
+
+    Returns
+    -------
+    (n, k).
+
+    Raises
+    ------
+    InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
+    """
+    for name in names:
+        one_of("parameter", name, problem.names)
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
+    try:
+        table = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"rows: must be a table of numbers with {len(names)} columns") from None
+    if table.ndim != 2 or table.shape[1] != len(names):
+        raise InputError(f"rows: must be a table with {len(names)} columns, not of shape {table.shape}")
+    for i, row in enumerate(table):
+        try:
+            problem.with_values(tuple(names), row)
+        except InputError as error:
+            raise InputError(f"row {i + 1} of {len(table)}: {error}") from None
+    return table
+
+
+def work(task: _Task) -> _Done:
+    """The cycles of a batch; a function of the batch alone, whoever computes it."""
+    n = len(task.rows)
+    done = _Done(np.full((5, n), np.nan), [None] * n, ["alone"] * n, [""] * n)
+    for first in range(0, n, MEMBERS_OF_A_PASS):
+        _pass(task, np.arange(first, min(first + MEMBERS_OF_A_PASS, n)), done)
+    return done
+
+
+def _pass(task: _Task, rows: Array, done: _Done) -> None:
+    """The cycles of a few rows, written into `done`."""
+    problem, tol = task.orbit.problem, task.options.tol
+    t, u, setting = unknowns_of(task.orbit)
+    p = np.repeat(setting.p[None], rows.size, axis=0)
+    p[:, [problem.names.index(name) for name in task.names]] = task.rows[rows]
+    settings = settings_of(setting, p, np.zeros((rows.size, 1, p.shape[1])))
+    start = _expected(task, p)
+    u, converged = newton_of_many(t, start, settings, tol)
+    there = np.flatnonzero(converged)
+    if there.size:
+        own, x = settings.of(there), u[there]
+        goals, period, amplitude = goals_of_many(t, x, own)
+        errors = (1 + OF_HALVED_MESH) * estimates_of_many(t, x, own, goals, _fixed(t, there.size))
+        for i, b in enumerate(there.tolist()):
+            if errors[i].max() <= tol and judge(t, x[i], own.one(i)).admissible:
+                done.numbers[:4, rows[b]] = period[i], errors[i, 0], amplitude[i], errors[i, 1]
+                done.statuses[rows[b]], done.how[rows[b]] = Status.CONVERGED, "batch"
+    for b, row in enumerate(rows):
+        if done.how[row] == "alone" or task.multipliers:
+            _one(task, row, (t, u[b], settings.one(b)) if converged[b] else None, done)
+
+
+def _one(task: _Task, row: int, root: Any, done: _Done) -> None:
+    """The cycle of one row, from the batch's root where it has one, or alone."""
+    problem = task.orbit.problem.with_values(task.names, task.rows[row])
+    orbit, how = None, done.how[row]
+    if root is not None:
+        try:
+            solved = solve_adaptively(problem, root, task.options, solver="newton")
+            orbit = finished(solved, problem, task.options, 0.0, "the cycle")
+            how = "batch" if how == "batch" else "recut"
+        except NoOrbit:
+            orbit = None
+    if orbit is None:
+        try:
+            orbit = (task.alone or _from_known(task))(problem, task.options)
+        except NoOrbit as error:
+            done.statuses[row], done.sentences[row] = error.status, str(error)
+            return
+    if how != "batch":
+        done.numbers[:4, row] = orbit.period, orbit.period_error, orbit.amplitude, orbit.amplitude_error
+    if task.multipliers:
+        leading = orbit.multipliers.leading
+        done.numbers[4, row] = leading.real if abs(leading.imag) <= 1e-12 * abs(leading) else abs(leading)
+    done.statuses[row], done.how[row] = Status.CONVERGED, how
+
+
+def _from_known(task: _Task) -> Callable[[Problem, Options], Any]:
+    """Finds a cycle from the known one, whatever solver it takes."""
+
+    def find(problem: Problem, options: Options) -> Any:
+        t, u, setting = unknowns_of(task.orbit)
+        solved = solve_adaptively(problem, (t, u, replace(setting, p=problem.vector())), options, solver="newton")
+        return finished(solved, problem, options, 0.0, "the cycle")
+
+    return find
+
+
+def _fixed(t: Transcription, count: int) -> Array:
+    """(B, .) border rows that hold lambda fixed."""
+    return np.repeat(t.system.border(parameter=1.0)[None], count, axis=0)
+
+
+def _expected(task: _Task, p: Array) -> Array:
+    """(B, size) unknowns expected at parameters p (B, np), by the exact derivatives of the known cycle."""
+    t, u, setting = unknowns_of(task.orbit)
+    at = [task.orbit.problem.names.index(name) for name in task.names]
+    own = setting.p[at]
+    units = np.where(own > 0, own, 1.0)
+    directions = np.zeros((1, 1 + len(at), setting.p.size))
+    directions[0, 1 + np.arange(len(at)), at] = units
+    lin = linearise_many(t, u[None], settings_of(setting, setting.p[None], directions))
+    rhs = np.stack([lin.rhs(1 + i) for i in range(len(at))], axis=1)
+    y = lin.solve(_fixed(t, 1), rhs)
+    logarithmic = (own > 0) & (p[:, at] > 0)
+    ratios = np.where(logarithmic, p[:, at], units) / units
+    ways = np.where(logarithmic, np.log(ratios), (p[:, at] - own) / units)
+    change = np.zeros((len(p), t.size))
+    for i in range(len(at)):  # in turn, so that no sum depends on how many members there are
+        change += ways[:, i : i + 1] * lin.expand(y[:, i], 0.0, 1 + i, 1.0)
+    out = u + change
+    longer = change[:, -t.phases :] / u[-t.phases :]
+    out[:, -t.phases :] = u[-t.phases :] * np.exp(np.clip(longer, -1.0, 1.0))
+    return out
+
+
+def newton_of_many(t: Transcription, u: Array, settings: Settings, tol: float) -> tuple[Array, Array]:
+    """Newton's method for many members at fixed parameters; who is done leaves the batch.
+
+    Parameters
+    ----------
+    t, u, settings
+        the equations, and (B, size) starts.
+    tol
+        relative error that is wanted; what a next step would bring is a small part of it.
+
+    Returns
+    -------
+    ((B, size) unknowns, (B,) whether they solve the equations).
+    """
+    u, active = u.copy(), np.arange(len(u))
+    converged, last = np.zeros(len(u), dtype=bool), np.full(len(u), np.inf)
+    for iteration in range(MOST_NEWTON_STEPS):
+        if not active.size:
+            break
+        lin = linearise_many(t, u[active], settings.of(active))
+        y = lin.solve(_fixed(t, active.size), lin.rhs()[:, None])[:, 0]
+        du = lin.expand(y, 1.0)
+        with np.errstate(all="ignore"):
+            size = sizes_of_steps(t, u[active], du)
+            u[active] += du
+            foreseen = np.where(last[active] < np.inf, size * (size / last[active]), np.inf)
+        sound = np.isfinite(size) & lin.finite() & (size <= DIVERGED) & (u[active][:, -t.phases :] > 0).all(axis=1)
+        done = sound & (foreseen <= LEFT_OUT * tol)
+        grows = (iteration > 2) & (size > 2 * last[active])
+        last[active] = size
+        converged[active[done]] = True
+        active = active[sound & ~done & ~grows]
+    return u, converged
+
+
+def sizes_of_steps(t: Transcription, u: Array, du: Array) -> Array:
+    """How large updates of the unknowns are, as `newton.size_of_step`.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    u, du
+        (B, size) unknowns and their updates.
+
+    Returns
+    -------
+    (B,) the largest; NaN stays NaN.
+    """
+    relative = np.abs(du[:, -t.phases :]) / np.maximum(np.abs(u[:, -t.phases :]), 1e-300)
+    return np.maximum(np.abs(du[:, : -t.phases]).max(axis=1), relative.max(axis=1))

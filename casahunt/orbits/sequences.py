@@ -1,0 +1,397 @@
+"""Other phase sequences for a cycle of any hybrid system, where the one at hand has stopped being a motion.
+
+Along a branch phases are born and die.  An event that is touched, h = 0 and h' = 0, is met twice on the one side of
+that and not at all on the other:
+
+    A | B | A  <->  A           a pair of boundaries is born, or vanishes with the phase between them
+    A | B | C  <->  A | C       a phase shrinks to nothing between two others, and its first event leads past it
+
+From a root of the wrong sequence, or from a point predicted for it, these functions make starting points for the other
+one.  All of them start at the same state as the cycle at hand, so that a branch goes on without a jump.
+
+    split      put boundaries where the root crosses exits of its mode
+    with_touch put a boundary where a phase touches an exit
+    without    take the shortest phase out, with both boundaries, or with the first of them
+    marched    the phases that the motion really has, from the start and from the middle of the longest phase
+
+Symbols: n states, P phases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..collocation.joints import flow_at
+from ..collocation.mesh import evaluate_phase
+from ..collocation.transcription import Setting, Transcription
+from ..hybrid import system as engine
+from ..hybrid.system import Cycle, Signature
+from ..motion.march import MarchFailure, Segment, march
+from .closure import Closure
+from .restart import Start, breaks_of, from_segments, in_scale, piece
+
+Array = np.ndarray
+
+VANISHES_BELOW = 0.5
+"""A phase may be about to vanish where it is shorter than this part of the longer one of its neighbours."""
+CROSSING_LOOKS = 64
+"""Parts of an interval, at the ends of which it is looked at for crossings of exits."""
+EVENT_AT_ZERO = 1e-14
+"""An event that is nearer to zero than this part of its largest value may be there by rounding."""
+RESTART_TOLERANCE = 1e-6
+RESTART_PERIODS = 2.5
+"""A motion is followed for so many of its supposed periods."""
+CLOSES, RESTARTS = 0.3, 2
+"""How near to its start it must come back, in units of the state scale; so many of the ways are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """What must be known of the problem whose cycles these are.
+
+    Attributes
+    ----------
+    form : the system with all exits, sections among them.
+    closure : how its cycles close.
+    cycle : signature -> cycle.
+    image : (phase, p, state scale) -> mode and event of what it is mapped to one computed piece later, or None.
+    """
+
+    form: engine.System
+    closure: Closure
+    cycle: Callable[[Signature], Cycle]
+    image: Callable[[Segment, Array, Array], tuple[str, str] | None]
+
+    def later(self, segment: Segment) -> Segment:
+        """The image of a segment one computed piece later, under its own name: S^-1 (x + c)."""
+        S, shift = np.linalg.inv(np.array(self.closure.matrix)), np.array(self.closure.shift)
+
+        def moved(x: Array) -> Array:
+            return (x + shift) @ S.T
+
+        w = moved(segment.w.reshape(-1, shift.size)).reshape(segment.w.shape)
+        jumped = None if segment.jumped is None else moved(segment.jumped)
+        return replace(segment, w=w, end=moved(segment.end), jumped=jumped)
+
+    def exit_of(self, mode: str, event: str) -> engine.Exit:
+        """The exit of a mode at an event.
+
+        Parameters
+        ----------
+        mode, event
+            their names.
+
+        Returns
+        -------
+        Exit.
+        """
+        return next(e for e in self.form.exits[mode] if e.event.name == event)
+
+
+def segments_of(t: Transcription, u: Array, setting: Setting) -> list[Segment]:
+    """The phases of a solution, or of what is to become one, as marched ones.
+
+    Parameters
+    ----------
+    t, u, setting
+        transcription, unknowns, setting.
+
+    Returns
+    -------
+    Segments in physical units.
+    """
+    nodes = t.nodes_of(u) * setting.scale
+    w = t.intervals_of(u) * np.tile(setting.scale, t.degree + 1)
+    found = []
+    for k, phase in enumerate(t.cycle.phases):
+        start, end = t.phase_start[k], t.phase_end[k]
+        collocated = t.counts[k] > 0
+        found.append(
+            Segment(
+                phase.mode.name, phase.end.name, float(t.durations_of(u)[k]),
+                breaks_of(t, setting, k) if collocated else np.array([0.0, 1.0]),
+                w[t.phase_intervals(k)] if collocated else nodes[start][None],
+                nodes[end], None if phase.reset is None else nodes[end + 1],
+            )
+        )  # fmt: skip
+    return found
+
+
+def start_of(posed: Posed, segments: Sequence[Segment], like: Start) -> Start:
+    """The unknowns of a cycle with these phases.
+
+    Parameters
+    ----------
+    posed, segments
+        the problem, and the phases.
+    like
+        the starting point whose scheme, parameters and state scale it takes.
+
+    Returns
+    -------
+    Starting point.
+    """
+    t, _, setting = like
+    cycle = posed.cycle(tuple((s.mode, s.event) for s in segments))
+    passes = [(1.0, s) for s in segments]
+    fresh = from_segments(cycle, passes, setting.p, setting.dp, degree=t.degree, kind=t.kind)
+    return in_scale(fresh, setting.scale)
+
+
+# A phase taken out ---------------------------------------------------------------------------------------------
+
+
+def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
+    """The cycle without its shortest phase, where that may be about to vanish.
+
+    Parameters
+    ----------
+    posed, start
+        the problem, and the cycle at hand.
+
+    Returns
+    -------
+    Number of the phase, and starting point; None where no phase is short, or none can be taken out.
+    """
+    segments = segments_of(*start)
+    for k in sorted(range(1, len(segments)), key=lambda j: segments[j].duration):
+        neighbours = [s.duration for s in segments[k - 1 : k + 2 : 2]]
+        if segments[k].duration > VANISHES_BELOW * max(neighbours):
+            continue
+        if k + 1 < len(segments) and segments[k - 1].mode == segments[k + 1].mode:
+            joined = _joined(segments[k - 1 : k + 2])
+            return k, start_of(posed, [*segments[: k - 1], joined, *segments[k + 2 :]], start)
+        if _leads_past(posed, segments, k, start[2]):
+            return k, start_of(posed, [*segments[:k], *segments[k + 1 :]], start)
+    return None
+
+
+def _joined(three: Sequence[Segment]) -> Segment:
+    """A phase, the one that vanishes and the rest of the first one, as one phase of its mode."""
+    first, _, last = three
+    # The states of one with a negative duration, or in closed form among others, are dropped: its time is nothing.
+    spans = np.array([max(s.duration, 0.0) if s.w.shape[1] == first.w.shape[1] else 0.0 for s in three])
+    total = float(np.sum(spans))
+    if len(first.breaks) == 2 and first.w.shape[1] == first.end.size:  # in closed form
+        return replace(last, mode=first.mode, duration=total, w=first.w)
+    kept = [(s, span, o) for s, span, o in zip(three, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if span > 0]
+    breaks = np.concatenate([[0.0], *[(o + span * s.breaks[1:]) / total for s, span, o in kept]])
+    return replace(last, mode=first.mode, duration=total, breaks=breaks, w=np.vstack([s.w for s, _, _ in kept]))
+
+
+def _leads_past(posed: Posed, segments: Sequence[Segment], k: int, setting: Setting) -> bool:
+    """Whether the event before phase k may lead to the phase behind it: its successor depends on the numbers."""
+    before = posed.exit_of(segments[k - 1].mode, segments[k - 1].event)
+    names = {before.successor(s.behind, setting.p) for s in (segments[k - 1], segments[k])}
+    if k + 1 < len(segments):
+        return segments[k + 1].mode in names
+    first = posed.image(segments[0], setting.p, setting.scale)
+    return first is not None and first[0] in names
+
+
+# Boundaries put in ----------------------------------------------------------------------------------------------
+
+
+def split(posed: Posed, start: Start, phase: int) -> Start | None:
+    """Boundaries where a phase crosses exits of its mode, and comes back; its polynomials stay what they are.
+
+    Parameters
+    ----------
+    posed, start
+        the problem, and a root that is no motion of it.
+    phase
+        number of the phase.
+
+    Returns
+    -------
+    Starting point; None where it crosses none, or does not come back.
+    """
+    t, u, setting = start
+    segments = segments_of(*start)
+    if not t.counts[phase] or t.cycle.phases[phase].mode.name not in posed.form.exits:
+        return None
+    times, states = _looked_at(t, u, setting, phase)
+    mode, a = segments[phase].mode, 0.0
+    parts: list[tuple[str, str, float, float]] = []
+    while (crossing := _crossing(posed, mode, times, states, a, setting.p)) is not None:
+        at, way_out = crossing
+        if way_out.reset is not None or len(parts) > len(times):
+            return None
+        x = np.array([np.interp(at, times, row) for row in states])
+        parts.append((mode, way_out.event.name, a, at))
+        mode, a = way_out.successor(x, setting.p), at
+    if not parts or mode != segments[phase].mode:
+        return None
+    parts.append((mode, segments[phase].event, a, 1.0))
+    fresh = [_part(posed, start, phase, segments[phase], *part) for part in parts]
+    return start_of(posed, [*segments[:phase], *fresh, *segments[phase + 1 :]], start)
+
+
+def _looked_at(t: Transcription, u: Array, setting: Setting, phase: int) -> tuple[Array, Array]:
+    """(m,) fractions of a collocated phase and (n, m) states there."""
+    breaks = breaks_of(t, setting, phase)
+    times = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(CROSSING_LOOKS) / CROSSING_LOOKS).ravel()
+    times = np.append(times, 1.0)
+    return times, (evaluate_phase(t, u, setting.fractions, phase, times) * setting.scale).T
+
+
+def _crossing(
+    posed: Posed, mode: str, times: Array, states: Array, a: float, p: Array
+) -> tuple[float, engine.Exit] | None:
+    """(fraction, exit) of the first exit of a mode that is crossed behind a and before the end."""
+    found: list[tuple[float, engine.Exit]] = []
+    for way_out in posed.form.exits[mode]:
+        h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, p), float)
+        h[np.abs(h) <= EVENT_AT_ZERO * float(np.max(np.abs(h)))] = -0.0
+        beyond = (h[1:] > 0) & (h[:-1] <= 0)
+        beyond &= times[:-1] > a
+        for i in np.flatnonzero(beyond)[:1]:
+            at = times[i] - h[i] * (times[i + 1] - times[i]) / (h[i + 1] - h[i])
+            if at < times[-2]:
+                found.append((float(at), way_out))
+    return min(found, key=lambda crossing: crossing[0]) if found else None
+
+
+def _part(
+    posed: Posed, start: Start, k: int, whole: Segment, mode: str, event: str, a: float, b: float
+) -> Segment:
+    """A part of the collocated phase k as a phase of its own; of a mode in closed form its start is enough."""
+    t, u, setting = start
+    breaks, w, duration = piece(t, u, setting, k, a, b)
+    w, last = w * np.tile(setting.scale, t.degree + 1), b == 1.0
+    if posed.form.modes[mode].flow is not None:
+        breaks, w = np.array([0.0, 1.0]), w[:1, : t.n]
+    end = evaluate_phase(t, u, setting.fractions, k, np.array([b]))[0] * setting.scale
+    return Segment(mode, event, duration, breaks, w, whole.end if last else end, whole.jumped if last else None)
+
+
+def with_touch(posed: Posed, start: Start, phase: int, event: str) -> Start | None:
+    """A boundary where a phase turns back right in front of an exit, as if that were met with no speed.
+
+    Parameters
+    ----------
+    posed, start
+        the problem, and a cycle that touches the event.
+    phase, event
+        number of the phase; name of the event, at which the mode must go on.
+
+    Returns
+    -------
+    Starting point; None where the phase does not turn back there, or goes on elsewhere.
+    """
+    t, u, setting = start
+    segments = segments_of(*start)
+    mode = segments[phase].mode
+    if not t.counts[phase]:
+        return None
+    times, states = _looked_at(t, u, setting, phase)
+    way_out = posed.exit_of(mode, event)
+    h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, setting.p), float)
+    top = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
+    if not top.size:
+        return None
+    i = int(top[np.argmax(h[top])])
+    a, b, _ = np.polyfit(times[i - 1 : i + 2] - times[i], h[i - 1 : i + 2], 2)
+    at = float(times[i] - b / (2 * a))
+    first = _part(posed, start, phase, segments[phase], mode, event, 0.0, at)
+    if way_out.successor(first.end, setting.p) != mode:
+        return None
+    first = first if way_out.reset is None else replace(first, jumped=first.end)
+    second = _part(posed, start, phase, segments[phase], mode, segments[phase].event, at, 1.0)
+    return start_of(posed, [*segments[:phase], first, second, *segments[phase + 1 :]], start)
+
+
+def nearest_touch(posed: Posed, start: Start) -> tuple[float, str, str]:
+    """How near a cycle comes to an exit without meeting it, where it turns back in front of it.
+
+    Parameters
+    ----------
+    posed, start
+        the problem, and a cycle.
+
+    Returns
+    -------
+    Distance in units of the largest distance from that exit, mode, and event; infinite where it comes near none.
+    """
+    t, u, setting = start
+    best = (np.inf, "", "")
+    for k in range(t.phases):
+        mode = t.cycle.phases[k].mode.name
+        if not t.counts[k]:
+            continue
+        _, states = _looked_at(t, u, setting, k)
+        for way_out in posed.form.exits[mode]:
+            h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, setting.p), float)
+            top = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
+            if top.size:
+                # The vertex of the parabola through three neighbours, all but equally spaced.
+                rise, fall = h[top] - h[top - 1], h[top] - h[top + 1]
+                vertex = h[top] + (rise - fall) ** 2 / (8 * np.maximum(rise + fall, 1e-300))
+                best = min(best, (float(np.min(np.abs(vertex))) / float(np.ptp(h)), mode, way_out.event.name))
+    return best
+
+
+# The motion itself ----------------------------------------------------------------------------------------------
+
+
+def marched(posed: Posed, start: Start) -> list[Start]:
+    """The phases that the motion really has, where they lead back to the start.
+
+    Parameters
+    ----------
+    posed, start
+        the problem, and unknowns that are no motion of it.
+
+    Returns
+    -------
+    Starting points, the ones that close best first.
+    """
+    t, u, setting = start
+    x = t.nodes_of(u)[0] * setting.scale
+    found: list[tuple[float, int, list[Segment]]] = []
+    for segments in _motions(posed, start):
+        found += _closing(posed, segments, x, setting.scale)
+    starts: dict[Signature, Start] = {}
+    for _, _, segments in sorted(found, key=lambda way: way[:2]):
+        label = tuple((s.mode, s.event) for s in segments)
+        if label not in starts and len(starts) < RESTARTS:
+            starts[label] = start_of(posed, segments, start)
+    return list(starts.values())
+
+
+def _motions(posed: Posed, start: Start) -> Iterator[list[Segment]]:
+    """The motion from the start, and from the middle of the longest phase: what leaves the cycle does so elsewhere."""
+    t, u, setting = start
+    span = float(np.sum(np.abs(t.durations_of(u))))
+    segments = segments_of(*start)
+    longest = int(np.argmax([s.duration for s in segments]))
+    if t.counts[longest]:
+        middle = evaluate_phase(t, u, setting.fractions, longest, np.array([0.5]))[0] * setting.scale
+    else:
+        whole = segments[longest]
+        middle = flow_at(t.cycle.phases[longest].mode, whole.start, np.array([whole.duration / 2]), setting.p)[0]
+    for mode, x in ((segments[0].mode, segments[0].start), (segments[longest].mode, middle)):
+        try:
+            yield march(
+                posed.form, mode, x, setting.p, scale=setting.scale, until=lambda segment: False,
+                tol=RESTART_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
+            )  # fmt: skip
+        except MarchFailure:
+            continue
+
+
+def _closing(posed: Posed, segments: list[Segment], x: Array, scale: Array) -> list[tuple[float, int, list[Segment]]]:
+    """(distance, how many, phases) of the parts of a motion that start at x, or next to it, and close."""
+    S, shift = np.array(posed.closure.matrix), np.array(posed.closure.shift)
+    found = []
+    for first, begun in enumerate(segments):
+        if not np.max(np.abs(begun.start - x) / scale) < CLOSES or first and not segments[first - 1].event:
+            continue
+        for m, segment in enumerate(segments[first:], start=1):
+            distance = float(np.max(np.abs(S @ segment.behind - shift - begun.start) / scale))
+            if segment.event and distance < CLOSES:
+                found.append((distance, m, segments[first : first + m]))
+    return found

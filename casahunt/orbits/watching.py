@@ -1,0 +1,255 @@
+"""A first look at a motion: how large its states are, whether it goes on, and where it is cut if it meets no event.
+
+    watched    the motion, for longer and longer, until it has met events or passed many intervals
+    cut        a plane through the middle of a state that swings, x_i = level; or turns of an angle or of the forcing
+
+A motion that is cut by turns is counted: x_i goes from one turn to the next, and each phase ends at the next one.
+
+Symbols: n states, m points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..hybrid import system as engine
+from ..hybrid.language import System
+from ..hybrid.problem import Kind
+from ..hybrid.vector_form import TURNS
+from ..motion.march import MarchFailure, Segment, march
+from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
+from .closure import Section, turns
+from .recurrence import turns_over
+
+Array = np.ndarray
+
+SEARCH_TOLERANCE = 1e-6
+FIRST_LOOK = 20.0
+"""Times in which the field moves a state by its size, that a motion is watched at first."""
+MOST_LOOKS, LOOK_LONGER = 12, 4.0
+"""Looks, each this much longer than the one before, until there is something to see."""
+ENOUGH_EVENTS, ENOUGH_INTERVALS = 12, 300
+TRIED_STATES = 16
+"""States at which a forced system is tried for a symmetry between the halves of a turn."""
+STANDSTILL = 1e-8
+"""Ranges of all states below this part of their sizes are rest."""
+GREW, LARGER = 1e12, 1e2
+"""A state this much larger than all states were at the start, and than 1, grows without bound; it may be growing."""
+WENT_ROUND = 2.0
+"""Turns of an angle that show that it goes round."""
+
+
+class NotMet(Exception):
+    """No cycle is met: why, and how long the motion was followed."""
+
+    def __init__(self, why: str, followed: float) -> None:
+        super().__init__(why)
+        self.followed = followed
+
+
+class Watched(NamedTuple):
+    """What a look has shown.
+
+    Attributes
+    ----------
+    last : the last segment of the motion.
+    scale : (n,) sizes of the states.
+    late : (n, m) states in the second half.
+    events : how many were met there.
+    span : how long it was watched.
+    """
+
+    last: Segment
+    scale: Array
+    late: Array
+    events: int
+    span: float
+
+
+def going_on(form: engine.System, last: Segment, p: Array) -> tuple[str, Array]:
+    """Where a motion goes on behind its last segment, which may or may not have met an event.
+
+    Parameters
+    ----------
+    form
+        what was marched.
+    last, p
+        the segment; (np,) parameters.
+
+    Returns
+    -------
+    Mode and (n,) state.
+    """
+    if not last.event:
+        return last.mode, last.end.copy()
+    return form.ways_out(last.mode, last.event)[0].successor(last.behind, p), last.behind.copy()
+
+
+class Turning(NamedTuple):
+    """The entry of the state that is counted: its number, signed step from plane to plane, planes in a turn."""
+
+    entry: int
+    step: float
+    parts: int
+
+    @property
+    def whole(self) -> float:
+        """By how much the entry grows in a turn."""
+        return self.step * self.parts
+
+    def wrapped(self, x: Array) -> Array:
+        """A state with its whole turns taken off; on the last plane of a turn it is at the start of the next."""
+        out = x.copy()
+        out[self.entry] -= self.whole * np.floor(x[self.entry] / self.whole + 1e-9)  # rounding is no turn
+        return out
+
+
+def watched(system: System, mode: str, x: Array, p: Array, kind: Kind) -> Watched:
+    """Look at a motion for longer and longer, until there are events or intervals enough.
+
+    Parameters
+    ----------
+    system, mode
+        the system and the name of the mode that it starts in.
+    x, p
+        (n,) state at the start; (np,) parameters.
+    kind
+        collocation scheme of the march.
+
+    Returns
+    -------
+    Watched.
+
+    Raises
+    ------
+    NotMet : it comes to rest, or grows without bound.
+    MarchFailure : it cannot be followed.
+    """
+    form, span = system.vector_form, _first_span(system, mode, x, p, kind)
+    largest = GREW * max(1.0, float(np.max(np.abs(x))))
+    scale = np.abs(x)
+    for _ in range(MOST_LOOKS):
+        try:
+            scale = sizes(form, mode, x, p, span, kind)
+        except MarchFailure as failure:
+            i = int(np.argmax(scale))
+            if scale[i] > LARGER * max(1.0, float(np.max(np.abs(x)))):
+                grown = f"{system.names.entries[i]} to {scale[i]:.2g}"
+                raise NotMet(f"the motion grows, {grown} and more: {failure}", span / LOOK_LONGER) from None
+            raise
+        counted = turns(system) > 0
+        for k in np.flatnonzero((scale > largest) & ~counted):
+            raise NotMet(f"the motion grows without bound: {system.names.entries[k]} to {scale[k]:.2g}", span)
+        scale = np.where(counted, np.minimum(scale, turns(system)), scale)
+        seen = follow_for(form, mode, x, p, scale, kind, span, SEARCH_TOLERANCE)
+        half = sum(s.duration for s in seen) / 2
+        ends = np.cumsum([s.duration for s in seen])
+        events = sum(bool(s.event) for s, end in zip(seen, ends, strict=True) if end > half)
+        if events >= ENOUGH_EVENTS // 2:
+            break
+        if events == 0 and sum(len(s.w) for s in seen) >= ENOUGH_INTERVALS:
+            break
+        span *= LOOK_LONGER
+    times, states = sampled(form, seen, p, kind, 8)
+    late = states[:, times > half]
+    if not _moving(system, late, scale):
+        what = "" if events else ", and meets no event"
+        raise NotMet(f"the motion comes to rest{what}", 2 * half)
+    return Watched(seen[-1], scale, late, events, 2 * half)
+
+
+def _first_span(system: System, mode: str, x: Array, p: Array, kind: Kind) -> float:
+    """A time in which something happens: that of a turn of the forcing, or of a state that moves by its size."""
+    if system.forcing_period is not None:
+        return FIRST_LOOK * float(system.names.turn(p))
+    scale = np.where(x != 0, np.abs(x), 1.0)
+    probe = march(
+        system.vector_form, mode, x, p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
+        kind=kind, max_intervals=10**6, max_time=1e-3,
+    )  # fmt: skip
+    moved = np.max(np.abs(probe[-1].end - x) / scale) / max(min(probe[-1].duration, 1e-3), 1e-300)
+    return FIRST_LOOK / max(float(moved), 1e-3)
+
+
+def _moving(system: System, late: Array, scale: Array) -> bool:
+    """Anything moves but the time."""
+    ranges = np.ptp(late, axis=1)[: len(system.states)]
+    return bool(np.any(ranges > STANDSTILL * scale[: ranges.size]))
+
+
+def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], Turning | None]:
+    """Where to cut a motion that meets no event.
+
+    Parameters
+    ----------
+    system, seen, p
+        the system, what was seen of the motion, (np,) parameters.
+
+    Returns
+    -------
+    Sections, and what is counted from one to the next, if anything is.
+    """
+    names, late = system.names.entries, seen.late
+    if system.forcing_period is not None:
+        some = late[:, :: max(1, late.shape[1] // TRIED_STATES)]
+        parts = 2 if turns_over(system, seen.last.mode, some, p, seen.scale) else 1
+        return _by_turns(system, seen.last.mode, Turning(len(names) - 1, 1.0 / parts, parts))
+    low, high = late.min(axis=1), late.max(axis=1)
+    moves, angles = (high - low) / seen.scale, turns(system) > 0
+    moves[angles] = -1.0  # an angle that turns passes a plane once
+    i = int(np.argmax(moves))
+    level = (low[i] + high[i]) / 2
+    swings = np.count_nonzero(np.diff(late[i] > level)) > 1 and moves[i] > STANDSTILL
+    if not swings and angles.any():
+        turned = (late[:, -1] - late[:, 0]) / (2 * np.pi)
+        round_ = int(np.argmax(np.where(angles, np.abs(turned), -1.0)))
+        if abs(turned[round_]) > WENT_ROUND:
+            return _by_turns(system, seen.last.mode, Turning(round_, float(np.copysign(2 * np.pi, turned[round_])), 1))
+        if moves[i] <= STANDSTILL:  # an angle that swings
+            i, level = round_, (low[round_] + high[round_]) / 2
+    if abs(level) < 0.05 * (high[i] - low[i]):
+        level = 0.0  # where a symmetry would have it
+    return (Section(seen.last.mode, names[i], float(level), float(seen.scale[i])),), None
+
+
+def _by_turns(system: System, mode: str, turning: Turning) -> tuple[tuple[Section, ...], Turning]:
+    name = system.names.entries[turning.entry]
+    size = 1.0 if name == TURNS else abs(turning.step)
+    levels = [(k + 1) * turning.step for k in range(turning.parts)]
+    return tuple(Section(mode, name, level, size) for level in levels), turning
+
+
+def counted_on(
+    turning: Turning, section: Section, passes: list[Segment], states: tuple[str, ...]
+) -> tuple[tuple[Section, ...], list[Segment]]:
+    """Phases of a motion that is cut by turns, counted on from each to the next, with planes of their own.
+
+    Parameters
+    ----------
+    turning, section
+        what is counted, and one of its planes.
+    passes
+        the phases, each of which starts within the first turn.
+    states
+        names of the states.
+
+    Returns
+    -------
+    Sections and phases.
+    """
+    i, step = turning.entry, turning.step
+    began = round(float(passes[0].start[i]) / step) * step
+    sections, counted = [], []
+    for k, s in enumerate(passes):
+        level = began + (k + 1) * step
+        sections.append(replace(section, level=level))
+        way_out = sections[-1].exits(states)[0 if step > 0 else 1]
+        ahead = round((began + k * step - float(s.start[i])) / turning.whole) * turning.whole
+        w, end = s.w.copy(), s.end.copy()
+        w[:, i :: end.size] += ahead
+        end[i] += ahead
+        counted.append(Segment(s.mode, way_out.event.name, s.duration, s.breaks, w, end))
+    return tuple(sections), counted

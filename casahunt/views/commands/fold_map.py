@@ -1,0 +1,148 @@
+"""casahunt fold-map: the largest gain at which the servo can hunt, over two of its parameters."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...checks import known, quoted, to_error
+from ...design.fold_map import SIDES, FoldMap, fold_map
+from ...errors import InputError, NoOrbit, Status
+from ...files import whole_text
+from ...orbits.adapt import Options
+from ...servo.find_fold import find_fold
+from ...servo.hunting import MODELS
+from ...tables import table as csv_table
+from .arguments import add_common, finite, picture_of, servo_of, writable
+from .console import progress, progress_line, say, teller
+
+MAP_SIDE = 25
+CSV_COLUMNS = ("model", "first", "first_value", "second", "second_value", "gain", "status")
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = commands.add_parser(
+        "fold-map", allow_abbrev=False, help="the fold gain over two parameters, as contours"
+    )
+    add_common(command)
+    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    for which in ("vary", "and"):
+        command.add_argument(
+            f"--{which}", dest=which, nargs=3, required=True, metavar=("KEY", "FROM", "TO"),
+            help="a parameter and its range, e.g. friction.static 0.5 0.6",
+        )  # fmt: skip
+    points = f"values of each parameter (default {MAP_SIDE})"
+    command.add_argument("--points", default=MAP_SIDE, metavar="N", help=points)
+    command.add_argument("--csv", metavar="F.csv", help="write the gains")
+    command.add_argument("--plot", metavar="F.png", help="write a picture of the contours")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute, write and print; returns the exit code.
+
+    Raises
+    ------
+    InputError : the command line is wrong.
+    NoOrbit : no fold was found.
+    """
+    model: Any = known("model", options.model, MODELS)
+    how = Options(tol=finite("tol", options.tol))
+    servo = servo_of(options)
+    points = finite("points", options.points)
+    if points != int(points) or not SIDES[0] <= points <= SIDES[1]:
+        raise InputError(f"points = {quoted(options.points)}: must be a whole number from {SIDES[0]} to {SIDES[1]}")
+    names, axes = _axes(options, int(points))
+    plot, table = picture_of(options), writable("csv", options.csv, (".csv",))
+    out = progress(options.quiet)
+    say(out, "computing the fold of the servo itself")
+    fold = find_fold(servo, model, options=how)
+    say(out, progress_line(fold.orbit, mu="+1 (fold)"))
+    tell, total = teller(out), int(points) ** 2
+    found = fold_map(
+        servo, model, names, *axes, options=how, fold=fold, report=lambda i: tell(f"{i} of {total} folds computed")
+    )
+    if table:
+        _write(found, table)
+    if plot:
+        from ..pictures import fold_map as pictures_fold_map
+        from ..pictures import plotting
+
+        options.outputs.draw(lambda: plotting.save(pictures_fold_map.contours(found), plot))
+    if options.json:
+        print(json.dumps(_record(found)))
+    else:
+        _print(found)
+    if not np.isfinite(found.gains).any():
+        raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
+    return 0 if found.status.ok else 1
+
+
+def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
+    names, axes = [], []
+    for which in ("vary", "and"):
+        name, *ends = getattr(options, which)
+        low, high = (finite(f"{which} {name}", end) for end in ends)
+        if not low < high:
+            raise InputError(f"{which} {name} {low:g} {high:g}: the range must begin below its end")
+        names.append(name)
+        axes.append(np.linspace(low, high, points))
+    return (names[0], names[1]), (axes[0], axes[1])
+
+
+def _status(found: FoldMap, i: int, j: int) -> str:
+    gain = found.gains[i, j]
+    return "not computed" if math.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
+
+
+def _print(found: FoldMap) -> None:
+    print(found)
+    q, r = found.values
+    for (i, j), text in _extremes(found):
+        value = to_error(float(found.gains[i, j]), found.tolerance, most=8)
+        print(f"  {text}  {value}  at {found.names[0]} = {q[i]:.6g}, {found.names[1]} = {r[j]:.6g}")
+    missing = [sentence for sentence in found.failures.values()]
+    for sentence in dict.fromkeys(missing):
+        print(f"  {missing.count(sentence)} without a gain: {sentence}")
+    if (found.gains == 0).any():
+        print(f"  {int((found.gains == 0).sum())} of the servos hunt at no gain")
+    print(f"  relative error of every gain below {found.tolerance:g}; {found.wall_s:.1f} s")
+
+
+def _extremes(found: FoldMap) -> list[tuple[tuple[int, int], str]]:
+    """Places of the smallest and the largest fold gain."""
+    gains = np.where(found.gains > 0, found.gains, np.nan)
+    if not np.isfinite(gains).any():
+        return []
+    shape = gains.shape
+    low, high = (np.unravel_index(int(pick(gains)), shape) for pick in (np.nanargmin, np.nanargmax))
+    return [((int(low[0]), int(low[1])), "smallest"), ((int(high[0]), int(high[1])), "largest ")]
+
+
+def _record(found: FoldMap) -> dict[str, Any]:
+    return {
+        "model": found.model,
+        "parameters": list(found.names),
+        "values": [axis.tolist() for axis in found.values],
+        "gains": [[None if math.isnan(gain) else gain for gain in row] for row in found.gains.tolist()],
+        "tolerance": found.tolerance,
+        "failures": [{"place": list(place), "sentence": said} for place, said in found.failures.items()],
+        "status": found.status.name.lower(),
+        "wall_s": found.wall_s,
+    }
+
+
+def _write(found: FoldMap, path: Path) -> None:
+    q, r = found.values
+    with whole_text(path) as stream:
+        write = csv_table(stream, CSV_COLUMNS)
+        write(
+            [found.model, found.names[0], q[i], found.names[1], r[j], found.gains[i, j], _status(found, i, j)]
+            for i in range(q.size)
+            for j in range(r.size)
+        )

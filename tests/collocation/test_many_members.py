@@ -1,0 +1,148 @@
+"""Many members at once against each of them alone: the same equations, the same steps, the same error estimates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import Servo, find_orbit
+from casahunt.collocation.ensemble import linearise_many, settings_of
+from casahunt.collocation.ensemble_error import errors_of_many, estimates_of_many, halved_for_many
+from casahunt.collocation.error_estimate import functional_errors
+from casahunt.collocation.mesh import on_halved_mesh
+from casahunt.orbits import find_cycle
+from casahunt.orbits.orbit import unknowns_of
+from problems import bouncing_ball
+
+B = 7
+PARTS = (
+    "interval_residual", "flow_residual", "closure_residual", "events", "maps", "closure", "eliminated",
+)  # fmt: skip
+RATIO = 1e-11
+"""Rounding, times what elimination in another order makes of it: condition numbers of intervals are below 1e4."""
+
+
+def ball():
+    _, state = bouncing_ball.truth(0.0125, 1, +1)
+    return find_cycle(bouncing_ball.SYSTEM, settled=True, start=state)
+
+
+ORBITS = {
+    "switch": lambda: find_orbit(Servo(), "switch", 0.4),
+    "lugre": lambda: find_orbit(Servo(), "lugre", 0.4),
+    "ball": ball,  # closed forms and jumps, no collocated phase
+}
+
+
+@pytest.fixture(scope="module", params=ORBITS)
+def members(request):
+    """A transcription, and disturbed solutions at disturbed parameters."""
+    orbit = ORBITS[request.param]()
+    t, u, setting = unknowns_of(orbit)
+    random = np.random.default_rng(3)
+    setting = replace(setting, dp=setting.p * random.uniform(-1, 1, setting.p.size))
+    p = setting.p * (1 + 1e-3 * random.uniform(-1, 1, (B, setting.p.size)))
+    many = u * (1 + 1e-5 * random.uniform(-1, 1, (B, u.size)))
+    settings = settings_of(setting, p, np.repeat(setting.dp[None, None], B, axis=0))
+    fractions = settings.fractions * (1 + 0.01 * random.uniform(-1, 1, settings.fractions.shape))
+    return t, many, replace(settings, fractions=fractions)
+
+
+def off(found, known):
+    return np.abs(found - known).max(initial=0.0) / max(1.0, np.abs(known).max(initial=0.0))
+
+
+def test_linearised_as_alone(members):
+    t, u, settings = members
+    lin = linearise_many(t, u, settings)
+    border = t.system.border(parameter=1.0)
+    y = lin.solve(np.repeat(border[None], B, axis=0), lin.rhs()[:, None])[:, 0]
+    du = lin.expand(y, 1.0)
+    for b in range(B):
+        alone = t.linearise(u[b], settings.one(b))
+        for part in PARTS:
+            assert off(getattr(lin, part)[b], getattr(alone, part)) < RATIO, part
+        assert lin.residual_norms()[b] == pytest.approx(alone.residual_norm(), rel=1e-6)
+        assert off(du[b], alone.step(border)[0]) < RATIO
+    assert lin.finite().all()
+
+
+def test_several_directions(members):
+    """The columns of a direction in parameter space are those of a setting with that dp."""
+    t, u, settings = members
+    random = np.random.default_rng(5)
+    directions = settings.p[:, None] * random.uniform(-1, 1, (B, 3, settings.p.shape[1]))
+    lin = linearise_many(t, u, replace(settings, directions=directions))
+    for k in range(3):
+        alone = t.linearise(u[2], replace(settings.one(2), dp=directions[2, k]))
+        assert off(lin.maps[2][..., t.n + 2 + k], alone.maps[..., t.n + 2]) < RATIO
+        assert off(lin.events[2, t.n + 2 + k], alone.events[t.n + 2]) < RATIO
+
+
+def test_errors_as_alone(members):
+    t, u, settings = members
+    goals = np.zeros((B, 2, t.system.size))
+    goals[:, 0, -1 - t.phases : -1] = 1.0
+    goals[:, 1, 0] = 1.0
+    border = t.system.border(parameter=1.0)
+    borders = np.repeat(border[None], B, axis=0)
+    errors = estimates_of_many(t, u, settings, goals, borders)
+    fine, finer, halves = halved_for_many(t, u, settings)
+    assert errors_of_many(t, fine, finer, halves, linearise_many(fine, finer, halves), goals, borders) == pytest.approx(
+        errors
+    )
+    for b in range(B):
+        alone, x, fractions = on_halved_mesh(t, u[b], settings.fractions[b])
+        assert alone == fine and off(finer[b], x) < RATIO and off(halves.fractions[b], fractions) < RATIO
+        assert errors[b] == pytest.approx(functional_errors(t, u[b], settings.one(b), goals[b])[0], rel=1e-5)
+
+
+def test_a_member_knows_nothing_of_the_others(members):
+    """To the last bit: alone, in another order, beside one that is nowhere."""
+    t, u, settings = members
+    border = np.repeat(t.system.border(parameter=1.0)[None], B, axis=0)
+    goals = np.zeros((B, 1, t.system.size))
+    goals[:, 0, 0] = 1.0
+
+    def numbers(which, spoilt=None):
+        x = u[which].copy()
+        if spoilt is not None:
+            x[spoilt] = np.nan
+        own = settings.of(np.array(which))
+        lin = linearise_many(t, x, own)
+        y = lin.solve(border[: len(x)], lin.rhs()[:, None])[:, 0]
+        return np.concatenate([lin.expand(y, 1.0), estimates_of_many(t, x, own, goals[which], border[which])], axis=1)
+
+    together = numbers(list(range(B)))
+    assert np.array_equal(numbers([4])[0], together[4])
+    assert np.array_equal(numbers([5, 0, 4])[2], together[4])
+    beside = numbers(list(range(B)), spoilt=3)
+    assert np.array_equal(np.delete(beside, 3, axis=0), np.delete(together, 3, axis=0))
+    assert not np.isfinite(beside[3]).any()
+
+
+def test_a_singular_member_is_its_own(members, monkeypatch):
+    """numpy refuses a whole stack where one matrix is singular."""
+    t, u, settings = members
+    if not t.intervals:
+        pytest.skip("no interval to eliminate")
+    honest = np.linalg.solve
+
+    def refuses(matrices, known):
+        if matrices.ndim > 3 or matrices.shape[0] != t.intervals or not np.array_equal(matrices, seen[1]):
+            if matrices.ndim > 3:
+                seen[:] = list(matrices)
+                raise np.linalg.LinAlgError
+            return honest(matrices, known)
+        raise np.linalg.LinAlgError
+
+    seen: list = []
+    whole = linearise_many(t, u, settings)
+    monkeypatch.setattr(np.linalg, "solve", refuses)
+    lin = linearise_many(t, u, settings)
+    assert lin.finite().tolist() == [b != 1 for b in range(B)]
+    assert np.array_equal(lin.maps[2], whole.maps[2])
+
+

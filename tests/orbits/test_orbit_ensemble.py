@@ -1,0 +1,175 @@
+"""Cycles of many problems at once: closed forms, the truths of independent programs, and each of them alone."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import InputError, NoOrbit, Options, Servo, Status, find_orbit
+from casahunt.design.ensemble import orbit_ensemble as hunting_ensemble
+from casahunt.orbits import ensemble as module
+from casahunt.orbits import find_cycle, orbit_ensemble
+from casahunt.orbits.ensemble import MEMBERS_OF_A_PASS, newton_of_many
+from problems import belt, bouncing_ball, table1
+
+SHARP = Options(tol=1e-8)
+NAMES = tuple(name for name in Servo().names if name != "gain")
+
+
+@pytest.fixture(scope="module")
+def bouncing():
+    _, state = bouncing_ball.truth(0.0125, 1, +1)
+    return find_cycle(bouncing_ball.SYSTEM, settled=True, start=state, tol=1e-9)
+
+
+def test_a_ball_on_many_tables(bouncing):
+    """Period and multipliers are known in closed form: T = 2 pi/w, the trace that of the impact map."""
+    amplitudes = np.linspace(0.0118, 0.0135, 60)
+    found = orbit_ensemble(bouncing, ("a",), amplitudes[:, None], options=Options(tol=1e-9), multipliers=True)
+    assert found.periods == pytest.approx(np.full(60, 2 * math.pi / 20), rel=1e-12)
+    for i in (0, 59):
+        known, _ = bouncing_ball.truth(float(amplitudes[i]), 1, +1)
+        assert abs(found.multipliers[i]) == pytest.approx(max(map(abs, known.multipliers)), rel=1e-8)
+        assert found.amplitudes[i] == pytest.approx(known.extrema["x"][1], rel=1e-9)
+    assert set(found.how) == {"batch"} and not found.failures
+
+
+def test_belts_of_any_speed():
+    """From 0.2 to 0.5, far beyond what is expected from the first: the truths of the gallery."""
+    slow = find_cycle(belt.BELT, "slip", x=0.0, v=0.0, tol=1e-9)
+    speeds = np.array(list(belt.TRUTH))
+    found = orbit_ensemble(slow, ["belt"], speeds[:, None], options=Options(tol=1e-9))
+    for i, truth in enumerate(belt.TRUTH.values()):
+        assert abs(found.periods[i] / truth.period - 1) <= found.period_errors[i] + 1e-13
+        assert found.amplitudes[i] == pytest.approx(max(map(abs, truth.extrema["x"])), rel=2e-9)
+    assert repr(found).startswith("<cycles of 3 times block on a belt, periods 8.28274 to 12.001: ")
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_gains_against_the_references(model):
+    rows = table1.REFERENCE[model]["stable"][2:]
+    orbit = find_orbit(table1.servo(), model, 0.4, options=SHARP)
+    found = hunting_ensemble(
+        table1.servo(), model, 0.4, ["gain"], [[row["K"]] for row in rows], options=SHARP, orbit=orbit
+    )
+    for i, row in enumerate(rows):
+        assert found.periods[i] == pytest.approx(row["period"], rel=1e-8)
+        assert found.amplitudes[i] == pytest.approx(row["amplitude"], rel=1e-8)
+
+
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
+def test_random_servos_as_alone(model):
+    n = 30
+    own = find_orbit(Servo(), model, 0.4, options=SHARP)
+    values = np.array([own.problem.value(name) for name in NAMES])
+    rows = values * (1 + 0.02 * np.random.default_rng(5).uniform(-1, 1, (n, values.size)))
+    found = hunting_ensemble(Servo(), model, 0.4, NAMES, rows, options=SHARP, orbit=own)
+    assert "alone" not in found.how and not found.failures
+    for i, row in enumerate(rows):
+        one = find_orbit(Servo().replace(**dict(zip(NAMES, map(float, row), strict=True))), model, 0.4, options=SHARP)
+        # Estimates are of first order, and sharp: where both errors go apart they may be a few per cent short.
+        assert abs(found.periods[i] / one.period - 1) <= 1.1 * (found.period_errors[i] + one.period_error)
+        assert abs(found.amplitudes[i] / one.amplitude - 1) <= 1.1 * (found.amplitude_errors[i] + one.amplitude_error)
+    assert (found.period_errors <= SHARP.tol).all() and (found.amplitude_errors <= SHARP.tol).all()
+
+
+def numbers(found):
+    return np.column_stack([found.periods, found.period_errors, found.amplitudes, found.amplitude_errors])
+
+
+def test_in_any_company(bouncing):
+    """To the last bit: more than a pass, in another order, one by one, in threads."""
+    values = np.random.default_rng(2).uniform(0.0118, 0.0135, (MEMBERS_OF_A_PASS + 9, 1))
+    together = numbers(orbit_ensemble(bouncing, ["a"], values))
+    order = np.random.default_rng(3).permutation(len(values))
+    assert np.array_equal(numbers(orbit_ensemble(bouncing, ["a"], values[order])), together[order])
+    assert np.array_equal(numbers(orbit_ensemble(bouncing, ["a"], values[50:51])), together[50:51])
+    done: list[int] = []
+    with ThreadPoolExecutor(2) as pool:
+        threads = orbit_ensemble(bouncing, ["a"], np.tile(values, (3, 1)), executor=pool, report=done.append)
+    assert np.array_equal(numbers(threads), np.tile(together, (3, 1)))
+    assert done[-1] == len(threads) == 3 * len(values) and len(done) == 2
+    assert pickle.loads(pickle.dumps(threads)).how == threads.how
+
+
+def test_who_fails_says_so():
+    """Beyond the fold no servo hunts; 5 % of the stick's torque changes the fold by a third."""
+    own = find_orbit(Servo(), "switch", 0.6, options=SHARP)
+    found = hunting_ensemble(
+        Servo(), "switch", 0.6, ["friction.static"], [[0.53], [0.51], [0.55]], options=SHARP, orbit=own
+    )
+    assert found.how == ("batch", "alone", found.how[2]) and found.how[2] != "alone"
+    assert np.isnan(found.periods[1]) and np.isfinite(found.periods[[0, 2]]).all()
+    ((index, sentence),) = found.failures
+    assert index == 1 and "of the switch servo" in sentence
+    assert found.statuses[1] is not Status.CONVERGED
+    assert found.periods[0] == pytest.approx(table1.REFERENCE["switch"]["stable"][4]["period"], rel=1e-8)
+
+
+def test_nothing_is_believed_that_is_not_known(bouncing, monkeypatch):
+    """A cycle that is no motion, or not known to the tolerance, goes on alone."""
+    rows = [[0.0124], [0.0126]]
+
+    class No:
+        admissible = False
+
+    honest = module.judge
+    monkeypatch.setattr(module, "judge", lambda t, u, s: No() if s.p[0] == 0.0124 else honest(t, u, s))
+    assert orbit_ensemble(bouncing, ["a"], rows).how == ("recut", "batch")
+    monkeypatch.undo()
+    monkeypatch.setattr(module, "estimates_of_many", lambda t, u, *_: np.array([[0.0, 0.0], [0.0, 1.0]]))
+    assert orbit_ensemble(bouncing, ["a"], rows).how == ("batch", "recut")
+
+
+def test_alone_is_asked_last(bouncing):
+    asked = []
+
+    def alone(problem, options):
+        asked.append(problem.value("a"))
+        raise NoOrbit("no ball bounces there", Status.NOT_CONVERGED)
+
+    found = orbit_ensemble(bouncing, ["a"], [[0.0125], [0.001]], alone=alone)
+    assert asked == [0.001] and found.failures == ((1, "no ball bounces there"),)
+
+
+def test_a_diverging_member_leaves_the_others(bouncing):
+    from casahunt.collocation.ensemble import settings_of
+    from casahunt.orbits.orbit import unknowns_of
+
+    t, u, setting = unknowns_of(bouncing)
+    p = np.repeat(setting.p[None], 3, axis=0)
+    start = np.repeat(u[None], 3, axis=0)
+    start[1] = np.nan
+    found, converged = newton_of_many(t, start, settings_of(setting, p, np.zeros((3, 1, p.shape[1]))), 1e-9)
+    assert converged.tolist() == [True, False, True]
+    assert np.array_equal(found[0], found[2])
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "sentence"),
+    [
+        (["b"], [[1.0]], "unknown parameter 'b'"),
+        (["a"], [1.0], "1 columns, not of shape"),
+        (["a", "a"], [[1.0, 1.0]], "each once"),
+        ([], np.zeros((1, 0)), "at least one parameter"),
+        (["a"], [["x"]], "a table of numbers"),
+        (["a"], [[0.0125], [math.nan]], "row 2 of 2: a = nan"),
+    ],
+)
+def test_bad_tables(bouncing, names, rows, sentence):
+    with pytest.raises(InputError, match=sentence):
+        orbit_ensemble(bouncing, names, rows)
+
+
+def test_values_between_which_there_is_no_servo():
+    """Static and Coulomb friction both above the old static one: one after the other would be refused."""
+    problem = find_orbit(Servo(), "switch", 0.4).problem
+    moved = problem.with_values(("friction.coulomb", "friction.static", "gain"), np.array([0.6, 0.7, 0.3]))
+    assert moved == replace(
+        problem, servo=Servo().replace(**{"friction.coulomb": 0.6, "friction.static": 0.7}), gain=0.3
+    )

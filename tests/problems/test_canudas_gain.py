@@ -1,0 +1,127 @@
+"""problems/canudas_gain.py against Taylor series and against scipy's Radau IIA."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from casahunt.continuation import branch_off, follow
+from casahunt.continuation.curve import curve_point
+from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.adapt import curve_border
+from problems import canudas_gain
+
+
+def started(K: float):
+    return find_cycle(
+        canudas_gain.SYSTEM, "backwards", tol=canudas_gain.TOL, parameters={"K": K}, x=1.0, v=0.0, w=0.0, z=0.0
+    )
+
+
+def flown_off(orbit) -> tuple[float, float]:
+    """The relative errors of period and K that the defects of all intervals make, by scipy's Radau IIA, to first order.
+
+    Every interval is integrated from its own start, so that no error grows; where it ends beside its end is put on the
+    right of one Newton step of the whole cycle.  On the branch, so that a fold has a step too.
+    """
+    point = curve_point(orbit, "K")
+    t, u, setting = point.t, point.u, point.setting
+    lin = t.linearise(u, setting)
+    p, form, defects = setting.p, orbit.problem.system.vector_form, []
+    for arc in orbit.arcs:
+        mode = form.modes[arc.mode]
+        x, parameters = ca.SX.sym("x", 4), ca.SX.sym("p", p.size)
+        f = mode.field(x, parameters, mode.sign)
+        field = ca.Function("f", [x, parameters], [f])
+        slope = ca.Function("df", [x, parameters], [ca.jacobian(f, x)])
+        nodes = np.vstack([arc.states[:, 0], arc.end])
+        for i, span in enumerate(np.diff(arc.breaks) * arc.duration):
+            flown = solve_ivp(
+                lambda _, y, field=field: np.array(field(y, p)).ravel(), (0.0, span), nodes[i], method="Radau",
+                rtol=1e-10, atol=1e-12 * orbit.scale, jac=lambda _, y, slope=slope: np.array(slope(y, p)),
+            )  # fmt: skip
+            defects.append((flown.y[:, -1] - nodes[i + 1]) / setting.scale)
+    rhs = lin.rhs()
+    rhs[: t.elements * t.n] = np.ravel(defects)
+    y = t.system.solve(lin.matrix(curve_border(t, u, point.row)), rhs)
+    return float(y[(t.elements + 1) * t.n : -1].sum() / t.durations_of(u).sum()), float(y[-1])
+
+
+def assert_flown(orbit) -> None:
+    """What is promised: period and K are within the tolerance of those of the true motion."""
+    assert np.max(np.abs(flown_off(orbit))) < canudas_gain.TOL
+
+
+def between_changes(values: list[float], level: float) -> int:
+    """How often a number along a branch passes a level."""
+    signs = np.sign(np.array(values) - level)
+    return int(np.sum(signs[1:] != signs[:-1]))
+
+
+@pytest.mark.slow
+def test_losses_of_symmetry_and_the_lopsided_pair():
+    branch = follow(started(44.0), "K", to=100.0, back=40.0, options=Options(tol=canudas_gain.TOL))
+    breaking = [special for special in branch.special if special.kind == "symmetry breaking"]
+    folds = [special for special in branch.special if special.kind == "fold"]
+    found = [special.orbit.problem.value("K") for special in (*breaking, *folds)]
+    assert found == pytest.approx([*canudas_gain.BREAKING, canudas_gain.FOLD], rel=1e-7)
+    multipliers = [orbit.half_multiplier for orbit in branch.orbits]
+    assert len(breaking) == between_changes(multipliers, -1.0) and len(folds) == between_changes(multipliers, 1.0) == 1
+    assert not branch.missed and len(branch.special) == 3
+    for special in branch.special:
+        assert_flown(special.orbit)
+    for orbit in branch.orbits[::16]:
+        assert_flown(orbit)
+    for off in (0.02, -0.02):
+        pair = canudas_gain.lopsided(breaking[0], off)
+        kinds = [special.kind for special in pair.special]
+        assert kinds == ["fold", "flip", "flip", "symmetry breaking"] and "own image" in pair.ended
+        assert "meets in the symmetric one" in pair.special[-1].meaning
+        assert pair.special[-1].orbit.problem.value("K") == pytest.approx(canudas_gain.BREAKING[1], rel=1e-6)
+        leading = [orbit.multipliers.full[1].real for orbit in pair.orbits[:-1]]
+        assert between_changes(leading, -1.0) == 2 and between_changes(leading[1:], 1.0) == 1
+        for orbit in pair.orbits[::16]:
+            assert_flown(orbit)
+
+
+@pytest.mark.slow
+def test_a_reversal_that_dies_is_located_from_both_sides():
+    up = follow(started(13.4), "K", to=13.8, options=Options(tol=canudas_gain.TOL))
+    down = follow(started(14.0), "K", to=13.4, options=Options(tol=canudas_gain.TOL))
+    (dies,), (is_born,) = up.special, down.special
+    assert dies.kind == is_born.kind == "grazing" and not up.missed and not down.missed
+    K = dies.orbit.problem.value("K")
+    assert is_born.orbit.problem.value("K") == pytest.approx(K, rel=1e-6)
+    # At the touch the velocity comes to zero inside the phase, and the motion goes on in it.
+    (arc,) = dies.orbit.arcs
+    assert_flown(dies.orbit)
+    speeds = np.abs(arc.states[1:, 0, 1])
+    early = arc.breaks[1:-1] * arc.duration < 0.1
+    assert np.min(speeds[early]) < 1e-4 * np.max(speeds)
+
+
+@pytest.mark.slow
+def test_from_the_paper_round_the_fold_and_back():
+    """1.5 minutes for 600 cycles; half of it behind the fold, where the multiplier grows to 1e10 and beyond."""
+    branch = canudas_gain.symmetric()
+    kinds = [special.kind for special in branch.special]
+    values = [special.orbit.problem.value("K") for special in branch.special]
+    assert kinds == ["grazing", "symmetry breaking", "symmetry breaking", "fold", "grazing"] and not branch.missed
+    assert values[1:4] == pytest.approx([*canudas_gain.BREAKING, canudas_gain.FOLD], rel=1e-7)
+    assert branch.values[0] == 1.0 and branch.values[-1] == 0.99
+    multipliers = [orbit.half_multiplier for orbit in branch.orbits]
+    assert between_changes(multipliers, -1.0) == 2 and between_changes(multipliers, 1.0) == 1
+    phases = np.array([len(orbit.arcs) for orbit in branch.orbits])
+    assert np.sum(phases[1:] != phases[:-1]) == 2 and np.argmax(branch.values) > np.flatnonzero(phases == 1)[0]
+
+
+@pytest.mark.slow
+def test_branching_is_looked_for_nearer():
+    """At 0.02 of the sizes of states nothing is found next to this loss of symmetry."""
+    branch = follow(started(44.0), "K", to=48.1, options=Options(tol=canudas_gain.TOL))
+    (breaking,) = branch.special
+    first = branch_off(breaking, "K", off=0.02)
+    x, y = first.arcs[0].states[0, 0], first.arcs[1].states[0, 0]
+    assert 1e-5 < np.max(np.abs(x + y) / first.scale) < 0.02

@@ -1,0 +1,100 @@
+"""The servo as a user's system: what any user calls on it gives the orbits of the servo's own functions, and the truth.
+
+Truth: problems/table1.py, from programs that use no collocation.
+"""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from casahunt.hybrid.system import Exit
+from casahunt.motion import simulate
+from casahunt.orbits import find_cycle
+from casahunt.orbits.adapt import Options
+from casahunt.servo.cycles import automaton
+from casahunt.servo.find_orbit import find_orbit
+from casahunt.servo.hunting import MODES, hunting_system
+from casahunt.servo.servo import Servo
+from casahunt.servo.stick_band import MODES_WITH_BAND, band_system
+from problems.table1 import REFERENCE, servo
+
+TIMES = servo()
+GAINS = TIMES.replace(**{f"controller.{k}": getattr(TIMES.controller.pid(), k) for k in ("kp", "ki", "kd")})
+STARTS = {
+    "switch": ("stick", {"x1": -0.02, "x2": 0.0, "x3": 0.0}),
+    "lugre": ("slide+", {"x1": -0.02, "x2": 0.0, "x3": 0.0, "x4": 0.0}),
+}
+
+
+@pytest.mark.parametrize("form", [TIMES, GAINS], ids=["times", "gains"])
+@pytest.mark.parametrize(("model", "K"), [
+    ("switch", 0.1), pytest.param("switch", 0.4, marks=pytest.mark.slow),
+    pytest.param("lugre", 0.04, marks=pytest.mark.slow), pytest.param("lugre", 0.1, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_any_users_search_finds_the_servos_orbit(form: Servo, model, K):
+    truth = next(row for row in REFERENCE[model]["stable"] if row["K"] == K)
+    mode, start = STARTS[model]
+    theirs = find_cycle(hunting_system(form, model, K), mode, start=start, follow="gain", tol=1e-9)
+    ours = find_orbit(form, model, K, options=Options(tol=1e-9))
+    for name in ("period", "amplitude"):
+        both = 1.1 * (theirs.error_estimate + ours.error_estimate)  # estimates are of first order
+        assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=both)
+        for one in (theirs, ours):  # the reference's last digit but one: 1e-11 of LuGre's
+            assert getattr(one, name) == pytest.approx(truth[name], rel=10 * one.error_estimate + 2e-11)
+    assert theirs.stable and theirs.parameters["static"] == form.friction.static
+
+
+@pytest.mark.parametrize("form", [TIMES, GAINS], ids=["times", "gains"])
+def test_its_motion_from_a_stick(form: Servo):
+    """The stick lasts (m - s Fs)/(ki x1), s = -sign(x1), in closed form."""
+    K, x1 = 0.1, -0.02
+    kp, _, ki = form.torque_gains(K)
+    motion = simulate(hunting_system(form, "switch", K), "stick", x1=x1, x2=0.0, x3=0.0, duration=30.0)
+    first, second = motion.events[:2]
+    assert (first.event, second.event) == ("breakaway+", "stop")
+    assert first.time == pytest.approx((-kp * x1 - form.friction.static) / (ki * x1), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_the_stick_band_tends_to_the_exact_stick():
+    """Crossing the band takes times that vanish with it: the period is off in proportion to eta."""
+    truth = next(row for row in REFERENCE["switch"]["stable"] if row["K"] == 0.1)["period"]
+    periods = []
+    for eta in (1e-3, 1e-4):
+        system = band_system(TIMES.replace(**{"friction.stick_band": eta}), 0.1)
+        periods.append(find_cycle(system, "stick", x1=-0.02, x2=0.0, x3=0.0, tol=1e-8).period)
+    assert periods[1] == pytest.approx(truth, rel=1e-3)
+    assert (10 * periods[1] - periods[0]) / 9 == pytest.approx(truth, rel=2e-5)  # what is left is of order eta^2
+
+
+def test_its_expressions_have_the_same_names():
+    """An orbit of the servo's own functions reads x.x2 and p.inertia as its user's system does."""
+    orbit = find_orbit(TIMES, "switch", 0.1)
+    energy = orbit.extrema(lambda x, p: p.inertia * x.x2**2 / 2).high.value
+    assert energy == pytest.approx(TIMES.inertia * orbit.extrema("x2").high.value ** 2 / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("form", [TIMES, GAINS], ids=["times", "gains"])
+@pytest.mark.parametrize("model", ["switch", "lugre", "band"])
+def test_it_is_data(form: Servo, model):
+    system = band_system(form, 0.1) if model == "band" else hunting_system(form, model, 0.1)
+    again = pickle.loads(pickle.dumps(system))
+    assert again == system and again.vector_form == system.vector_form
+    n = len(system.names.parameters)
+    assert automaton("switch" if model == "band" else model, n).modes == system.vector_form.modes
+    defined = MODES_WITH_BAND if model == "band" else MODES[model]
+    assert {mode.name for mode in defined} == set(again.vector_form.modes)
+
+
+def test_a_softened_slide_is_left_in_the_direction_of_its_motion():
+    """Its one event is crossed either way; both ways out know where they lead."""
+    form = automaton("lugre", 11)
+    up, down = form.ways_out("slide", "centre")
+    assert isinstance(up, Exit) and (up.direction, down.direction) == (1, -1)
+    p = TIMES.parameters(0.1)
+    for way_out in (up, down):
+        assert way_out.successor(np.array([0.0, 0.1, 0.0, 0.0]), p) == "slide+"
+        assert way_out.successor(np.array([0.0, -0.1, 0.0, 0.0]), p) == "slide-"
