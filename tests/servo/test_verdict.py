@@ -215,14 +215,22 @@ def test_a_fast_start_is_not_thrown_out():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("branch", "kinds"), [("stable", {"hunting"}), ("unstable", {"undecided", "decaying"})])
-def test_lugre_started_on_a_cycle(orbit, branch, kinds):
-    """Its swings agree from the first to the last on either cycle; only the stable one draws them back."""
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+def test_lugre_started_on_a_cycle(orbit, branch):
+    """Its swings agree from the first to the last on either cycle; only the stable one draws them back.
+
+    The unstable one multiplies an error by 138 in half a period, so its last digits decide to which side the motion
+    leaves it: to rest, or to the stable cycle, which then is the limit that is named.
+    """
     cycle = orbit("lugre", 0.6, branch)
     x = cycle.sample()[1][:, 0]
     start = {"set_point": 0.0, "position": x[0], "velocity": x[1], "integral": x[2], "bristle": x[3]}
     found = simulate(TABLE_1, "lugre", 0.6, time=4.2 * cycle.period, tol=1e-7, **start).verdict
-    assert found.kind in kinds
+    stable = orbit("lugre", 0.6, "stable")
+    if branch == "stable" or found.kind == "hunting":
+        assert found.kind == "hunting" and found.limit == pytest.approx(stable.amplitude, rel=1e-3)
+    else:
+        assert found.kind in {"undecided", "decaying", "at rest"}
     if branch == "stable":
         assert found.multiplier == pytest.approx(cycle.half_multiplier, abs=1e-3)
         assert found.limit == pytest.approx(cycle.amplitude, rel=1e-6)
