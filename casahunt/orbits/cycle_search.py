@@ -31,8 +31,10 @@ from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections
 from .family import Family, measured_of
+from .orbit import unknowns_of
 from .recurrence import Recurrence, loop_distance, rebased, recurrences
 from .restart import from_segments, in_scheme
+from .sequences import segments_of
 from .system_orbit import SystemOrbit
 from .watching import SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on, cut, going_on, watched
 
@@ -51,6 +53,9 @@ ENOUGH_PHASES, MOST_PHASES = 768, 3000
 """Phases after which a motion that nowhere nearly repeats is given up; and any other one."""
 MOST_MARCHED = 20_000
 """Intervals after which it is given up likewise; any other one after four times as many."""
+SEVERAL_TIMES = 1e-7
+"""A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
+period."""
 EXACTLY = 1e-8
 """A motion that comes back so near shows no more by going on."""
 MOST_LONG = 2
@@ -332,7 +337,21 @@ class _Search:
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None
-        return orbit
+        return self.once_round(orbit) or orbit
+
+    def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
+        """The cycle that an orbit runs through several times; None where it is its own period.
+
+        A motion that spirals in may come back nearer after two turns than after one.
+        """
+        assert self.form is not None
+        near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
+        whole = len(orbit.arcs) * orbit.repeats
+        found = recurrences(
+            self.system, self.form, segments_of(*unknowns_of(orbit)), self.p, self.scale, near,
+            lambda r: r.phases * r.closure.repeats < whole,
+        )  # fmt: skip
+        return self.solved(found[0]) if found else None
 
     @property
     def hidden(self) -> str:

@@ -242,6 +242,21 @@ def test_a_ball_on_a_shaking_table():
     assert orbit.stable
 
 
+def test_a_cycle_is_gone_round_once():
+    """A linear oscillator at about twice its own frequency comes back nearer after two turns than after one.
+
+    Its response has the period of the forcing, and the amplitude 1/|k - 1 + i c|.
+    """
+    field = Mode(
+        "swings", lambda x, p: {"x": x.v, "v": ca.cos(x.t) - p.c * x.v - p.k * x.x},
+        ends=(Event("rises", lambda x, p: x.x, +1, to="swings"),),
+    )  # fmt: skip
+    swing = System("swing", ("x", "v"), {"k": 0.26, "c": 0.04}, (field,), forcing_period=lambda p: 2 * math.pi)
+    orbit = find_cycle(swing, x=0.9, v=0.3, tol=1e-9)
+    assert orbit.period == pytest.approx(2 * math.pi, rel=1e-12)
+    assert orbit.amplitude == pytest.approx(1 / abs(0.26 - 1 + 0.04j), rel=1e-9)
+
+
 def test_an_unstable_cycle_next_to_the_start():
     """Stuart-Landau backwards: the multiplier is the inverse."""
 
