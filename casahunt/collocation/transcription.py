@@ -42,7 +42,7 @@ import numpy as np
 from .. import effort
 from ..compiled import kept
 from ..hybrid.system import Cycle, Field
-from .interval import IntervalMap, interval_map
+from .elimination import Eliminated, Elimination, elimination
 from .joints import joint_map
 from .linearisation import Linearisation
 from .node_system import NodeSystem, node_system
@@ -225,31 +225,11 @@ class Transcription:
             return self._linearise(u, setting)
 
     def _linearise(self, u: Array, setting: Setting) -> Linearisation:
-        n, rows = self.n, self.rows
+        n = self.n
         nodes, T = u[self.node_index], self.durations_of(u)
-        w = self.intervals_of(u)
-        duration = T[self.phase_of[self.interval_elements]]
-        x_next = nodes[self.interval_elements + 1]
-        if len(self.groups) == 1:
-            field = self.groups[0][0]
-            block = self._map(field, self.intervals)(
-                w, x_next, duration, setting.fractions, self.signs, setting.p, setting.dp, setting.scale
-            )
-        else:
-            block = np.empty((self.intervals, rows + 3, rows))
-            for field, members in self.groups:
-                block[members] = self._map(field, members.size)(
-                    w[members], x_next[members], duration[members], setting.fractions[members],
-                    self.signs[members], setting.p, setting.dp, setting.scale,
-                )  # fmt: skip
-        d_rows = rows - n
-        columns = block.transpose(0, 2, 1)
-        known = np.concatenate([columns[:, :, : n + 1], columns[:, :, rows + 1 :]], axis=2)
-        eliminated = np.linalg.solve(columns[:, :d_rows, n + 1 : rows + 1], known[:, :d_rows])
-        condensed = columns[:, d_rows:, n + 1 : rows + 1] @ eliminated - known[:, d_rows:]
-
         maps = np.empty((self.elements, n, n + 3))
-        maps[self.interval_elements] = condensed
+        intervals = self._eliminated(u, nodes, T, setting)
+        maps[self.interval_elements] = intervals.maps
         joints = self._joints(
             nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
         )
@@ -259,17 +239,34 @@ class Transcription:
         closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
         return Linearisation(
             transcription=self,
-            interval_residual=block[:, 0].copy(),
+            interval_residual=intervals.residual,
             flow_residual=flow_residual,
             closure_residual=nodes[0] - closure @ nodes[-1] + self.shift / setting.scale,
             events=joints.events,
             maps=maps,
             closure=closure,
-            eliminated=eliminated,
+            eliminated=intervals.stages,
         )
 
-    def _map(self, field: Field, count: int) -> IntervalMap:
-        return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
+    def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
+        """The stages of all intervals, those of one vector field together."""
+        w, x_next = self.intervals_of(u), nodes[self.interval_elements + 1]
+        duration = T[self.phase_of[self.interval_elements]]
+        data = (w, x_next, duration, setting.fractions, self.signs)
+        shared = (setting.p, setting.dp, setting.scale)
+        if len(self.groups) == 1:
+            return self._elimination(self.groups[0][0], self.intervals)(*data, *shared)
+        n, count = self.n, self.intervals
+        whole = Eliminated(
+            np.empty((count, self.rows)), np.empty((count, n * self.degree, n + 3)), np.empty((count, n, n + 3))
+        )
+        for field, members in self.groups:
+            part = self._elimination(field, members.size)(*(each[members] for each in data), *shared)
+            whole.residual[members], whole.stages[members], whole.maps[members] = part.residual, part.stages, part.maps
+        return whole
+
+    def _elimination(self, field: Field, count: int) -> Elimination:
+        return elimination(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
 
 
 @kept(maxsize=48)
