@@ -45,6 +45,8 @@ ROUGH_SHAPE = 3.0
 MOTION = 0.1
 """The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
 that takes an eighth off the time at 1e-6, and adds a sixteenth at 1e-8; elsewhere it makes no difference."""
+CLEARED = 2
+"""How often intervals of a motion on which it is not clear what its phases are may be cut before anything is solved."""
 LEFT_OUT = 0.01
 """Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 
@@ -256,9 +258,23 @@ def remeshed(start: Start, options: Options) -> Start:
     """
     t, u, setting = start
     e = estimated(t, u, setting, believed=0.0)
-    if not np.isfinite(e.indicators).all() or float(e.indicators.sum()) <= options.tol and _presentable(e, options):
+    if not np.isfinite(e.indicators).all():
         return start
-    t, u, fractions = transfer(t, u, setting.fractions, better_breaks(t, setting.fractions, e, MOTION * options.tol))
+    if not (float(e.indicators.sum()) <= options.tol and _presentable(e, options)):
+        start = _on_breaks(start, better_breaks(t, setting.fractions, e, MOTION * options.tol))
+    for _ in range(CLEARED):
+        t, u, setting = start
+        unclear = judge(t, u, setting).unclear
+        if not unclear.any():
+            break
+        start = _on_breaks(start, quartered_where(t, setting.fractions, unclear))
+    return start
+
+
+def _on_breaks(start: Start, breaks: list[Array]) -> Start:
+    """A start on another mesh."""
+    t, u, setting = start
+    t, u, fractions = transfer(t, u, setting.fractions, breaks)
     return t, u, replace(setting, fractions=fractions)
 
 
@@ -269,8 +285,7 @@ def _presentable(e: Estimate, options: Options) -> bool:
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
-    t, u, fractions = transfer(known.t, known.solution.u, known.setting.fractions, breaks)
-    start = t, u, replace(known.setting, fractions=fractions)
+    start = _on_breaks((known.t, known.solution.u, known.setting), breaks)
     return _corrected(task, start, "newton", known.solution.parameter)
 
 
