@@ -41,7 +41,7 @@ import numpy as np
 
 from .. import effort
 from ..compiled import kept
-from ..hybrid.system import Cycle, Field
+from ..hybrid.system import Cycle, Field, Mode
 from .elimination import Eliminated, Elimination, elimination
 from .joints import joint_map
 from .linearisation import Linearisation
@@ -164,6 +164,14 @@ class Transcription:
         for i, e in enumerate(self.interval_elements):
             fields.setdefault(self.cycle.phases[phase_of[e]].mode.field, []).append(i)
         self.groups = [(f, np.array(members)) for f, members in fields.items()]
+        modes: dict[Mode, list[int]] = {}
+        for i, e in enumerate(self.interval_elements):
+            modes.setdefault(self.cycle.phases[phase_of[e]].mode, []).append(i)
+        self.modes = [(mode, np.array(members)) for mode, members in modes.items()]
+        """The modes that are collocated, each with its intervals."""
+        self.collocated_counts = np.array([count for count in self.counts if count], dtype=int)
+        self.first_intervals = np.cumsum(self.collocated_counts) - self.collocated_counts
+        """Of the phases that are collocated: their numbers of intervals, and the first of these."""
 
     # Layout ------------------------------------------------------------------------------------------
 

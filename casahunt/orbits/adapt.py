@@ -264,10 +264,10 @@ def remeshed(start: Start, options: Options) -> Start:
         start = _on_breaks(start, better_breaks(t, setting.fractions, e, MOTION * options.tol))
     for _ in range(CLEARED):
         t, u, setting = start
-        unclear = judge(t, u, setting).unclear
-        if not unclear.any():
+        verdict = judge(t, u, setting)
+        if verdict.violated or not verdict.unclear.any():
             break
-        start = _on_breaks(start, quartered_where(t, setting.fractions, unclear))
+        start = _on_breaks(start, quartered_where(t, setting.fractions, verdict.unclear))
     return start
 
 
