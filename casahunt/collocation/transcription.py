@@ -35,6 +35,7 @@ P phases, y = (E + 1) n + P + 1 unknowns of the node system.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,7 @@ from .. import effort
 from ..compiled import kept
 from ..hybrid.system import Cycle, Field, Mode
 from .elimination import Eliminated, Elimination, elimination
+from .interval import point_map
 from .joints import joint_map
 from .linearisation import Linearisation
 from .node_system import NodeSystem, node_system
@@ -255,6 +257,39 @@ class Transcription:
             closure=closure,
             eliminated=intervals.stages,
         )
+
+    def residual_norm(self, u: Array, setting: Setting) -> float:
+        """What is left of the equations, without their Jacobian.
+
+        Parameters
+        ----------
+        u, setting
+            the point: unknowns and setting.
+
+        Returns
+        -------
+        The largest, in scaled units, as `Linearisation.residual_norm`; NaN where anything is NaN.
+        """
+        with np.errstate(all="ignore"):
+            return float(np.max([np.abs(part).max(initial=0.0) for part in self._residuals(u, setting)]))
+
+    def _residuals(self, u: Array, setting: Setting) -> Iterator[Array]:
+        nodes, T = u[self.node_index], self.durations_of(u)
+        w = self.intervals_of(u).reshape(self.intervals, self.degree + 1, self.n)
+        step = setting.fractions * T[self.phase_of[self.interval_elements]]
+        for field, members in self.groups:
+            X, next_node = w[members, 1:], nodes[self.interval_elements[members] + 1]
+            at = point_map(field, self.n, setting.p.size)
+            f = at(X.reshape(-1, self.n), np.repeat(self.signs[members], self.degree), setting.p, setting.scale)
+            ends = np.concatenate([X, next_node[:, None]], axis=1)
+            yield ends - w[members, :1] - step[members, None, None] * (self.scheme.sums @ f.reshape(X.shape))
+        joints = self._joints(
+            nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
+        )
+        yield nodes[self.closed_elements + 1] - joints.flow[:, 0]
+        yield joints.events[0]
+        closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
+        yield nodes[0] - closure @ nodes[-1] + self.shift / setting.scale
 
     def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
         """The stages of all intervals, those of one vector field together."""

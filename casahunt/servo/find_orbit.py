@@ -150,7 +150,7 @@ def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
     stable = s.met.orbit
     assert stable is not None
     last = stable
-    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):
+    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=replace(way, sketched=way != s.options)):
         if _vanished(last):
             s.vanished = True
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
