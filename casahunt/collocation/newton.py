@@ -39,6 +39,8 @@ RESIDUAL_LIMIT = 1e-8
 hours multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
+LOST, ROUGH_ITERATIONS = 1.0, 7
+"""A rough solution is given up, and a shorter way gone, after a Newton step larger than this, or that many."""
 DIVERGED = 1e3
 """A Newton step larger than this leads nowhere."""
 
@@ -123,6 +125,8 @@ def newton(
                 return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or (step.size <= ROUNDED and step.size > 0.3 * last):
             return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
+        if rough and (step.size > LOST or iteration == ROUGH_ITERATIONS):
+            break
         if step.size > DIVERGED or (iteration > 3 and step.size > 2 * last):
             break
         if np.any(t.durations_of(u) <= 0):
