@@ -26,7 +26,7 @@ from numpy.polynomial import legendre
 
 from ..hybrid.system import Feature
 from .joints import event_rate, flow_at, linear_in_time
-from .scheme import Kind, Scheme, scheme
+from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -77,41 +77,80 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     """
     nodes = t.nodes_of(u) * setting.scale
     durations = t.durations_of(u)
-    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale
-    unclear = np.zeros(t.intervals, dtype=bool)
+    inside = _Inside(t, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale, nodes, setting.p)
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
-        if t.counts[k] and mode.feature is not None:
-            unclear[t.phase_intervals(k)] |= _hides_feature(mode.feature, w[t.phase_intervals(k)], nodes, t, k, setting)
         if not durations[k] > 0:
-            return Verdict(f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s", k, unclear)
+            sentence = f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s"
+            return Verdict(sentence, k, inside.unclear)
         if phase.direction:
             rate, size = event_rate(phase, nodes[t.phase_end[k]], float(durations[k]), setting.p)
             if phase.direction * rate < -NOISE * size:
-                return Verdict(f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side", k, unclear)
+                sentence = f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side"
+                return Verdict(sentence, k, inside.unclear)
         if mode.admissible is None:
             continue
-        if t.counts[k]:
-            inside = w[t.phase_intervals(k)]
-            values = mode.admissible(inside.reshape(-1, t.n).T, setting.p, mode.sign).reshape(inside.shape[:2])
-            resolution = RESOLUTION * np.abs(values @ t.scheme.last_mode)
-            unclear[t.phase_intervals(k)] |= _not_clear(t.scheme, values, mode.slack)
-            values = values @ _dense(t.degree, t.kind)[0]
-        else:
-            start = t.phase_start[k]
-            states = nodes[start : start + 2]
-            if not linear_in_time(mode, t.n, setting.p.size):
-                states = flow_at(mode, states[0], float(durations[k]) * _BETWEEN, setting.p)
-            values = mode.admissible(states.T, setting.p, mode.sign).reshape(1, -1)
-            resolution = np.zeros(1)
-        lowest = values.min(axis=1) + mode.slack + NOISE * max(1.0, float(np.max(np.abs(values))))
-        if np.any(lowest < -resolution):
-            return Verdict(
-                f"phase {k + 1} is no {mode.name}: its condition falls to {values.min():.3g}", k, unclear
-            )
-        if t.counts[k]:
-            unclear[t.phase_intervals(k)] |= lowest < 0
-    return Verdict("", -1, unclear)
+        lowest, wrong = inside.of_phase(k) if t.counts[k] else _closed_form(t, k, nodes, durations, setting.p)
+        if wrong:
+            return Verdict(f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}", k, inside.unclear)
+    return Verdict("", -1, inside.unclear)
+
+
+def _closed_form(t: Transcription, k: int, nodes: Array, durations: Array, p: Array) -> tuple[float, bool]:
+    """(the lowest value of the condition of a phase in closed form, whether that violates it)."""
+    mode, start = t.cycle.phases[k].mode, t.phase_start[k]
+    assert mode.admissible is not None
+    states = nodes[start : start + 2]
+    if not linear_in_time(mode, t.n, p.size):
+        states = flow_at(mode, states[0], float(durations[k]) * _BETWEEN, p)
+    values = mode.admissible(states.T, p, mode.sign)
+    lowest = float(values.min())
+    return lowest, lowest + mode.slack + NOISE * max(1.0, float(np.abs(values).max())) < 0
+
+
+class _Inside:
+    """The conditions and features of all collocated phases, those of one mode together.
+
+    Attributes
+    ----------
+    unclear : (N,) as of a Verdict.
+    """
+
+    def __init__(self, t: Transcription, w: Array, nodes: Array, p: Array) -> None:
+        self.unclear = np.zeros(t.intervals, dtype=bool)
+        self._t, self._lowest = t, np.zeros(t.intervals)
+        self._wrong = np.zeros(t.intervals, dtype=bool)
+        if not t.intervals:
+            return
+        ends = nodes[t.interval_elements + 1]
+        values, slack = np.zeros((t.intervals, t.degree + 1)), np.zeros(t.intervals)
+        conditioned = np.zeros(t.intervals, dtype=bool)
+        for mode, members in t.modes:
+            states = w[members]
+            if mode.feature is not None:
+                points = np.concatenate([states, ends[members][:, None]], axis=1)
+                self.unclear[members] = hides(mode.feature, points, p, largest=NOTHING_LEFT)
+            if mode.admissible is not None:
+                found = mode.admissible(states.reshape(-1, t.n).T, p, mode.sign)
+                values[members], slack[members], conditioned[members] = found.reshape(states.shape[:2]), mode.slack, True
+        if conditioned.any():
+            self._conditions(values, slack, conditioned)
+
+    def _conditions(self, values: Array, slack: Array, conditioned: Array) -> None:
+        t = self._t
+        self.unclear |= conditioned & _not_clear(t, values, slack)
+        dense = values @ _dense(t.degree, t.kind)[0]
+        self._lowest = dense.min(axis=1)
+        with_noise = self._lowest + slack + NOISE * np.maximum(1.0, _largest_of_phase(t, dense))
+        below = conditioned & (with_noise < 0)
+        if below.any():
+            self._wrong = below & (with_noise < -RESOLUTION * np.abs(values @ t.scheme.last_mode))
+            self.unclear |= below
+
+    def of_phase(self, k: int) -> tuple[float, bool]:
+        """(the lowest value of its condition in a phase, whether that violates it)."""
+        own = self._t.phase_intervals(k)
+        return float(self._lowest[own].min()), bool(self._wrong[own].any())
 
 
 def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST_JUMP) -> Array:
@@ -136,11 +175,6 @@ def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST
     return np.max(np.abs(np.diff(values, axis=1)), axis=1) > largest
 
 
-def _hides_feature(feature: Feature, w: Array, nodes: Array, t: Transcription, k: int, setting: Setting) -> Array:
-    ends = nodes[t.phase_end[k] - t.counts[k] + 1 : t.phase_end[k] + 1]
-    return hides(feature, np.concatenate([w, ends[:, None]], axis=1), setting.p, largest=NOTHING_LEFT)
-
-
 @lru_cache(maxsize=256)
 def _slope_of(degree: int, kind: Kind, starts: bool, stops: bool) -> tuple[Array, Array, Array]:
     """(kept points, divisor, row of the last Legendre coefficient) of a condition with zeros at its ends divided out.
@@ -163,14 +197,18 @@ def _dense(degree: int, kind: Kind) -> tuple[Array, Array]:
     return s.interpolation(_BETWEEN).T.copy(), s.interpolation(np.array([1.0]))[0]
 
 
-def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
+def _largest_of_phase(t: Transcription, values: Array) -> Array:
+    """(N,) for every interval the largest of |values| (N, m) in its phase."""
+    return np.repeat(np.maximum.reduceat(np.abs(values).max(axis=1), t.first_intervals), t.collocated_counts)
+
+
+def _not_clear(t: Transcription, values: Array, slack: Array) -> Array:
     """(N,) True where the condition (N, d + 1) at start and stages is not clear of zero by its resolution."""
-    size = float(np.max(np.abs(values)))
-    out = np.zeros(len(values), dtype=bool)
-    ends = values @ _dense(s.degree, s.kind)[1]
-    zero_start = np.abs(values[:, 0]) <= AT_ZERO * size
-    zero_end = np.abs(ends) <= AT_ZERO * size
-    zero_start[1:], zero_end[:-1] = False, False
+    s, size = t.scheme, _largest_of_phase(t, values)
+    first, last = t.first_intervals, t.first_intervals + t.collocated_counts - 1
+    out, zero_start, zero_end = np.zeros((3, len(values)), dtype=bool)
+    zero_start[first] = np.abs(values[first, 0]) <= AT_ZERO * size[first]
+    zero_end[last] = np.abs(values[last] @ _dense(s.degree, s.kind)[1]) <= AT_ZERO * size[last]
     for starts in (False, True):
         for stops in (False, True):
             chosen = (zero_start == starts) & (zero_end == stops)
@@ -178,11 +216,11 @@ def _not_clear(s: Scheme, values: Array, slack: float) -> Array:
                 continue
             keep, divisor, top = _slope_of(s.degree, s.kind, starts, stops)
             slope = values[chosen][:, keep] / divisor
-            unclear = slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
+            unclear = slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
             if starts and s.degree == 2:
                 # A slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
                 # is no smaller on a finer mesh, that of v/t^2 is.
                 slope /= s.points[keep]
-                unclear &= slope.min(axis=1) + slack < RESOLUTION * np.abs(slope @ top)
+                unclear &= slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
             out[chosen] = unclear
     return out

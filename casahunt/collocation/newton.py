@@ -39,6 +39,8 @@ RESIDUAL_LIMIT = 1e-8
 hours multiplies it, the next Newton step must be below `ROUNDED`."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
+LOST, ROUGH_ITERATIONS = 1.0, 7
+"""A rough solution is given up, and a shorter way gone, after a Newton step larger than this, or that many."""
 DIVERGED = 1e3
 """A Newton step larger than this leads nowhere."""
 
@@ -76,6 +78,7 @@ def newton(
     max_iterations: int = 12,
     largest_move: float = LARGEST_MOVE,
     accuracy: float = 0.0,
+    rough: float = 0.0,
 ) -> Solution:
     """Newton's method from u.
 
@@ -92,6 +95,9 @@ def newton(
     accuracy
         a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for all
         digits.
+    rough
+        where above zero, a point is a solution as well when the next Newton step is sure to be no larger than this and
+        no more than this is left of the equations; it comes with the linearisation where the last step began.
 
     Returns
     -------
@@ -111,8 +117,16 @@ def newton(
             return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         u += step.du
         lam += step.dlam
-        if _is_the_last(step.size, last):
+        # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
+        foreseen = step.size * (step.size / last) if last < np.inf else np.inf
+        if min(step.size, foreseen) <= rough:
+            residual = t.residual_norm(u, setting.moved(lam))
+            if residual <= rough:
+                return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
+        if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or (step.size <= ROUNDED and step.size > 0.3 * last):
             return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
+        if rough and (step.size > LOST or iteration == ROUGH_ITERATIONS):
+            break
         if step.size > DIVERGED or (iteration > 3 and step.size > 2 * last):
             break
         if np.any(t.durations_of(u) <= 0):
@@ -142,15 +156,6 @@ def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | S
     du, _, dlam = lin.step(row)
     size = size_of_step(t, u, du)
     return _Step(du, dlam, size, lin) if np.isfinite(size) else Status.SINGULAR
-
-
-def _is_the_last(size: float, last: float) -> bool:
-    """Whether no step need follow one of this size, `last` being the size of the one before (infinite: none).
-
-    Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
-    """
-    foreseen = size * (size / last) if last < np.inf else np.inf
-    return size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or (size <= ROUNDED and size > 0.3 * last)
 
 
 def _arrived(

@@ -62,6 +62,11 @@ class Scheme:
                 raise ValueError(f"quadrature condition B({k}) fails")
 
     @cached_property
+    def sums(self) -> Array:
+        """(d + 1, d) A above b: from the slopes at the stages to those of stages and end."""
+        return np.vstack([self.matrix, self.weights])
+
+    @cached_property
     def halves(self) -> Array:
         """(2, d + 1, d + 1) interpolation to the `points` of the first and the second half of the interval."""
         return np.array([self.interpolation(self.points / 2), self.interpolation((1 + self.points) / 2)])

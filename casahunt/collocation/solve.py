@@ -48,6 +48,7 @@ def solve(
     border: Array | None = None,
     parameter: float = 0.0,
     accuracy: float = 0.0,
+    rough: float = 0.0,
 ) -> Solution:
     """Solve with the named solver alone.
 
@@ -57,7 +58,7 @@ def solve(
         the equations and the starting point.
     solver
         "ipopt" or "newton".
-    border, parameter, accuracy
+    border, parameter, accuracy, rough
         as in `newton`; IPOPT always goes for all digits.
 
     Returns
@@ -66,4 +67,4 @@ def solve(
     """
     if solver == "ipopt":
         return ipopt(t, u, setting, border=border, parameter=parameter)
-    return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy)
+    return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy, rough=rough)

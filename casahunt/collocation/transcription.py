@@ -35,14 +35,16 @@ P phases, y = (E + 1) n + P + 1 unknowns of the node system.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import effort
 from ..compiled import kept
-from ..hybrid.system import Cycle, Field
-from .interval import IntervalMap, interval_map
+from ..hybrid.system import Cycle, Field, Mode
+from .elimination import Eliminated, Elimination, elimination
+from .interval import point_map
 from .joints import joint_map
 from .linearisation import Linearisation
 from .node_system import NodeSystem, node_system
@@ -164,6 +166,14 @@ class Transcription:
         for i, e in enumerate(self.interval_elements):
             fields.setdefault(self.cycle.phases[phase_of[e]].mode.field, []).append(i)
         self.groups = [(f, np.array(members)) for f, members in fields.items()]
+        modes: dict[Mode, list[int]] = {}
+        for i, e in enumerate(self.interval_elements):
+            modes.setdefault(self.cycle.phases[phase_of[e]].mode, []).append(i)
+        self.modes = [(mode, np.array(members)) for mode, members in modes.items()]
+        """The modes that are collocated, each with its intervals."""
+        self.collocated_counts = np.array([count for count in self.counts if count], dtype=int)
+        self.first_intervals = np.cumsum(self.collocated_counts) - self.collocated_counts
+        """Of the phases that are collocated: their numbers of intervals, and the first of these."""
 
     # Layout ------------------------------------------------------------------------------------------
 
@@ -225,31 +235,11 @@ class Transcription:
             return self._linearise(u, setting)
 
     def _linearise(self, u: Array, setting: Setting) -> Linearisation:
-        n, rows = self.n, self.rows
+        n = self.n
         nodes, T = u[self.node_index], self.durations_of(u)
-        w = self.intervals_of(u)
-        duration = T[self.phase_of[self.interval_elements]]
-        x_next = nodes[self.interval_elements + 1]
-        if len(self.groups) == 1:
-            field = self.groups[0][0]
-            block = self._map(field, self.intervals)(
-                w, x_next, duration, setting.fractions, self.signs, setting.p, setting.dp, setting.scale
-            )
-        else:
-            block = np.empty((self.intervals, rows + 3, rows))
-            for field, members in self.groups:
-                block[members] = self._map(field, members.size)(
-                    w[members], x_next[members], duration[members], setting.fractions[members],
-                    self.signs[members], setting.p, setting.dp, setting.scale,
-                )  # fmt: skip
-        d_rows = rows - n
-        columns = block.transpose(0, 2, 1)
-        known = np.concatenate([columns[:, :, : n + 1], columns[:, :, rows + 1 :]], axis=2)
-        eliminated = np.linalg.solve(columns[:, :d_rows, n + 1 : rows + 1], known[:, :d_rows])
-        condensed = columns[:, d_rows:, n + 1 : rows + 1] @ eliminated - known[:, d_rows:]
-
         maps = np.empty((self.elements, n, n + 3))
-        maps[self.interval_elements] = condensed
+        intervals = self._eliminated(u, nodes, T, setting)
+        maps[self.interval_elements] = intervals.maps
         joints = self._joints(
             nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
         )
@@ -259,17 +249,67 @@ class Transcription:
         closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
         return Linearisation(
             transcription=self,
-            interval_residual=block[:, 0].copy(),
+            interval_residual=intervals.residual,
             flow_residual=flow_residual,
             closure_residual=nodes[0] - closure @ nodes[-1] + self.shift / setting.scale,
             events=joints.events,
             maps=maps,
             closure=closure,
-            eliminated=eliminated,
+            eliminated=intervals.stages,
         )
 
-    def _map(self, field: Field, count: int) -> IntervalMap:
-        return interval_map(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
+    def residual_norm(self, u: Array, setting: Setting) -> float:
+        """What is left of the equations, without their Jacobian.
+
+        Parameters
+        ----------
+        u, setting
+            the point: unknowns and setting.
+
+        Returns
+        -------
+        The largest, in scaled units, as `Linearisation.residual_norm`; NaN where anything is NaN.
+        """
+        with np.errstate(all="ignore"):
+            return float(np.max([np.abs(part).max(initial=0.0) for part in self._residuals(u, setting)]))
+
+    def _residuals(self, u: Array, setting: Setting) -> Iterator[Array]:
+        nodes, T = u[self.node_index], self.durations_of(u)
+        w = self.intervals_of(u).reshape(self.intervals, self.degree + 1, self.n)
+        step = setting.fractions * T[self.phase_of[self.interval_elements]]
+        for field, members in self.groups:
+            X, next_node = w[members, 1:], nodes[self.interval_elements[members] + 1]
+            at = point_map(field, self.n, setting.p.size)
+            f = at(X.reshape(-1, self.n), np.repeat(self.signs[members], self.degree), setting.p, setting.scale)
+            ends = np.concatenate([X, next_node[:, None]], axis=1)
+            yield ends - w[members, :1] - step[members, None, None] * (self.scheme.sums @ f.reshape(X.shape))
+        joints = self._joints(
+            nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
+        )
+        yield nodes[self.closed_elements + 1] - joints.flow[:, 0]
+        yield joints.events[0]
+        closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
+        yield nodes[0] - closure @ nodes[-1] + self.shift / setting.scale
+
+    def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
+        """The stages of all intervals, those of one vector field together."""
+        w, x_next = self.intervals_of(u), nodes[self.interval_elements + 1]
+        duration = T[self.phase_of[self.interval_elements]]
+        data = (w, x_next, duration, setting.fractions, self.signs)
+        shared = (setting.p, setting.dp, setting.scale)
+        if len(self.groups) == 1:
+            return self._elimination(self.groups[0][0], self.intervals)(*data, *shared)
+        n, count = self.n, self.intervals
+        whole = Eliminated(
+            np.empty((count, self.rows)), np.empty((count, n * self.degree, n + 3)), np.empty((count, n, n + 3))
+        )
+        for field, members in self.groups:
+            part = self._elimination(field, members.size)(*(each[members] for each in data), *shared)
+            whole.residual[members], whole.stages[members], whole.maps[members] = part.residual, part.stages, part.maps
+        return whole
+
+    def _elimination(self, field: Field, count: int) -> Elimination:
+        return elimination(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
 
 
 @kept(maxsize=48)

@@ -8,8 +8,8 @@ Two ways that share nothing but the collocation equations:
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
   work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
 
-`confirmed` does both, the second on the halved mesh too, and refuses where they disagree.  What a coarse mesh does to
-the place of the fold along the branch, no estimate at a point of the branch can see; the second optimum does, and the
+`confirmed` does both, and refuses where they disagree; and it looks for the turning point on the halved mesh too.  What a coarse mesh does to
+the place of the fold along the branch, no estimate at a point of the branch can see; that on the halved mesh does, and the
 errors of the result are not less than the distance to it.  An extended system (J v = 0, |v| = 1) serves as a third
 opinion in the tests.
 """
@@ -31,13 +31,13 @@ from ..collocation.newton import Solution, Solver
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
-from ..orbits.adapt import Options, curve_border
+from ..orbits.adapt import LEFT_OUT, Options, curve_border
 from ..orbits.amplitude import amplitude_off, estimated
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from .adjoint import parameter_slopes
 from .curve import along, ends, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
-from .turning_point import turning_point
+from .turning_point import turning_place, turning_point
 from .walk import walk
 
 Array = np.ndarray
@@ -290,20 +290,24 @@ def _with_second_optimum(
 ) -> AnyOrbit:
     """The orbit with the errors that the optimum on the halved mesh shows.  Raises NoOrbit where that is not solved."""
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
-    check = _largest(finer, u, replace(setting.moved(best.parameter), fractions=fractions), options)
-    if not check.status.ok:
-        raise NoOrbit(
-            f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
-            "solved; try another tolerance",
-            check.status,
-        )
-    period = float(np.sum(finer.durations_of(check.u))) * t.cycle.repeats
-    there = replace(setting.moved(best.parameter + check.parameter), fractions=fractions)
+    halves = replace(setting.moved(best.parameter), fractions=fractions)
+    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=LEFT_OUT * options.tol)
+    if place is None:
+        check = _largest(finer, u, halves, options)
+        if not check.status.ok:
+            raise NoOrbit(
+                f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
+                "solved; try another tolerance",
+                check.status,
+            )
+        place = check.u, check.parameter
+    u, moved = place
+    period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
     return replace(
         orbit,
         period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
-        amplitude_error=max(orbit.amplitude_error, amplitude_off(finer, check.u, there, orbit.amplitude)),
-        parameter_error=max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter)),
+        amplitude_error=max(orbit.amplitude_error, amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)),
+        parameter_error=max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + moved)),
     )
 
 

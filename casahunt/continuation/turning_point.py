@@ -52,18 +52,48 @@ def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: floa
     Maximum; where none is found, its status is NOT_CONVERGED, and u is what it was.
     """
     row = _along(t, u, setting)
+    solution, iterations = _turned(t, u, setting, row, freedom, 0.0)
+    if solution is None:
+        return Maximum(u, 0.0, np.full(t.size, np.nan), Status.NOT_CONVERGED, iterations)
+    nu = _adjoint(t, solution, setting, row)
+    status = Status.CONVERGED if np.isfinite(nu).all() else Status.NOT_FINITE
+    return Maximum(solution.u, solution.parameter, nu, status, iterations)
+
+
+def turning_place(
+    t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01, accuracy: float = 0.0
+) -> tuple[Array, float] | None:
+    """`turning_point` without multipliers, and to an accuracy.
+
+    Parameters
+    ----------
+    t, u, setting, freedom
+        as there.
+    accuracy
+        way along the curve that may be left, in scaled units; 0 for all digits.
+
+    Returns
+    -------
+    (u, lambda), or None where none is found.
+    """
+    solution, _ = _turned(t, u, setting, _along(t, u, setting), freedom, accuracy)
+    return None if solution is None else (solution.u, solution.parameter)
+
+
+def _turned(
+    t: Transcription, u: Array, setting: Setting, row: Array, freedom: float, accuracy: float
+) -> tuple[Solution | None, int]:
+    """(the solution at the turning point or None, Newton iterations)."""
     iterations = 0
     for first in FIRST_STEPS:
-        found = _secants(t, u, setting, row, first)
+        found = _secants(t, u, setting, row, first, accuracy)
         if found is None:
             continue
         solution, count = found
         iterations += count
         if abs(solution.parameter) < freedom and solution.linearisation is not None:
-            nu = _adjoint(t, solution, setting, row)
-            status = Status.CONVERGED if np.isfinite(nu).all() else Status.NOT_FINITE
-            return Maximum(solution.u, solution.parameter, nu, status, iterations)
-    return Maximum(u, 0.0, np.full(t.size, np.nan), Status.NOT_CONVERGED, iterations)
+            return solution, iterations
+    return None, iterations
 
 
 def _along(t: Transcription, u: Array, setting: Setting) -> Array:
@@ -75,9 +105,11 @@ def _along(t: Transcription, u: Array, setting: Setting) -> Array:
     return row / np.linalg.norm(row)
 
 
-def _secants(t: Transcription, u: Array, setting: Setting, row: Array, first: float) -> tuple[Solution, int] | None:
+def _secants(
+    t: Transcription, u: Array, setting: Setting, row: Array, first: float, accuracy: float
+) -> tuple[Solution, int] | None:
     """(the solution where d lambda/d a = 0, Newton iterations), or None where that is no maximum or is not reached."""
-    solution = newton(t, u, setting, border=curve_border(t, u, row))
+    solution = newton(t, u, setting, border=curve_border(t, u, row), accuracy=accuracy)
     iterations = solution.iterations
     if not solution.status.ok or solution.linearisation is None:
         return None
@@ -86,8 +118,9 @@ def _secants(t: Transcription, u: Array, setting: Setting, row: Array, first: fl
     for _ in range(MOST_SECANTS):
         start = solution.u + ds * du
         following = newton(
-            t, start, setting, border=curve_border(t, start, row), parameter=solution.parameter + ds * slope
-        )
+            t, start, setting, border=curve_border(t, start, row), parameter=solution.parameter + ds * slope,
+            accuracy=accuracy,
+        )  # fmt: skip
         iterations += following.iterations
         if not following.status.ok or following.linearisation is None:
             return None
@@ -98,6 +131,8 @@ def _secants(t: Transcription, u: Array, setting: Setting, row: Array, first: fl
             return following, iterations
         if not bend < 0:
             return None
+        if abs(fresh) <= accuracy * abs(bend):
+            return following, iterations
         solution, slope, ds = following, fresh, -fresh / bend
     return None
 

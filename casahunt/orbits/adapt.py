@@ -21,7 +21,7 @@ import numpy as np
 from ..checks import known, require, shown
 from ..collocation.admissibility import Verdict, judge
 from ..collocation.error_estimate import Estimate
-from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
+from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
 from ..collocation.newton import Solution, Solver, newton
 from ..collocation.remesh import COARSENING, better_breaks, shape_limit
 from ..collocation.scheme import Kind
@@ -29,7 +29,7 @@ from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
-from .amplitude import estimated
+from .amplitude import estimated, measured
 from .orbit import AnyOrbit, Solved, orbit_of, unknowns_of
 from .restart import Start
 
@@ -45,6 +45,10 @@ ROUGH_SHAPE = 3.0
 MOTION = 0.1
 """The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
 that takes an eighth off the time at 1e-6, and adds a sixteenth at 1e-8; elsewhere it makes no difference."""
+CLEARED = 2
+"""How often intervals of a motion on which it is not clear what its phases are may be cut before anything is solved."""
+SKETCHED = 0.1
+"""Part of the tolerance of a sketch that its next Newton step is let to be."""
 LEFT_OUT = 0.01
 """Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 
@@ -63,6 +67,7 @@ class Options:
         change of mesh Newton corrects.
     degree, kind : collocation scheme; None for the default of the problem.
     half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
+    sketched : orbits on a way whose end is computed anew: their errors, which are not estimated, stand as infinite.
     """
 
     tol: float = 1e-6
@@ -70,6 +75,7 @@ class Options:
     degree: int | None = None
     kind: Kind | None = None
     half: bool = True
+    sketched: bool = False
 
     def __post_init__(self) -> None:
         low, high = TOLERANCE_RANGE
@@ -196,6 +202,10 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Sol
     """A root with its error: within the tolerance and clear, or what is missing."""
     t, u, tol = root.t, root.solution.u, task.options.tol
     row = None if task.border is None else curve_border(t, u, task.border)
+    if task.options.sketched and verdict.admissible:
+        e = _unknown(t, u, root.moved, border=row)
+        if _presentable(e, task.options):
+            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent)
@@ -205,6 +215,12 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Sol
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
     return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note)
+
+
+def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:
+    """What is known of the errors of a solution where they are not estimated."""
+    of_parameter = 0.0 if border is None else np.inf
+    return Estimate(np.inf, np.inf, of_parameter, np.zeros(t.intervals), shape(t, u), measured(t, u, setting))
 
 
 def _better_mesh(task: _Task, known: Solved, verdict: Verdict, spent: _Spent) -> list[Array]:
@@ -256,9 +272,23 @@ def remeshed(start: Start, options: Options) -> Start:
     """
     t, u, setting = start
     e = estimated(t, u, setting, believed=0.0)
-    if not np.isfinite(e.indicators).all() or float(e.indicators.sum()) <= options.tol and _presentable(e, options):
+    if not np.isfinite(e.indicators).all():
         return start
-    t, u, fractions = transfer(t, u, setting.fractions, better_breaks(t, setting.fractions, e, MOTION * options.tol))
+    if not (float(e.indicators.sum()) <= options.tol and _presentable(e, options)):
+        start = _on_breaks(start, better_breaks(t, setting.fractions, e, MOTION * options.tol))
+    for _ in range(CLEARED):
+        t, u, setting = start
+        verdict = judge(t, u, setting)
+        if verdict.violated or not verdict.unclear.any():
+            break
+        start = _on_breaks(start, quartered_where(t, setting.fractions, verdict.unclear))
+    return start
+
+
+def _on_breaks(start: Start, breaks: list[Array]) -> Start:
+    """A start on another mesh."""
+    t, u, setting = start
+    t, u, fractions = transfer(t, u, setting.fractions, breaks)
     return t, u, replace(setting, fractions=fractions)
 
 
@@ -269,8 +299,7 @@ def _presentable(e: Estimate, options: Options) -> bool:
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
-    t, u, fractions = transfer(known.t, known.solution.u, known.setting.fractions, breaks)
-    start = t, u, replace(known.setting, fractions=fractions)
+    start = _on_breaks((known.t, known.solution.u, known.setting), breaks)
     return _corrected(task, start, "newton", known.solution.parameter)
 
 
@@ -313,8 +342,12 @@ def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
     t, u, setting = start
     row = None if task.border is None else curve_border(t, u, task.border)
     solver: Solver = "newton" if task.options.solver == "auto" else task.options.solver
-    accuracy = LEFT_OUT * task.options.tol
-    return _Root(t, setting, solve(t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=accuracy))
+    tol = task.options.tol
+    found = solve(
+        t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * tol,
+        rough=SKETCHED * tol if task.options.sketched else 0.0,
+    )  # fmt: skip
+    return _Root(t, setting, found)
 
 
 def _first_converging(task: _Task, starts: list[Start], known: _Root) -> _Root | None:

@@ -37,6 +37,24 @@ def amplitude_off(t: Transcription, u: Array, setting: Setting, known: float) ->
     return abs(found.value - known) / found.size
 
 
+def measured(t: Transcription, u: Array, setting: Setting) -> float:
+    """The amplitude alone.
+
+    Parameters
+    ----------
+    t, u, setting
+        the solution: transcription, unknowns, setting.
+
+    Returns
+    -------
+    Its value, in physical units.
+    """
+    g = t.cycle.measured
+    if callable(g):
+        return largest_magnitude(t, u, setting, g).value
+    return amplitude_row(t, u)[0] * float(setting.scale[g])
+
+
 def estimated(
     t: Transcription, u: Array, setting: Setting, *, border: Array | None = None, believed: float = np.inf
 ) -> Estimate:

@@ -310,7 +310,8 @@ def _walked_to(way: _Way, tol: float) -> HuntingFold:
     first = before = way.first
     model = first.model
     options = replace(way.options, tol=tol)
-    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=options)
+    sketched = replace(options, sketched=tol >= WALK_TOLERANCE)
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=sketched)
     while True:
         effort.at(partial(_on_the_way, before))
         try:

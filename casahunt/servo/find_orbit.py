@@ -19,6 +19,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from ..checks import known, to_error
 from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
@@ -26,6 +28,7 @@ from ..continuation.special_points import FOLD, SpecialPoint, locate
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
+from ..orbits.orbit import unknowns_of
 from .cold_start import Met, check_hunts, check_problem, check_times, stable_at, stiff_at, unstable_at
 from .denial import no_cycle
 from .find_fold import find_fold
@@ -40,6 +43,8 @@ TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 FAR_BELOW = 0.9
 """Part of the fold gain below which the way down from the fold may be rough, its end being refined."""
+CLEARLY_UNSTABLE = (2.0, 1e6)
+"""Half multipliers at a glance between which no closer look is needed."""
 NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
 DOWNWARDS = 0.01
@@ -137,7 +142,7 @@ def _inner_fixed_point(s: _Search) -> HuntingOrbit | str:
         return str(error)
     if orbit is None:
         return f"none inside the stable one; {seen.sentence()}"
-    return orbit if orbit.multipliers.leading.real > 1 else "the solver went from it to the stable cycle"
+    return orbit if _unstable(orbit) else "the solver went from it to the stable cycle"
 
 
 def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
@@ -145,7 +150,7 @@ def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
     stable = s.met.orbit
     assert stable is not None
     last = stable
-    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=way):
+    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=replace(way, sketched=way != s.options)):
         if _vanished(last):
             s.vanished = True
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
@@ -155,7 +160,20 @@ def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
         orbit = refined(last, s.options)
     except NoOrbit as error:
         return f"it led to this gain, but not to the tolerance ({error})"
-    return orbit if orbit.multipliers.leading.real > 1 else "it led to a cycle that is not the unstable one"
+    return orbit if _unstable(orbit) else "it led to a cycle that is not the unstable one"
+
+
+def _unstable(orbit: HuntingOrbit) -> bool:
+    """Whether the leading half multiplier is larger than one: at a glance, or computed where that leaves a doubt.
+
+    A glance leaves few digits of a large one, and of one beyond them not even its sign.
+    """
+    with suppress(np.linalg.LinAlgError):
+        t, u, setting = unknowns_of(orbit)
+        leading = float(t.linearise(u, setting).return_map_eigenvalues().real.max())
+        if CLEARLY_UNSTABLE[0] < leading < CLEARLY_UNSTABLE[1]:
+            return True
+    return orbit.multipliers.leading.real > 1
 
 
 def _from_the_fold(s: _Search) -> HuntingOrbit:
@@ -266,7 +284,7 @@ def _down_by(d: _Descent, way: Options) -> HuntingOrbit | str:
         orbit = refined(last, d.options) if way is not d.options else last
     except NoOrbit as error:
         return f"to this gain, but not to the tolerance ({error})"
-    if (orbit.multipliers.leading.real > 1) == (d.branch == "unstable"):
+    if _unstable(orbit) == (d.branch == "unstable"):
         return orbit
     return f"to this gain, where the cycle has the half multiplier {orbit.half_multiplier:.4g}"
 
@@ -296,7 +314,7 @@ def _followed_down(
             fold.orbit, low=gain, high=2 * fold.gain, heading=heading, options=way, first_step=DOWNWARDS
         )
         before, last = fold.orbit, next(steps, None)
-        if last is None or (last.multipliers.leading.real > 1) != (branch == "unstable"):
+        if last is None or _unstable(last) != (branch == "unstable"):
             continue
         while last.gain < before.gain:
             if _vanished(last):
