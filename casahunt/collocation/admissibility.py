@@ -8,6 +8,10 @@ Inside an interval the polynomial is known to a few times the last Legendre coef
 a violation beyond that is a wrong root; a value that is not clear of zero by as much asks for a shorter
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.
 
+Nor may an event of the mode be passed inside the phase: its scalar, counted along the direction of the way out, goes from
+below zero to above only at the end.  That needs no condition, and is what turns a system without one away from roots
+that go through a wall.
+
 The same goes for an interval between whose points a feature of the field can hide, such as a sudden drop
 at its very end: neither the equations nor the error estimate would ever see it (hybrid.system.Mode).  The march
 uses the same look, more strictly.
@@ -24,7 +28,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from ..hybrid.system import Feature
+from ..hybrid.system import Exit, Feature
 from .joints import event_rate, flow_at, linear_in_time
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
@@ -34,6 +38,8 @@ Array = np.ndarray
 RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
 NOISE = 1e-10
+PASSED = 1e-6
+"""An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
@@ -88,12 +94,49 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             if phase.direction * rate < -NOISE * size:
                 sentence = f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side"
                 return Verdict(sentence, k, inside.unclear)
-        if mode.admissible is None:
-            continue
-        lowest, wrong = inside.of_phase(k) if t.counts[k] else _closed_form(t, k, nodes, durations, setting.p)
-        if wrong:
-            return Verdict(f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}", k, inside.unclear)
+        if mode.admissible is not None:
+            lowest, wrong = inside.of_phase(k) if t.counts[k] else _closed_form(t, k, nodes, durations, setting.p)
+            if wrong:
+                sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
+                return Verdict(sentence, k, inside.unclear)
+        passed = _passed(t, u, k, setting, inside.unclear) if phase.exits else ""
+        if passed:
+            return Verdict(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
     return Verdict("", -1, inside.unclear)
+
+
+def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array) -> str:
+    """The event of a way out that is passed inside a phase, or ""; where one may be, intervals become unclear."""
+    phase, own, p = t.cycle.phases[k], t.phase_intervals(k), setting.p
+    if t.counts[k]:
+        states = t.intervals_of(u)[own].reshape(-1, t.n) * setting.scale
+    else:
+        start = t.nodes_of(u)[t.phase_start[k]] * setting.scale
+        states = flow_at(phase.mode, start, float(t.durations_of(u)[k]) * _BETWEEN, p)
+    for way_out in phase.exits:
+        values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
+        doubt: Array | float = 0.0
+        if t.counts[k]:
+            values = values.reshape(-1, t.degree + 1)
+            doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[:, None]
+            values = values @ _dense(t.degree, t.kind)[0]
+        slack = PASSED * max(1.0, float(np.abs(values).max()))
+        beyond = (np.minimum.accumulate(values.ravel()) < -slack).reshape(values.shape) & (values > slack)
+        if not beyond.any():
+            continue
+        if not (beyond & (values > slack + doubt)).any():
+            unclear[own] |= beyond.any(axis=1)
+        elif way_out.mark or _leaves(way_out, phase.mode.name, states, p):
+            return way_out.event.name
+    return ""
+
+
+def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
+    """Whether one of the states next to which a way out is passed leads to another mode: a touch may lead on."""
+    values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
+    below = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
+    seen = [way_out.successor(x, p) != mode or way_out.reset is not None for x in states[below + 1]]
+    return any(seen) or not seen
 
 
 def _closed_form(t: Transcription, k: int, nodes: Array, durations: Array, p: Array) -> tuple[float, bool]:

@@ -87,9 +87,11 @@ class Loose(Family):
         -------
         Cycle.
         """
+        if slack is None:
+            cycle = replace(cycle, phases=tuple(replace(phase, exits=()) for phase in cycle.phases))
         phase = cycle.phases[self.loose]
         mode = replace(phase.mode, admissible=None) if slack is None else replace(phase.mode, slack=slack)
-        phase = replace(phase, mode=mode, direction=0)
+        phase = replace(phase, mode=mode, direction=0, exits=())
         return replace(cycle, phases=(*cycle.phases[: self.loose], phase, *cycle.phases[self.loose + 1 :]))
 
     @property

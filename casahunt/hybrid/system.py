@@ -85,23 +85,6 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Phase:
-    """One mode, followed until its event.
-
-    Attributes
-    ----------
-    mode, end : the mode, and the event at its end.
-    reset : the jump of the state there, or None.
-    direction : +1 where the event rises through zero at the end, -1 where it falls; 0 where nobody asks.
-    """
-
-    mode: Mode
-    end: Event
-    reset: Reset | None = None
-    direction: int = 0
-
-
-@dataclass(frozen=True)
 class Exit:
     """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
 
@@ -114,6 +97,25 @@ class Exit:
     successor: Callable[[np.ndarray, np.ndarray], str]
     mark: bool = False
     reset: Reset | None = None
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One mode, followed until its event.
+
+    Attributes
+    ----------
+    mode, end : the mode, and the event at its end.
+    reset : the jump of the state there, or None.
+    direction : +1 where the event rises through zero at the end, -1 where it falls; 0 where nobody asks.
+    exits : ways out of the mode, none of which may be passed inside the phase.
+    """
+
+    mode: Mode
+    end: Event
+    reset: Reset | None = None
+    direction: int = 0
+    exits: tuple[Exit, ...] = ()
 
 
 @dataclass(frozen=True)

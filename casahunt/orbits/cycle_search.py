@@ -307,9 +307,9 @@ class _Search:
 
     # Solve and believe -----------------------------------------------------------------------------------------
 
-    def solved(self, r: Recurrence) -> SystemOrbit | None:
-        """The cycle of a recurrence, or None with a refusal."""
-        sections, passes, closure = self.sections_for(r)
+    def solved(self, r: Recurrence, motion: list[Segment] | None = None) -> SystemOrbit | None:
+        """The cycle of a recurrence, at the end of what was marched or of another motion; or None with a refusal."""
+        sections, passes, closure = self.sections_for(r, motion or self.segments)
         problem = Family(self.system, tuple(self.p), closure, self.followed, self.measured, sections)
         signature = tuple((s.mode, s.event) for s in passes)
         cycle = problem.cycle(signature, closure.repeats)
@@ -346,21 +346,23 @@ class _Search:
         """
         assert self.form is not None
         near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
-        whole = len(orbit.arcs) * orbit.repeats
+        whole, round_it = len(orbit.arcs) * orbit.repeats, segments_of(*unknowns_of(orbit))
         found = recurrences(
-            self.system, self.form, segments_of(*unknowns_of(orbit)), self.p, self.scale, near,
+            self.system, self.form, round_it, self.p, self.scale, near,
             lambda r: r.phases * r.closure.repeats < whole,
         )  # fmt: skip
-        return self.solved(found[0]) if found else None
+        return self.solved(found[0], round_it) if found else None
 
     @property
     def hidden(self) -> str:
         """What may be behind meshes or steps that do not get fine enough, where no mode says it."""
         return HIDES if any(mode.feature is None for mode in self.system.modes) else ""
 
-    def sections_for(self, r: Recurrence) -> tuple[tuple[Section, ...], list[Segment], Closure]:
+    def sections_for(
+        self, r: Recurrence, motion: list[Segment]
+    ) -> tuple[tuple[Section, ...], list[Segment], Closure]:
         """(sections, phases, closure) of a recurrence: turns are counted on from phase to phase."""
-        passes = self.segments[-r.phases :]
+        passes = motion[-r.phases :]
         if self.turning is None:
             return self.sections, rebased(self.system, passes), r.closure
         i, name = self.turning.entry, self.system.names.entries

@@ -21,7 +21,7 @@ from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Phase, Signature
 from ..hybrid.vector_form import Names
 from ..motion.march import Segment
-from .closure import Closure, Section, with_sections
+from .closure import Closure, Plane, Section, with_sections
 from .observables import check_expression, scalar_of
 from .recurrence import image_of
 from .restart import Start
@@ -353,7 +353,8 @@ def _cycle(
         if not ways_out:
             raise ValueError(f"{system.name} has no mode {mode!r} that ends with {event!r}")
         way_out, direction = ways_out[0], sum(e.direction for e in ways_out)  # 0 for either way
-        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, direction))
+        exits = tuple(e for e in form.exits[mode] if not isinstance(e.event.function, Plane))
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, direction, exits))
     shift = closure.shift if any(closure.shift) else ()
     return Cycle(
         system.name, form.states, system.names.parameters, tuple(phases),
