@@ -31,7 +31,7 @@ from ..collocation.newton import Solution, Solver
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
-from ..orbits.adapt import LEFT_OUT, Options, curve_border
+from ..orbits.adapt import Options, curve_border
 from ..orbits.amplitude import amplitude_off, estimated
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from .adjoint import parameter_slopes
@@ -44,6 +44,8 @@ Array = np.ndarray
 
 WALK_TOLERANCE = 1e-5
 """The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
+SECOND_PLACE = 1e-3
+"""Part of the tolerance to which the place of the fold on the halved mesh is known."""
 OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
 
 
@@ -291,7 +293,7 @@ def _with_second_optimum(
     """The orbit with the errors that the optimum on the halved mesh shows.  Raises NoOrbit where that is not solved."""
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     halves = replace(setting.moved(best.parameter), fractions=fractions)
-    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=LEFT_OUT * options.tol)
+    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=SECOND_PLACE * options.tol)
     if place is None:
         check = _largest(finer, u, halves, options)
         if not check.status.ok:

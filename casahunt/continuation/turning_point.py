@@ -115,7 +115,7 @@ def _secants(
         return None
     du, slope = _tangent(t, solution.u, solution.linearisation, row)
     ds = first
-    for _ in range(MOST_SECANTS):
+    for k in range(MOST_SECANTS):
         start = solution.u + ds * du
         following = newton(
             t, start, setting, border=curve_border(t, start, row), parameter=solution.parameter + ds * slope,
@@ -126,6 +126,8 @@ def _secants(
             return None
         du, fresh = _tangent(t, following.u, following.linearisation, row)
         bend = (fresh - slope) / ds
+        if k == 0 and not bend < 0:  # later on, next to the turning point, rounding may bend it either way
+            return None
         still = abs(fresh * ds) <= LAST_CHANGE
         if still and (abs(ds) <= LAST_STEP or abs(fresh) > 0.1 * abs(slope)):
             return following, iterations
