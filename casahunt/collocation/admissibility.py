@@ -8,9 +8,9 @@ Inside an interval the polynomial is known to a few times the last Legendre coef
 a violation beyond that is a wrong root; a value that is not clear of zero by as much asks for a shorter
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.
 
-Nor may an event of the mode be passed inside the phase: its scalar, counted along the direction of the way out, goes from
-below zero to above only at the end.  That needs no condition, and is what turns a system without one away from roots
-that go through a wall.
+Nor may an event of the mode be passed inside the phase: its scalar, counted along the direction of the way out, goes
+from below zero to above only at the end.  That needs no condition, and keeps a system without one from roots that go
+through a wall.
 
 The same goes for an interval between whose points a feature of the field can hide, such as a sudden drop
 at its very end: neither the equations nor the error estimate would ever see it (hybrid.system.Mode).  The march

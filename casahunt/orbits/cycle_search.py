@@ -347,11 +347,13 @@ class _Search:
         assert self.form is not None
         near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
         whole, round_it = len(orbit.arcs) * orbit.repeats, segments_of(*unknowns_of(orbit))
+        if self.turning is not None:  # every turn ends with the same event, but for how many there were before
+            round_it = [replace(segment, event=self.segments[-1].event) for segment in round_it]
         found = recurrences(
             self.system, self.form, round_it, self.p, self.scale, near,
             lambda r: r.phases * r.closure.repeats < whole,
         )  # fmt: skip
-        return self.solved(found[0], round_it) if found else None
+        return self.solved(found[0], None if self.turning else round_it) if found else None
 
     @property
     def hidden(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -173,6 +174,15 @@ IMPACT = System(
     ),
     forcing_period=lambda p: 2 * math.pi / p.w,
 )  # fmt: skip
+
+
+def test_no_wall_is_gone_through_where_no_mode_says_that_it_holds():
+    """Without impacts the amplitude is A/sqrt((k - w^2)^2 + (c w)^2) = 10 A; d = 1 is in its way from A = 0.1 on."""
+    silent = replace(IMPACT, modes=tuple(replace(mode, holds=None) for mode in IMPACT.modes))
+    branch = follow(find_cycle(silent, x=0.0, v=0.0, parameters={"A": 0.08}), "A", to=0.12)
+    assert [special.kind for special in branch.special] == ["grazing", "fold"]
+    assert branch.special[0].value == pytest.approx(0.1, abs=1e-8)
+    assert max(orbit.extrema("x").high.value for orbit in branch.orbits) < 1 + 1e-6
 
 
 @pytest.mark.slow

@@ -257,6 +257,20 @@ def test_a_cycle_is_gone_round_once():
     assert orbit.amplitude == pytest.approx(1 / abs(0.26 - 1 + 0.04j), rel=1e-9)
 
 
+def test_no_event_is_passed_inside_a_phase():
+    """On the way to its cycle this linear oscillator misses the level for two turns of three; on it, never."""
+    p = {"k": 23.819984275394834, "c": 0.018227141023081986, "w": 0.9812828033747683, "b": 0.6022276659804615}
+    mode = Mode(
+        "swings", lambda x, p: {"x": x.v, "v": ca.cos(p.w * x.t) + p.b - p.c * x.v - p.k * x.x},
+        ends=(Event("rises", lambda x, p: x.x + 0.012589834921212361, +1, to="swings"),),
+    )  # fmt: skip
+    swing = System("swing", ("x", "v"), p, (mode,), forcing_period=lambda p: 2 * math.pi / p.w)
+    orbit = find_cycle(swing, x=0.9, v=0.3, tol=1e-8)
+    assert orbit.period == pytest.approx(2 * math.pi / p["w"], rel=1e-12) and len(orbit.arcs) == 1
+    high = p["b"] / p["k"] + 1 / abs(p["k"] - p["w"] ** 2 + 1j * p["c"] * p["w"])
+    assert orbit.extrema("x").high.value == pytest.approx(high, rel=1e-8)
+
+
 def test_an_unstable_cycle_next_to_the_start():
     """Stuart-Landau backwards: the multiplier is the inverse."""
 
