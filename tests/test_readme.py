@@ -22,8 +22,7 @@ from problems.taylor import switch_cycle, switch_half_cycle
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 SERVO_FILE = (ROOT / "docs" / "reference" / "servo_file.md").read_text(encoding="utf-8")
-PAGES = [TEXT, *((ROOT / "docs" / "howto" / f"{name}.md").read_text(encoding="utf-8")
-                 for name in ("commands", "tuning", "refused"))]  # fmt: skip
+PAGES = [TEXT, *(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs" / "howto").glob("*.md")))]
 MOST_LINES = 120
 
 
@@ -120,6 +119,14 @@ def test_commands(command, tmp_path, monkeypatch, capsys):
 
 def test_there_are_commands():
     assert len(COMMANDS) >= 15
+
+
+def test_every_command_that_is_named_stands_in_a_block():
+    """What a page shows inside a sentence is a word of it, `casahunt COMMAND`, not a line to be typed unseen by tests."""
+    for text in PAGES:
+        prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+        for said in re.findall(r"`casahunt ([^`]+)`", prose):
+            assert said.startswith("record") or len(said.split()) <= 2 or f"casahunt {said}" in COMMANDS, said
 
 
 def test_pictures_exist():
