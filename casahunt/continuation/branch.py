@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Any, Generic
+from typing import Any, Generic, cast
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from ..checks import known, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Family
-from ..orbits.orbit import AnyOrbit, Complaint, Orbit
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
+from ..orbits.restart import in_scheme
 from ..orbits.starts import may_vanish
 from .behind_grazing import behind_grazing, from_strongest
 from .bifurcations import monitors_of
@@ -28,7 +29,7 @@ from .curve import parameter_value
 from .recut import cut_alike, cut_by_planes, left_behind, recut
 from .reunion import met_at, reunion
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, crossings, special_point
-from .vanishing import vanishing_soon
+from .vanishing import solved_at, vanishing_soon
 from .walk import walk
 from .ways_to_end import SHRUNK_TO, hopf_point, ranges, runs_out
 
@@ -109,7 +110,8 @@ def follow(
     previous
         the orbit before, to go on in that direction.
     options
-        tolerance and method; default the tolerance to which the orbit is known, or 1e-8.
+        tolerance and method; default the tolerance to which the orbit is known, or 1e-8.  A scheme that is asked for
+        and is not that of the orbit is taken from the first cycle on.
     monitors
         what is looked for; default fold, flip or symmetry breaking, Neimark-Sacker and changes of the phases.
     largest_step, max_points
@@ -122,6 +124,7 @@ def follow(
     Raises
     ------
     InputError : unknown parameter, or `to` and `back` on the same side of the start.
+    NoOrbit : the cycle could not be computed in the scheme that is asked for.
     """
     known("parameter", vary, orbit.problem.names)
     here, to = orbit.problem.value(vary), number("to", to)
@@ -129,12 +132,25 @@ def follow(
     if to == here or (to - here) * (back - here) > 0:
         raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    orbit, previous = _in_scheme(orbit, options), None if previous is None else _in_scheme(previous, options)
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     how: dict[str, Any] = {"low": min(to, back), "high": max(to, back), "largest_step": largest_step}
     if not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     begun = Branch(vary, (orbit,), (), (), "")
     return _followed(begun, float(np.sign(to - here)), previous, looked_for, options, max_points, how)
+
+
+def _in_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The cycle in the collocation scheme that is asked for; as it is where none is."""
+    asked = options.degree or orbit.degree, options.kind or orbit.kind
+    if asked == (orbit.degree, orbit.kind):
+        return orbit
+    found = solved_at(orbit.problem, in_scheme(unknowns_of(orbit), *asked), options)
+    if found is None:
+        sentence = f"the cycle of {orbit.problem.title} was not found with degree = {asked[0]}, kind = {asked[1]!r}"
+        raise NoOrbit(f"{sentence}: leave them out, or ask for another tolerance", Status.NOT_CONVERGED)
+    return cast(AnyOrbit, found)
 
 
 def _followed(

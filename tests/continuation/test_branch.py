@@ -14,6 +14,7 @@ from casahunt.continuation import bifurcations, branch_off, follow, special_poin
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
+from problems import belt
 
 TIGHT = Options(tol=1e-9)
 G, R, W = 9.81, 0.8, 20.0
@@ -135,6 +136,17 @@ def test_a_torus_is_found_where_the_pair_crosses_the_circle():
     assert torus.kind == "Neimark-Sacker"
     assert torus.orbit.problem.value("alpha") == pytest.approx(0.0, abs=1e-9)
     assert branch.values[-1] == 0.04
+
+
+def test_the_scheme_that_is_asked_for_is_taken():
+    """Leine's belt; period at 0.5 from Taylor series in extended precision."""
+    orbit = find_cycle(belt.BELT, "slip", x=0.0, v=0.0, tol=1e-8)
+    for degree, kind in ((5, "gauss"), (4, "radau")):
+        branch = follow(orbit, "belt", to=0.5, options=Options(tol=1e-8, degree=degree, kind=kind))
+        assert {(one.degree, one.kind) for one in branch.orbits} == {(degree, kind)}
+        assert branch.periods[-1] == pytest.approx(belt.TRUTH[0.5].period, rel=1e-8)
+    with pytest.raises(InputError, match="degree"):
+        follow(orbit, "belt", to=0.5, options=Options(degree=0.5))
 
 
 def test_a_parameter_passes_through_zero():
