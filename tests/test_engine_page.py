@@ -1,4 +1,4 @@
-"""docs/engine.md and the README's example of a system: every block runs, and gives what its comments promise."""
+"""docs/engine.md: every block runs, and gives what its comments promise."""
 
 from __future__ import annotations
 
@@ -37,14 +37,6 @@ def test_the_belt(scope):
     assert (position.low.value, position.high.value) == pytest.approx(truth.extrema["x"], rel=1e-9)
     assert [c.event for c in scope["motion"].events[:2]] == ["catches up", "breaks away"]
     assert scope["motion"].error < 1e-7
-
-
-def test_the_readme(capsys):
-    _, code = blocks(ROOT / "README.md")
-    names: dict = {}
-    exec(compile(code, "README.md", "exec"), names)
-    assert names["orbit"].period == pytest.approx(belt.TRUTH[0.2].period, rel=1e-9)
-    assert capsys.readouterr().out.startswith("12.0010312948")
 
 
 def test_the_others(scope):

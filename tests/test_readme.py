@@ -1,4 +1,4 @@
-"""What the README shows works as it is written."""
+"""What the README and the pages of commands show works as it is written."""
 
 from __future__ import annotations
 
@@ -20,16 +20,23 @@ from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle
 
 ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "README.md").read_text()
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+SERVO_FILE = (ROOT / "docs" / "reference" / "servo_file.md").read_text(encoding="utf-8")
+PAGES = [TEXT, *(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs" / "howto").glob("*.md")))]
+MOST_LINES = 120
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", TEXT, flags=re.DOTALL)
+def blocks(language: str, text: str = TEXT) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+def test_the_readme_is_a_landing_page():
+    assert len(TEXT.splitlines()) <= MOST_LINES
 
 
 def test_python_example(capsys):
     """Runs, and prints the numbers that its comments promise."""
-    code, _ = blocks("python")  # the other one: test_engine_page.py
+    (code,) = blocks("python")
     scope: dict = {}
     exec(compile(code, "README.md", "exec"), scope)  # the code is our own
     assert scope["orbit"].amplitude == pytest.approx(0.0500469727, rel=1e-8)
@@ -40,7 +47,7 @@ def test_python_example(capsys):
 
 
 def test_servo_file_example():
-    times, gains = map(tomllib.loads, blocks("toml"))
+    times, gains = map(tomllib.loads, blocks("toml", SERVO_FILE))
     for tree in (times, gains):
         assert {f"{section}.{key}" for section, table in tree.items() for key in table} <= set(KEYS)
     assert Pid(**gains["controller"]) == Pid(kp=1, ki=6, kd=0.15)
@@ -48,8 +55,13 @@ def test_servo_file_example():
 
 
 COMMANDS = [
-    line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines() if line.startswith("casahunt ")
+    line.split("#")[0].strip()
+    for text in PAGES
+    for block in blocks("sh", text)
+    for line in block.splitlines()
+    if line.startswith("casahunt ")
 ]
+COMMANDS = list(dict.fromkeys(COMMANDS))
 
 
 STORY = next(line for line in TEXT.splitlines() if line.startswith("casahunt tune") and "--uncertainty" in line)
@@ -106,7 +118,15 @@ def test_commands(command, tmp_path, monkeypatch, capsys):
 
 
 def test_there_are_commands():
-    assert len(COMMANDS) >= 5
+    assert len(COMMANDS) >= 15
+
+
+def test_every_command_that_is_named_stands_in_a_block():
+    """What a page shows inside a sentence is a word of it, `casahunt COMMAND`, not a line to be typed unseen by tests."""
+    for text in PAGES:
+        prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+        for said in re.findall(r"`casahunt ([^`]+)`", prose):
+            assert said.startswith("record") or len(said.split()) <= 2 or f"casahunt {said}" in COMMANDS, said
 
 
 def test_pictures_exist():

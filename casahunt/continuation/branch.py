@@ -69,6 +69,11 @@ class Branch(Generic[AnyOrbit]):
         return np.array([orbit.period for orbit in self.orbits])
 
     @property
+    def amplitudes(self) -> Array:
+        """(m,) amplitudes: of the first state that is no angle, or of what the cycles measure."""
+        return np.array([orbit.amplitude for orbit in self.orbits])
+
+    @property
     def stable(self) -> Array:
         """(m,) bool."""
         return np.array([orbit.stable for orbit in self.orbits])

@@ -54,7 +54,7 @@ def grazing(
         for special in branch.special:
             shown = touch.reported(special.orbit)
             if not isinstance(shown, str):
-                return SpecialPoint(special.kind, shown, special.meaning)
+                return SpecialPoint(special.kind, shown, special.meaning, vary=vary)
             said.append(shown)
         said.append(branch.ended)
     at = f"on the way of {vary} from {parameter_value(orbit, vary):.6g} to {to:.6g}"

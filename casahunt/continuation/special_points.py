@@ -67,12 +67,19 @@ class SpecialPoint(Generic[AnyOrbit]):
     orbit : the orbit at the point.
     meaning : one sentence for the user.
     at : value of the parameter, where `orbit` is the last one next to the point and not the point itself.
+    vary : name of the parameter of the branch; "" for the one that the problem follows of itself.
     """
 
     kind: str
     orbit: AnyOrbit
     meaning: str
     at: float | None = None
+    vary: str = ""
+
+    @property
+    def value(self) -> float:
+        """The value of the branch's parameter at the point."""
+        return parameter_value(self.orbit, self.vary or self.orbit.problem.principal) if self.at is None else self.at
 
 
 @dataclass(frozen=True)
@@ -158,7 +165,7 @@ def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0
     absolute = relative * abs(orbit.problem.unit(vary))
     digits = to_error(value, absolute / abs(value)) if abs(value) > absolute else "0"
     meaning = monitor.meaning.format(name=vary, value=float(digits), beyond=orbit.problem.beyond_a_fold)
-    return SpecialPoint(monitor.kind, orbit, meaning)
+    return SpecialPoint(monitor.kind, orbit, meaning, vary=vary)
 
 
 def crossings(

@@ -135,7 +135,7 @@ def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyO
     if not (abs(left) <= 1e-9 * omega and abs(value - here - way) <= AS_FORETOLD * abs(way) + 1e-9 * abs(here)):
         return None
     meaning = f"Hopf bifurcation at {vary} = {value:.10g}: the cycle has shrunk to an equilibrium, and ends there"
-    return SpecialPoint("Hopf", last, meaning, float(value))
+    return SpecialPoint("Hopf", last, meaning, float(value), vary)
 
 
 @kept(maxsize=16)

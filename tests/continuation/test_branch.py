@@ -191,7 +191,7 @@ def test_a_grazing_is_located_and_passed():
     branch = follow(find_cycle(IMPACT, x=0.0, v=0.0), "A", to=0.05)
     kinds = [special.kind for special in branch.special]
     assert kinds == ["fold", "grazing"]
-    assert branch.special[1].orbit.problem.value("A") == pytest.approx(0.1, abs=1e-8)
+    assert branch.special[1].value == pytest.approx(0.1, abs=1e-8)
     last = branch.orbits[-1]
     assert last.problem.value("A") == 0.05 and last.extrema("x").high.value == pytest.approx(0.5, rel=1e-8)
     assert last.signature != branch.orbits[0].signature

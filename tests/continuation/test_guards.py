@@ -130,7 +130,7 @@ def test_a_hopf_point_lies_where_the_amplitude_leads(monkeypatch):
     before, last = (find_cycle(BRUSSELATOR, x=1.0, y=1.0, parameters={"b": b}) for b in (3.2, 2.9))
     assert ways_to_end.hopf_point(before, last, "b") is None
     monkeypatch.setattr(ways_to_end, "AS_FORETOLD", 10.0)
-    assert ways_to_end.hopf_point(before, last, "b").at == pytest.approx(2.0, rel=1e-9)
+    assert ways_to_end.hopf_point(before, last, "b").value == pytest.approx(2.0, rel=1e-9)
 
 
 # recut.py

@@ -1,0 +1,131 @@
+"""The site: what its pages show runs as it is written, and what they link to is there.
+
+`sphinx-build -W docs docs/_build/html`, which .ci/run does, executes the gallery besides.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from casahunt import Servo, find_orbit
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = [*sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts), ROOT / "README.md"]
+TUTORIAL = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
+FEWEST_EXAMPLES = 15
+SHOWN = 2e-3
+"""Numbers of the tutorial have three digits or more; times of a computation are not shown."""
+NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+def blocks(text: str, languages: str) -> list[tuple[str, str]]:
+    return re.findall(rf"^```({languages})\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def run(name: str) -> dict:
+    scope: dict = {"__name__": "page"}
+    for _, code in blocks((DOCS / "howto" / name).read_text(encoding="utf-8"), "python"):
+        exec(compile(code, name, "exec"), scope)  # the code is our own
+    return scope
+
+
+def test_a_controller_in_two_forms(capsys):
+    run("controller.md")
+    one, other = map(float, capsys.readouterr().out.split())
+    assert one == pytest.approx(other, rel=1e-5)
+
+
+def test_tustins_law(capsys):
+    """Where its curve is the Gaussian one, with the exponent 2, the page's servo is that of the package."""
+    scope = run("friction.md")
+    assert "period" in capsys.readouterr().out
+    casadi, tustin = scope["casadi"], scope["tustin"]
+
+    def gaussian(x, p):
+        drop = casadi.exp(-((x.velocity / p.vs) ** 2))
+        friction = p.sign * (p.coulomb + (p.static - p.coulomb) * drop) + p.viscous * x.velocity
+        return {"position": x.velocity, "velocity": (scope["torque"](x, p) - friction) / p.inertia,
+                "integral": x.position}  # fmt: skip
+
+    modes = tuple(replace(m, field=gaussian) if m.name != "stick" else m for m in tustin.modes)
+    servo, gain = Servo(), 0.1
+    kp, kd, ki = servo.torque_gains(gain)
+    found = scope["find_cycle"](replace(tustin, modes=modes), "stick", parameters={"kp": kp, "kd": kd, "ki": ki},
+                                position=-0.02, velocity=0.0, integral=0.0, follow="kp", tol=1e-8)  # fmt: skip
+    assert found.period == pytest.approx(find_orbit(servo, "switch", gain).period, rel=1e-6)
+    assert scope["orbit"].stable
+
+
+def test_many_servos(capsys):
+    scope = run("uncertainty.md")
+    folds = scope["folds"]
+    assert math.isfinite(folds.gains.max()) and not folds.failures and callable(scope["on_all_cores"])
+
+
+@pytest.mark.slow
+def test_the_tutorial_to_the_letter(tmp_path):
+    """Every block in order, in a shell; every line that is shown is printed, its numbers to three digits."""
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("the tutorial is written for a POSIX shell")
+    here = tmp_path / "bin"
+    here.mkdir()
+    command = here / "casahunt"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m casahunt "$@"\n')
+    command.chmod(0o755)
+    place = {"PATH": f"{here}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    printed, shown = "", 0
+    for language, text in blocks(TUTORIAL, "sh|text"):
+        if language == "sh" and "pip install" not in text:
+            done = subprocess.run([bash, "-e", "-c", text], cwd=tmp_path, env=os.environ | place, capture_output=True,
+                                  text=True, check=False)  # fmt: skip
+            assert done.returncode == 0, done.stderr
+            printed = done.stdout
+        for line in text.splitlines() if language == "text" else []:
+            assert any(same(line, other) for other in printed.splitlines()), line
+            shown += 1
+    assert shown >= 8 and (tmp_path / "tuned" / "tune.html").stat().st_size > 10_000
+
+
+def same(line: str, other: str) -> bool:
+    """The words that are shown, and numbers that agree to three digits."""
+    words = [part.split() for part in (NUMBER.sub("#", line), NUMBER.sub("#", other))]
+    if words[0] != words[1][: len(words[0])] and not (len(words[0]) == 1 and words[0][0] in words[1]):
+        return False
+    pairs = zip(NUMBER.findall(line), NUMBER.findall(other), strict=False)
+    return all(math.isclose(float(a), float(b), rel_tol=SHOWN) for a, b in pairs)
+
+
+def test_lines_that_differ_are_told_apart():
+    assert same("  period   10.2814 s", "  period           10.281414 s") and not same("period 10.3 s", "period 10.2 s")
+    assert not same("period 10.3 s", "amplitude 10.3 s") and same("verified", "checked: verified")
+
+
+def test_the_gallery_is_complete():
+    """Every example has its place, a heading, and ends by asserting something."""
+    names = (DOCS / "examples" / "order.txt").read_text(encoding="utf-8").split()
+    assert sorted(names) == [path.name for path in EXAMPLES] and len(names) >= FEWEST_EXAMPLES
+    for path in EXAMPLES:
+        text = path.read_text(encoding="utf-8")
+        assert re.match(r'"""\n.+\n=+\n', text) and re.search(r"^\s*assert ", text, re.MULTILINE), path.name
+        compile(text, path.name, "exec")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not target.startswith(("http", "#")) and "auto_examples" not in target:
+            path = page.parent / target.partition("#")[0]
+            assert path.exists() or path.name == "index.rst", f"{page.name}: {target}"
