@@ -176,6 +176,7 @@ IMPACT = System(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_no_wall_is_gone_through_where_no_mode_says_that_it_holds():
     """Without impacts the amplitude is A/sqrt((k - w^2)^2 + (c w)^2) = 10 A; d = 1 is in its way from A = 0.1 on."""
     silent = replace(IMPACT, modes=tuple(replace(mode, holds=None) for mode in IMPACT.modes))
