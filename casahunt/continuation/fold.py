@@ -35,7 +35,7 @@ from ..orbits.adapt import Options, curve_border
 from ..orbits.amplitude import amplitude_off, estimated
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from .adjoint import parameter_slopes
-from .curve import along, ends, parameter_value, secant
+from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
 from .turning_point import turning_place, turning_point
 from .walk import walk
@@ -109,8 +109,9 @@ def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
     -------
     True where d lambda/d s changes sign from plus.
     """
-    here, there = ends(before, after, vary)
-    return FOLD.value(before, here) > 0 >= FOLD.value(after, there)
+    way = secant(before, after, vary)
+    there = curve_point(after, vary, like=in_units_of(way, before.scale, after.scale))
+    return FOLD.value(after, there) <= 0 < FOLD.value(before, curve_point(before, vary, like=way))
 
 
 def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
