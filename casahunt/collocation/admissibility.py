@@ -175,7 +175,8 @@ class _Inside:
                 self.unclear[members] = hides(mode.feature, points, p, largest=NOTHING_LEFT)
             if mode.admissible is not None:
                 found = mode.admissible(states.reshape(-1, t.n).T, p, mode.sign)
-                values[members], slack[members], conditioned[members] = found.reshape(states.shape[:2]), mode.slack, True
+                values[members] = found.reshape(states.shape[:2])
+                slack[members], conditioned[members] = mode.slack, True
         if conditioned.any():
             self._conditions(values, slack, conditioned)
 

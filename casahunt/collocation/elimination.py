@@ -3,16 +3,15 @@
 With the notation of interval.py, minus what the stages change by is Y: where the residual is taken away (first column),
 and with x, T and lambda.  Of every state a it has d rows, and
 
-    Y_a - h T A sum_c diag(J_ac) Y_c = K_a,        K = [residual | d/dx | d/dT | d/dlambda],   J_ac = df_a/dx_c at the stages.
+    Y_a - h T A sum_c diag(J_ac) Y_c = K_a,   K = [residual | d/dx | d/dT | d/dlambda],  J_ac = df_a/dx_c at the stages.
 
 The rate of a position does not contain itself.  Such states E, as many as leave no loop among themselves, are put in
 terms of the others F by substitution, each after those that its rate contains,
 
     Y_e = R_e + sum_f M_ef Y_f,       M_ef = h T A (diag(J_ef) + sum_c diag(J_ec) M_cf),       c in E before e,
 
-and what is left to be solved is S Y_F = rhs of |F| d rows in place of n d: a third for the rigid servo, a half for that
-with a bristle.  det S is that of the whole.  Where J_ac is the same at all stages, products of h T A J are powers of A,
-which are numbers.
+and what is left to be solved is S Y_F = rhs of |F| d rows in place of n d; det S is that of the whole.  Where J_ac is
+the same at all stages, products of h T A J are powers of A, which are numbers.
 
 Symbols: n states, d stages, R = n (d + 1), N intervals, c = n + 3 columns.
 """
@@ -27,11 +26,11 @@ import numpy as np
 
 from ..compiled import caller, kept
 from ..hybrid.system import Field
+from .interval import SHARED
 from .scheme import Kind, scheme
 
 Array = np.ndarray
 
-_SHARED = (5, 6, 7)  # inputs that are the same on every interval
 MOST_SUBSETS = 12
 """States up to which all choices of F are looked through; of more, all stay."""
 
@@ -106,6 +105,11 @@ class _Polynomial:
         rest = None if self.rest is None else factor * ca.mtimes(A, self.rest)
         return _Polynomial(self.A, {k + 1: factor * value for k, value in self.coefficients.items()}, rest)
 
+    def minus(self) -> _Polynomial:
+        """Its negative."""
+        coefficients = {k: -value for k, value in self.coefficients.items()}
+        return _Polynomial(self.A, coefficients, None if self.rest is None else -self.rest)
+
     def __add__(self, other: _Polynomial) -> _Polynomial:
         both = dict(self.coefficients)
         for k, value in other.coefficients.items():
@@ -134,7 +138,7 @@ class _Substitution:
         self.R: dict[int, ca.SX] = {}
         for e in self.E:
             factors, rest = self._integrals(e, step)
-            self.M[e] = {**factors, self.n + e: self.identity}  # its rate contains no state whose does: n + e is new
+            self.M[e] = {**factors, self.n + e: self.identity}  # n + e is new: no loop leads back to e
             self.R[e] = known[e] + rest
 
     def _integrals(self, a: int, step: ca.SX) -> tuple[dict[int, _Polynomial], ca.SX]:
@@ -158,15 +162,14 @@ class _Substitution:
 
     def left(self) -> tuple[ca.SX, ca.SX]:
         """S and rhs."""
-        rows, rhs = [], []
-        zero = ca.SX.zeros(*self.A.shape)
+        d, rows, rhs = len(self.A), [], []
         for f in self.F:
             factors, rest = self._integrals(f, -self.step)
-            rows.append(ca.horzcat(*((factors[g].full() if g in factors else zero) + (np.eye(len(self.A)) if f == g else 0)
-                                     for g in self.F)))  # fmt: skip
-            of_x = {key: _Polynomial(self.A, {k: -v for k, v in p.coefficients.items()}, None if p.rest is None else -p.rest)
-                    for key, p in factors.items() if key >= self.n}  # fmt: skip
-            rhs.append(self._columns(of_x | {self.n + f: self.identity}, self.known[f] - rest))
+            blocks = [factors[g].full() if g in factors else ca.SX.zeros(d, d) for g in self.F]
+            blocks[self.F.index(f)] += np.eye(d)
+            rows.append(ca.horzcat(*blocks))
+            of_x = {key: factor.minus() for key, factor in factors.items() if key >= self.n}
+            rhs.append(self._columns({**of_x, self.n + f: self.identity}, self.known[f] - rest))
         return ca.vertcat(*rows), ca.vertcat(*rhs)
 
     def of_others(self) -> tuple[ca.SX, ca.SX]:
@@ -227,11 +230,11 @@ def eliminating_function(
 
 
 class Elimination:
-    """`eliminating_function` over N intervals, called through fixed buffers (compiled.py), and what numpy does after."""
+    """`eliminating_function` over N intervals, called through fixed buffers (compiled.py), and what numpy does then."""
 
     def __init__(self, field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> None:
         function, F, E = eliminating_function(field, n, parameters, degree, kind)
-        mapped = function.map("intervals", "serial", intervals, list(_SHARED), [])
+        mapped = function.map("intervals", "serial", intervals, list(SHARED), [])
         rows = n * (degree + 1)
         inputs = [(intervals, rows), (intervals, n), intervals, intervals, intervals, parameters, parameters, n]
         outputs = [(intervals, function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]

@@ -26,7 +26,7 @@ from .scheme import Kind, scheme
 Array = np.ndarray
 
 INPUTS = ("w", "x_next", "duration", "fraction", "sign", "p", "dp", "scale")
-_SHARED = (5, 6, 7)  # inputs that are the same on every interval
+SHARED = (5, 6, 7)  # inputs that are the same on every interval
 
 
 @kept(maxsize=64)
@@ -120,7 +120,7 @@ class IntervalMap:
     """
 
     def __init__(self, function: ca.Function, n: int, intervals: int) -> None:
-        mapped = function.map("intervals", "serial", intervals, list(_SHARED), [])
+        mapped = function.map("intervals", "serial", intervals, list(SHARED), [])
         rows, columns = function.size1_out(0), function.size2_out(0)
         parameters = function.size1_in(5)
         inputs = [(intervals, rows), (intervals, n), intervals, intervals, intervals, parameters, parameters, n]

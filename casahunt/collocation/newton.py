@@ -86,27 +86,25 @@ def newton(
     ----------
     t, u, setting
         the equations and the starting point.
-    border
-        border row (NodeSystem.border) orthogonal to the correction; default holds lambda fixed.
-    parameter
-        lambda at the start; the equations are taken at p + lambda dp.
+    border, parameter
+        border row (NodeSystem.border) orthogonal to the correction, default: lambda fixed; lambda at the start, with
+        p + lambda dp in the equations.
     max_iterations, largest_move
         when to give up, and how far from u a solution may lie.
     accuracy
         a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for all
         digits.
     rough
-        where above zero, a point is a solution as well when the next Newton step is sure to be no larger than this and
-        no more than this is left of the equations; it comes with the linearisation where the last step began.
+        above zero, a point is a solution too whose next step is sure to be no larger, with no more left of the
+        equations; the linearisation is that where the last step began.
 
     Returns
     -------
     Solution, whose status says how it ended.
     """
     row = t.system.border(parameter=1.0) if border is None else border
-    start, u, lam = u, u.copy(), parameter
-    last = np.inf
-    for iteration in range(1, max_iterations + 1):
+    start, u, lam, last = u, u.copy(), parameter, np.inf
+    for iteration in range(1, (ROUGH_ITERATIONS if rough else max_iterations) + 1):
         step = _step(t, u, setting.moved(lam), row)
         if isinstance(step, Status):
             return Solution(u, lam, step, iteration, np.inf, None)
@@ -119,15 +117,12 @@ def newton(
         lam += step.dlam
         # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
         foreseen = step.size * (step.size / last) if last < np.inf else np.inf
-        if min(step.size, foreseen) <= rough:
-            residual = t.residual_norm(u, setting.moved(lam))
-            if residual <= rough:
-                return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
-        if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or (step.size <= ROUNDED and step.size > 0.3 * last):
+        if min(step.size, foreseen) <= rough and (residual := t.residual_norm(u, setting.moved(lam))) <= rough:
+            return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
+        rounding = step.size <= ROUNDED and step.size > 0.3 * last
+        if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or rounding:
             return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
-        if rough and (step.size > LOST or iteration == ROUGH_ITERATIONS):
-            break
-        if step.size > DIVERGED or (iteration > 3 and step.size > 2 * last):
+        if step.size > (LOST if rough else DIVERGED) or (iteration > 3 and step.size > 2 * last):
             break
         if np.any(t.durations_of(u) <= 0):
             return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)

@@ -293,19 +293,18 @@ class Transcription:
 
     def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
         """The stages of all intervals, those of one vector field together."""
+        n, count = self.n, self.intervals
         w, x_next = self.intervals_of(u), nodes[self.interval_elements + 1]
         duration = T[self.phase_of[self.interval_elements]]
-        data = (w, x_next, duration, setting.fractions, self.signs)
-        shared = (setting.p, setting.dp, setting.scale)
+        h, signs, p, dp, scale = setting.fractions, self.signs, setting.p, setting.dp, setting.scale
         if len(self.groups) == 1:
-            return self._elimination(self.groups[0][0], self.intervals)(*data, *shared)
-        n, count = self.n, self.intervals
+            return self._elimination(self.groups[0][0], count)(w, x_next, duration, h, signs, p, dp, scale)
         whole = Eliminated(
             np.empty((count, self.rows)), np.empty((count, n * self.degree, n + 3)), np.empty((count, n, n + 3))
         )
-        for field, members in self.groups:
-            part = self._elimination(field, members.size)(*(each[members] for each in data), *shared)
-            whole.residual[members], whole.stages[members], whole.maps[members] = part.residual, part.stages, part.maps
+        for field, i in self.groups:
+            part = self._elimination(field, i.size)(w[i], x_next[i], duration[i], h[i], signs[i], p, dp, scale)
+            whole.residual[i], whole.stages[i], whole.maps[i] = part.residual, part.stages, part.maps
         return whole
 
     def _elimination(self, field: Field, count: int) -> Elimination:

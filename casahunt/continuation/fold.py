@@ -8,10 +8,10 @@ Two ways that share nothing but the collocation equations:
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
   work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
 
-`confirmed` does both, and refuses where they disagree; and it looks for the turning point on the halved mesh too.  What a coarse mesh does to
-the place of the fold along the branch, no estimate at a point of the branch can see; that on the halved mesh does, and the
-errors of the result are not less than the distance to it.  An extended system (J v = 0, |v| = 1) serves as a third
-opinion in the tests.
+`confirmed` does both, and refuses where they disagree; and it looks for the turning point on the halved mesh.  What a
+coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see; that on the
+halved mesh does, and the errors of the result are not less than the distance to it.  An extended system (J v = 0,
+|v| = 1) serves as a third opinion in the tests.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from ..orbits.adapt import Options, curve_border
 from ..orbits.amplitude import amplitude_off, estimated
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from .adjoint import parameter_slopes
-from .curve import along, ends, parameter_value, secant
+from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
 from .turning_point import turning_place, turning_point
 from .walk import walk
@@ -109,8 +109,9 @@ def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
     -------
     True where d lambda/d s changes sign from plus.
     """
-    here, there = ends(before, after, vary)
-    return FOLD.value(before, here) > 0 >= FOLD.value(after, there)
+    way = secant(before, after, vary)
+    there = curve_point(after, vary, like=in_units_of(way, before.scale, after.scale))
+    return FOLD.value(after, there) <= 0 < FOLD.value(before, curve_point(before, vary, like=way))
 
 
 def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
@@ -243,7 +244,7 @@ def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> 
 def confirmed(
     special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float | None = None, sense: float = 1.0
 ) -> Any:
-    """A located fold, checked against the optimisation problem on its mesh and on the mesh with halved intervals.
+    """A located fold, checked against the optimisation problem on its mesh and the place of the fold on a finer one.
 
     Parameters
     ----------
@@ -275,7 +276,7 @@ def confirmed(
         found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         status = Status.TOLERANCE_NOT_REACHED if best.status.ok else best.status
         raise NoOrbit(f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", status)
-    orbit = _with_second_optimum(orbit, t, best, setting, options, where)
+    orbit = _with_second_place(orbit, t, best, setting, options, where)
     error = orbit.parameter_error
     if orbit.error_estimate > options.tol:
         raise NoOrbit(
@@ -287,10 +288,13 @@ def confirmed(
     return kind(orbit, vary, here, error, value, sense * best.multipliers, orbit.status, time.perf_counter() - began)
 
 
-def _with_second_optimum(
+def _with_second_place(
     orbit: AnyOrbit, t: Transcription, best: Maximum, setting: Setting, options: Options, where: str
 ) -> AnyOrbit:
-    """The orbit with the errors that the optimum on the halved mesh shows.  Raises NoOrbit where that is not solved."""
+    """The orbit with the errors that the fold on the halved mesh shows.  Raises NoOrbit where that is not found.
+
+    Its turning point; the optimum where Newton's method does not lead there, or is not to work.
+    """
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     halves = replace(setting.moved(best.parameter), fractions=fractions)
     place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=SECOND_PLACE * options.tol)

@@ -44,7 +44,7 @@ Array = np.ndarray
 
 FIRST_STEP = 0.1
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
-SKETCHED_ITERATIONS = 5
+SKETCHED_ITERATIONS = 5  # the same of a sketch, which has fewer
 SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a change of phases
 EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
@@ -122,8 +122,8 @@ def walk(
         back = seen_from(following, orbit, vary, parameter_value(last, vary))
         following = replace(following, bend=bend(point, following, back))
         angle = float(np.arccos(np.clip(cosine(point, following), -1, 1)))
-        easy = SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS
-        ds = min(ds * float(np.clip(min(easy / max(iterations, 1), LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
+        effort = (SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS) / max(iterations, 1)
+        ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
         ceiling = min(RECOVERY * ceiling, largest_step)
         point, last = following, orbit
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"

@@ -42,11 +42,6 @@ MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
 ROUGH_SHAPE = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
-MOTION = 0.1
-"""The mesh of a motion that is not yet the orbit aims at this part of the tolerance: over 24 stick-slip cycles
-that takes an eighth off the time at 1e-6, and adds a sixteenth at 1e-8; elsewhere it makes no difference."""
-CLEARED = 2
-"""How often intervals of a motion on which it is not clear what its phases are may be cut before anything is solved."""
 SKETCHED = 0.1
 """Part of the tolerance of a sketch that its next Newton step is let to be."""
 LEFT_OUT = 0.01
@@ -204,12 +199,12 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Sol
     row = None if task.border is None else curve_border(t, u, task.border)
     if task.options.sketched and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
-        if _presentable(e, task.options):
+        if presentable(e, task.options):
             return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent)
-    if e.error <= tol and verdict.admissible and _presentable(e, task.options):
+    if e.error <= tol and verdict.admissible and presentable(e, task.options):
         return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
@@ -227,7 +222,7 @@ def _better_mesh(task: _Task, known: Solved, verdict: Verdict, spent: _Spent) ->
     """Breaks for the tolerance; where it holds already, shorter intervals where it is not clear what a phase is."""
     e, tol = known.estimate, task.options.tol
     assert e is not None
-    if e.error <= tol and _presentable(e, task.options):
+    if e.error <= tol and presentable(e, task.options):
         return quartered_where(known.t, known.setting.fractions, verdict.unclear)
     breaks = better_breaks(known.t, known.setting.fractions, e, tol, spent.changes)
     spent.changes += 1
@@ -253,53 +248,41 @@ def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spe
     return root
 
 
-def remeshed(start: Start, options: Options) -> Start:
-    """A marched motion on a mesh for the tolerance, before anything is solved.
-
-    A march solves the equations of every interval; the estimate of what each is to blame for does not need the
-    closure to hold.
+def on_breaks(start: Start, breaks: list[Array]) -> Start:
+    """A start on another mesh.
 
     Parameters
     ----------
-    start
-        the marched motion: transcription, unknowns, setting.
-    options
-        tolerance.
+    start, breaks
+        transcription, unknowns and setting; boundaries of each collocated phase.
 
     Returns
     -------
-    The same on another mesh; as it is where its own does.
+    The same on that mesh.
     """
-    t, u, setting = start
-    e = estimated(t, u, setting, believed=0.0)
-    if not np.isfinite(e.indicators).all():
-        return start
-    if not (float(e.indicators.sum()) <= options.tol and _presentable(e, options)):
-        start = _on_breaks(start, better_breaks(t, setting.fractions, e, MOTION * options.tol))
-    for _ in range(CLEARED):
-        t, u, setting = start
-        verdict = judge(t, u, setting)
-        if verdict.violated or not verdict.unclear.any():
-            break
-        start = _on_breaks(start, quartered_where(t, setting.fractions, verdict.unclear))
-    return start
-
-
-def _on_breaks(start: Start, breaks: list[Array]) -> Start:
-    """A start on another mesh."""
     t, u, setting = start
     t, u, fractions = transfer(t, u, setting.fractions, breaks)
     return t, u, replace(setting, fractions=fractions)
 
 
-def _presentable(e: Estimate, options: Options) -> bool:
-    """The solution may be shown between its nodes."""
+def presentable(e: Estimate, options: Options) -> bool:
+    """Whether a solution may be shown between its nodes.
+
+    Parameters
+    ----------
+    e, options
+        what is known of its errors; tolerance.
+
+    Returns
+    -------
+    True where its last Legendre coefficients are small enough.
+    """
     return float(e.shape.max(initial=0.0)) <= ROUGH_SHAPE * shape_limit(options.tol)
 
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
-    start = _on_breaks((known.t, known.solution.u, known.setting), breaks)
+    start = on_breaks((known.t, known.solution.u, known.setting), breaks)
     return _corrected(task, start, "newton", known.solution.parameter)
 
 

@@ -21,7 +21,8 @@ from ..checks import COMPUTED, known, sensible
 from ..collocation.newton import Solver
 from ..errors import InputError, NoOrbit, Status
 from ..motion.march import MarchFailure
-from ..orbits.adapt import Options, finished, remeshed, solve_adaptively
+from ..orbits.adapt import Options, finished, solve_adaptively
+from ..orbits.marched_mesh import remeshed
 from ..orbits.restart import Start
 from .denial import no_cycle
 from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan

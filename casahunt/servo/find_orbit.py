@@ -150,7 +150,8 @@ def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
     stable = s.met.orbit
     assert stable is not None
     last = stable
-    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=replace(way, sketched=way != s.options)):
+    sketched = replace(way, sketched=way != s.options)
+    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=sketched):
         if _vanished(last):
             s.vanished = True
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
@@ -311,8 +312,9 @@ def _followed_down(
     row = curve_point(fold.orbit, "gain").row
     for heading in (row, -row):
         steps = walk(
-            fold.orbit, low=gain, high=2 * fold.gain, heading=heading, options=way, first_step=DOWNWARDS
-        )
+            fold.orbit, low=gain, high=2 * fold.gain, heading=heading, first_step=DOWNWARDS,
+            options=replace(way, sketched=way is not options),
+        )  # fmt: skip
         before, last = fold.orbit, next(steps, None)
         if last is None or _unstable(last) != (branch == "unstable"):
             continue

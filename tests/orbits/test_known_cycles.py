@@ -13,8 +13,9 @@ from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits import adapt, floquet, map_chain
-from casahunt.orbits.adapt import curve_border, finished, refined, remeshed, solve_adaptively
+from casahunt.orbits.adapt import curve_border, finished, refined, solve_adaptively
 from casahunt.orbits.graded import _cut, spectrum
+from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.multiplier_mesh import refined_multipliers
 from casahunt.orbits.orbit import Orbit, orbit_of, unknowns_of
 from problems import belt
