@@ -212,7 +212,7 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
     relative_error
         its estimated relative error; not > 0: unknown.
     most
-        digits, at most; at least 3 are given.
+        digits, at most; at least one is given.
 
     Returns
     -------
@@ -222,7 +222,24 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
         return f"{x:.{most}g}"
     error = 2 * relative_error * abs(x)
     digits = math.floor(math.log10(abs(x))) - math.floor(math.log10(error)) + 1
-    return f"{x:.{min(max(digits, 3), most)}g}"
+    return f"{x:.{min(max(digits, 1), most)}g}"
+
+
+def to_absolute_error(x: float, error: float, most: int = 12) -> str:
+    """As `to_error`, for an error in the unit of the number; "0" where the error is as large as the number.
+
+    Parameters
+    ----------
+    x, error
+        the number, and its estimated error; not > 0: unknown.
+    most
+        digits, at most.
+
+    Returns
+    -------
+    Text.
+    """
+    return "0" if abs(x) <= error else to_error(x, error / abs(x) if x else 0.0, most)
 
 
 def error_text(error: float) -> str:

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK: says to the shell that this program completes its own command lines (commands/completion.py)
 """The command line: casahunt COMMAND, one module command_*.py for each.
 
 Results go to standard output (with --json one JSON object and nothing else), progress to standard error.
@@ -26,6 +27,7 @@ from .views.commands import equilibria as command_equilibria
 from .views.commands import fold as command_fold
 from .views.commands import fold_curve as command_fold_curve
 from .views.commands import fold_map as command_fold_map
+from .views.commands import glossary as command_glossary
 from .views.commands import loop as command_loop
 from .views.commands import map as command_map
 from .views.commands import orbit as command_orbit
@@ -50,6 +52,7 @@ COMMANDS = {
     "record": command_record,
     "uncertainty": command_uncertainty,
     "tune": command_tune,
+    "glossary": command_glossary,
 }
 
 
@@ -71,7 +74,7 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The parser of all commands."""
     parser = Parser(
         prog="casahunt",
@@ -106,6 +109,10 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
     """The exit code of everything but an interrupt; `program`: this is the process's own command line."""
     try:
         if program:
+            if "_ARGCOMPLETE" in os.environ:  # the shell asks, at the TAB key
+                from .views.commands.completion import answer
+
+                answer(build_parser())
             own_process()
         options = _parsed(words)
         name, stream = options.command, progress(options.quiet)
@@ -115,7 +122,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
             return COMMANDS[name].run(options)
     except InputError as error:
         interrupts.check()
-        complain(command, error)
+        complain(command, error, explained=False)
         return 2
     except (NoOrbit, effort.GivenUp) as error:
         interrupts.check()
@@ -139,12 +146,17 @@ def _parsed(words: list[str]) -> argparse.Namespace:
         raise InputError(f"a command must be given: {', '.join(COMMANDS)} (see casahunt --help)")
     if not words[0].startswith("-"):
         known("command", words[0], COMMANDS)
-    options, unknown = build_parser().parse_known_args(_joined(words))
+    parser = build_parser()
+    words = _joined(words)
+    if words[0] in COMMANDS:  # a misspelt option is named before one that must be given is missed
+        names = [name for name in parser.options_of(words[0]) if name.startswith("--")]
+        for word in words[1 : words.index("--") if "--" in words else None]:
+            if word.startswith("--"):
+                known("option", word.partition("=")[0], names)
+    options, unknown = parser.parse_known_args(words)
     if unknown:
         if unknown[0].startswith("-"):
-            dests = [name for name in vars(options) if name not in ("command", "servo", "file")]
-            names = [f"--{'from' if name == 'start' else name.replace('_', '-')}" for name in dests]
-            known("option", unknown[0].partition("=")[0], names)
+            raise InputError(f"unknown option {unknown[0]!r} (see casahunt {words[0]} --help)")
         raise InputError(f"{unknown[0]!r}: must be left out, one servo file is enough")
     return options
 

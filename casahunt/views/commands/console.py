@@ -14,10 +14,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from ...checks import to_error
+from ...checks import to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
 from ...servo.problem import HuntingOrbit
+from ..glossary import sentence, words_in
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
@@ -134,7 +135,7 @@ def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     error = max(error, 1e-12) * max(1.0, abs(value))
 
     def part(x: float) -> str:
-        return to_error(x, error / abs(x), most=8) if abs(x) > error else "0"
+        return to_absolute_error(x, error, most=8)
 
     if abs(value.imag) <= error:
         return part(value.real)
@@ -188,15 +189,19 @@ class Outputs:
             raise OSError(first.errno, said) if isinstance(first, OSError) else InputError(said)
 
 
-def complain(command: str, what: object) -> None:
-    """Print an error message.
+def complain(command: str, what: object, *, explained: bool = True) -> None:
+    """Print an error message, in one line.
 
     Parameters
     ----------
     command, what
         who complains, such as "casahunt orbit", and of what.
+    explained
+        with the words of the trade in it; what is wrong with a command line needs none.
     """
-    print(f"{command}: {what}", file=sys.stderr)
+    text = str(what)
+    words = "; ".join(sentence(word).rstrip(".") for word in words_in(text) if explained)
+    print(f"{command}: {text}{f' ({words})' if words else ''}", file=sys.stderr)
 
 
 @contextmanager
