@@ -3,7 +3,8 @@
 
 Results go to standard output (with --json one JSON object and nothing else), progress to standard error.
 Exit codes: 0 done; 1 no such orbit or no convergence, with what was tried and what to do; 2 the input is
-wrong, and nothing has been written; 130 interrupted (143: terminated), what was computed is on disk.
+wrong, and nothing has been written; 130 interrupted (143: terminated), what was computed is on disk; 141 nobody
+reads the output any more.
 
 Numbers that are not to be trusted are left out: null in JSON, nan or an empty field in CSV.
 """
@@ -36,7 +37,7 @@ from .views.commands import simulate as command_simulate
 from .views.commands import tune as command_tune
 from .views.commands import uncertainty as command_uncertainty
 from .views.commands.arguments import Parser
-from .views.commands.console import Outputs, complain, own_process, progress, say
+from .views.commands.console import Outputs, complain, explain_complaints, own_process, progress, say
 
 COMMANDS = {
     "orbit": command_orbit,
@@ -60,6 +61,8 @@ SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map")
 """Commands with lines of their own about where they are."""
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""
+PIPE_CLOSED = 141
+"""Exit code where nobody reads the output any more, as of a process that SIGPIPE ends: 128 + 13."""
 MOST_WORK = 1e7
 """Work (effort.py) after which one thing is given up: four to five minutes of a processor."""
 
@@ -96,6 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         interrupts.begin()
         code = _run(command, words, program=arguments is None)
+        explain_complaints(aloud=code == 1 and not {"--quiet", "--json"}.intersection(words))
         interrupts.check()
         interrupts.end()
     except KeyboardInterrupt as error:
@@ -122,17 +126,19 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
             return COMMANDS[name].run(options)
     except InputError as error:
         interrupts.check()
-        complain(command, error, explained=False)
+        complain(command, error)
         return 2
     except (NoOrbit, effort.GivenUp) as error:
         interrupts.check()
         complain(command, error)
         return 1
-    except OSError as error:  # a full disk, or nobody who reads the output any more
+    except OSError as error:  # a full disk, or nobody who reads the output any more (head), which needs no words
         interrupts.check()
         # What is still in the buffer would be complained about once more while the interpreter shuts down.
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return PIPE_CLOSED
         complain(command, f"the output could not be written: {error.strerror or error}")
         return 1
     except Exception:  # what a library has made of an interrupt is one
@@ -149,9 +155,9 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     parser = build_parser()
     words = _joined(words)
     if words[0] in COMMANDS:  # a misspelt option is named before one that must be given is missed
-        names = [name for name in parser.options_of(words[0]) if name.startswith("--")]
+        names = [name for name in parser.options_of(words[0]) if name.startswith("--") and name != "--help"]
         for word in words[1 : words.index("--") if "--" in words else None]:
-            if word.startswith("--"):
+            if word.startswith("--") and word != "--help":
                 known("option", word.partition("=")[0], names)
     options, unknown = parser.parse_known_args(words)
     if unknown:

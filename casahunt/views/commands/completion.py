@@ -47,7 +47,17 @@ ASSIGNED = {"set": KEYS, "bounds": ("gain", *NUMBERS)}
 
 
 def offered(words: Iterable[str], end: str = "") -> Callable[..., list[str]]:
-    """A completer for words, with `end` behind each."""
+    """A completer for words.
+
+    Parameters
+    ----------
+    words, end
+        the words, and what stands behind each.
+
+    Returns
+    -------
+    Function for argcomplete.
+    """
 
     def complete(prefix: str, **_: Any) -> list[str]:
         return [f"{word}{end}" for word in words if word.startswith(prefix)]

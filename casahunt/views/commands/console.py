@@ -18,10 +18,13 @@ from ...checks import to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
 from ...servo.problem import HuntingOrbit
-from ..glossary import sentence, words_in
+from .printed import folded, meanings
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
+
+_COMPLAINTS: list[str] = []
+"""The error messages of the command under way."""
 
 
 def own_process() -> None:
@@ -184,24 +187,37 @@ class Outputs:
         for draw in self._pictures:
             self.write(draw)
         if kind is None and self.troubles:
-            said = "; ".join(str(getattr(e, "strerror", None) or e) for e in self.troubles)
-            first = self.troubles[0]
+            # A reader that has gone is the least of several troubles.
+            troubles = [e for e in self.troubles if not isinstance(e, BrokenPipeError)] or self.troubles[:1]
+            said, first = "; ".join(str(getattr(e, "strerror", None) or e) for e in troubles), troubles[0]
             raise OSError(first.errno, said) if isinstance(first, OSError) else InputError(said)
 
 
-def complain(command: str, what: object, *, explained: bool = True) -> None:
+def complain(command: str, what: object) -> None:
     """Print an error message, in one line.
 
     Parameters
     ----------
     command, what
         who complains, such as "casahunt orbit", and of what.
-    explained
-        with the words of the trade in it; what is wrong with a command line needs none.
     """
-    text = str(what)
-    words = "; ".join(sentence(word).rstrip(".") for word in words_in(text) if explained)
-    print(f"{command}: {text}{f' ({words})' if words else ''}", file=sys.stderr)
+    print(f"{command}: {what}", file=sys.stderr)
+    _COMPLAINTS.append(str(what))
+
+
+def explain_complaints(*, aloud: bool) -> None:
+    """Explain the words of the trade in the error messages since the last call, once and below them.
+
+    Parameters
+    ----------
+    aloud
+        print it; what is wrong with a command line, and what a program reads, needs no explanation.
+    """
+    if aloud:
+        for line in meanings(_COMPLAINTS):
+            for part in folded(line):
+                print(part, file=sys.stderr)
+    _COMPLAINTS.clear()
 
 
 @contextmanager

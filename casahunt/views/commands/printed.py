@@ -14,7 +14,7 @@ from ...tables import table as csv_table
 from ..glossary import sentence, words_in
 
 LINE_WIDTH = 80
-"""Width of everything that is printed for a person."""
+"""Columns of everything that is printed for a person."""
 _DEEPEST = 30
 """Columns that the second line of a long one is indented by at most."""
 _LABEL = re.compile(r" *\S.*?\S {2,}(?=\S)")
@@ -29,6 +29,8 @@ MEANINGS = "what the words mean (more: casahunt glossary)"
 
 def folded(line: str, width: int = LINE_WIDTH) -> list[str]:
     """A line as several of at most `width` columns, the further ones below the text behind its label.
+
+    A single word that is longer, such as a path that somebody will copy, stays whole on a line of its own.
 
     Parameters
     ----------
@@ -47,7 +49,9 @@ def folded(line: str, width: int = LINE_WIDTH) -> list[str]:
     label = _LABEL.match(line)
     hang = label.end() if label else len(line) - len(line.lstrip(" ")) + 2
     indent = " " * min(hang, _DEEPEST)
-    parts = textwrap.wrap(line, width, subsequent_indent=indent, break_on_hyphens=False, replace_whitespace=False)
+    parts = textwrap.wrap(
+        line, width, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False, replace_whitespace=False
+    )
     return [part.replace(HARD_SPACE, " ") for part in parts]
 
 
@@ -102,5 +106,11 @@ def write_table(path: Path, columns: Sequence[str], rows: Rows) -> None:
 
 
 def write_records(path: Path, records: Sequence[dict[str, Any]]) -> None:
-    """`write_table` for rows that carry the names of their columns; all have the same."""
+    """`write_table` for rows that carry the names of their columns.
+
+    Parameters
+    ----------
+    path, records
+        the file, and one row or more; all have the same columns.
+    """
     write_table(path, list(records[0]), [list(record.values()) for record in records])
