@@ -12,7 +12,7 @@ GLOSSARY: dict[str, str] = {
     "admissible": "of a computed motion: it obeys the friction law all along; it never slips against its own "
     "direction and never sticks under a torque larger than static friction.",
     "arclength": "the length along a curve of solutions; stepping in it instead of in the gain goes round the fold.",
-    "bristle": "the state z of the LuGre friction model, a spring deflection of some 1e-5 rad between the surfaces.",
+    "bristle": "the state z of the LuGre friction model, a deflection of some hundred-thousandths of a radian.",
     "branch": "cycles that change continuously with the gain; the stable branch is what the servo does, the unstable "
     "one is the border between hunting and coming to rest.",
     "collocation": "the method of computing: the motion is written as polynomials on small intervals that obey the "
@@ -29,12 +29,12 @@ GLOSSARY: dict[str, str] = {
     "generalised Jacobian": "all linearisations of an equation with a kink, one for each mixture of its two sides.",
     "grazing": "a cycle that only just touches the border between two kinds of motion, such as a slip that nearly "
     "stops; beyond it the order of slips and sticks is another one.",
-    "half multiplier": "the factor by which a small disturbance of the cycle grows in half a period; below 1 in size "
-    "it dies out, above 1 the cycle is unstable; negative: it changes sides each time.",
+    "half multiplier": "the factor by which a small disturbance of the cycle grows in half a period; below one in size "
+    "it dies out, above one the cycle is unstable; negative: it changes sides each time.",
     "IPOPT": "a solver of optimisation problems, here of the largest gain that still has a cycle.",
     "lopsided": "of a cycle: it reaches farther to one side of the set point than to the other.",
     "multiplier": "the factor by which a small disturbance of the cycle grows in one period; one of them, that of a "
-    "shift in time, is 1, and how far it is computed off 1 shows how accurate they are.",
+    "shift in time, is one, and how far it is computed off that shows how accurate they are.",
     "natural continuation": "following a branch by steps in the gain itself; it ends at the fold.",
     "Newton": "Newton's method: the equations of the cycle solved by repeated linearisation.",
     "period doubling": "where a cycle hands over to one that repeats itself only every second period.",
@@ -43,7 +43,7 @@ GLOSSARY: dict[str, str] = {
     "stick band": "a range of velocities so small that the motor counts as stuck in it; the exact model needs none.",
     "stick position": "where the motor stands still between two slips, as the distance from the set point.",
     "stick region": "the states in which static friction holds the motor.",
-    "superstable": "of a cycle: its half multiplier is 0, so that a small disturbance is gone after half a period.",
+    "superstable": "of a cycle: its half multiplier is zero, so that a small disturbance is gone after half a period.",
     "Switch": "the exact friction model: the motor either sticks, up to static friction, or slips along the friction "
     "curve; LuGre, the other one, has a bristle state and no sharp border between the two.",
     "symmetry breaking": "where the cycle that swings equally to both sides becomes unstable and lopsided cycles "

@@ -15,16 +15,17 @@ from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
 from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
 from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
-from ...files import together
+from ...files import together, whole_text
 from ...interrupts import held, word
 from ...orbits.adapt import Options
 from ...servo.hunting import Model
 from ...servo.servo import Servo
+from ...tables import table as csv_table
 from ..units import with_unit
 from .arguments import add_common, add_csv, csv_of, finite, models_of, picture_of, servo_of, writable
 from .console import complain, progress, say
 from .fold import sensitivity_text
-from .printed import show, write_table
+from .printed import show
 
 CSV_COLUMNS = (
     "model",
@@ -243,11 +244,12 @@ def _record(curve: FoldCurve) -> dict[str, Any]:
 
 
 def _write(points: Sequence[FoldPoint], vary: str, path: Path) -> None:
-    rows = (
-        [
-            p.orbit.model, vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
-            p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "",
-        ]
-        for p in points
-    )  # fmt: skip
-    write_table(path, CSV_COLUMNS, rows)
+    with whole_text(path) as stream:
+        write = csv_table(stream, CSV_COLUMNS)
+        write(
+            [
+                p.orbit.model, vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
+                p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "",
+            ]
+            for p in points
+        )  # fmt: skip

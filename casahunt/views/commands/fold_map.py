@@ -14,15 +14,17 @@ import numpy as np
 from ...checks import known, quoted, to_error
 from ...design.fold_map import SIDES, FoldMap, fold_map
 from ...errors import InputError, NoOrbit, Status
+from ...files import whole_text
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
+from ...tables import table as csv_table
 from .arguments import add_common, add_csv, csv_of, finite, picture_of, servo_of
 from .console import progress, progress_line, say, teller
-from .printed import show, write_table
+from .printed import show
 
 MAP_SIDE = 25
-CSV_COLUMNS = ("model", "first", "first_value", "second", "second_value", "gain", "error_estimate", "status")
+CSV_COLUMNS = ("model", "first", "first_value", "second", "second_value", "gain", "status")
 
 
 def add(commands: Any) -> None:
@@ -139,10 +141,10 @@ def _record(found: FoldMap) -> dict[str, Any]:
 
 def _write(found: FoldMap, path: Path) -> None:
     q, r = found.values
-    (first, second), gains, error = found.names, found.gains, found.tolerance
-    rows = (
-        [found.model, first, q[i], second, r[j], gains[i, j], error, _status(found, i, j)]
-        for i in range(q.size)
-        for j in range(r.size)
-    )
-    write_table(path, CSV_COLUMNS, rows)
+    with whole_text(path) as stream:
+        write = csv_table(stream, CSV_COLUMNS)
+        write(
+            [found.model, found.names[0], q[i], found.names[1], r[j], found.gains[i, j], _status(found, i, j)]
+            for i in range(q.size)
+            for j in range(r.size)
+        )

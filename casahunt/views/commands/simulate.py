@@ -24,12 +24,14 @@ import numpy as np
 
 from ...checks import error_text, finite_or_none, known, moderate, to_absolute_error
 from ...errors import InputError
+from ...files import whole_text
 from ...servo.hunting import MODELS
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
+from ...tables import table as csv_table
 from .arguments import add_common, add_csv, add_gain, csv_of, finite, gain_of, picture_of, positive, servo_of
 from .console import complain
-from .printed import show, write_table
+from .printed import show
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
@@ -192,4 +194,6 @@ def _write(found: Trajectory, path: Path, step: float | None) -> None:
         x = found.sample(t)
     columns = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
     numbers = np.vstack([t, found.set_point + x[0], x[1:], found.torque(x)]).T
-    write_table(path, columns, ([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True)))
+    with whole_text(path) as stream:
+        write = csv_table(stream, columns)
+        write([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))
