@@ -21,6 +21,7 @@ VARY = ["--model", "switch", "--vary", "friction.static", "--from", 0.52, "--to"
 WRITERS = {
     "npz": (["orbit", "--gain", 0.1, "--save", "a.npz"], ["a.npz"]),
     "csv": (["simulate", "--gain", 0.1, "--time", 1, "--csv", "a.csv"], ["a.csv"]),
+    "table": (["orbit", "--gain", 0.1, "--csv", "a.csv"], ["a.csv"]),
     "points": (["fold-curve", *VARY, "--csv", "a.csv"], ["a.csv"]),
     "html": (["tune", "--out", "."], ["tune.html", "tune.json"]),
     "picture": (["loop", "--gain", 0.1, "--plot", "a.png"], ["a.png"]),

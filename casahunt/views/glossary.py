@@ -31,8 +31,10 @@ GLOSSARY: dict[str, str] = {
     "stops; beyond it the order of slips and sticks is another one.",
     "half multiplier": "the factor by which a small disturbance of the cycle grows in half a period; below one in size "
     "it dies out, above one the cycle is unstable; negative: it changes sides each time.",
+    "Hopf bifurcation": "where a cycle shrinks to a standstill, and ends.",
     "IPOPT": "a solver of optimisation problems, here of the largest gain that still has a cycle.",
     "lopsided": "of a cycle: it reaches farther to one side of the set point than to the other.",
+    "mesh": "the small intervals that a computed motion is cut into.",
     "multiplier": "the factor by which a small disturbance of the cycle grows in one period; one of them, that of a "
     "shift in time, is one, and how far it is computed off that shows how accurate they are.",
     "natural continuation": "following a branch by steps in the gain itself; it ends at the fold.",
@@ -49,6 +51,7 @@ GLOSSARY: dict[str, str] = {
     "symmetry breaking": "where the cycle that swings equally to both sides becomes unstable and lopsided cycles "
     "take over.",
     "torus": "where a cycle hands over to a motion with two frequencies.",
+    "turning point": "where a curve of solutions turns back in its parameter; on a branch of cycles it is a fold.",
     "worst corner": "of all values that the uncertain parameters may have, those with the largest fold gain: the "
     "servo that goes on hunting longest.",
 }
@@ -61,6 +64,8 @@ OTHER_FORMS = {
     "elasticity": ("elasticities",),
     "event map": ("map of events",),
     "fold": ("fold gain", "fold gains"),
+    "Hopf bifurcation": ("Hopf",),
+    "mesh": ("meshes",),
     "grazing": ("grazings", "graze", "grazes"),
     "natural continuation": ("natural continuation in the gain",),
     "phase sequence": ("sequence of phases",),
