@@ -35,6 +35,11 @@ from .printed import show
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
+EVENT_WORDS = {
+    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
+    "reversal": "reversals", "centre": "times the bristle slack",
+}  # fmt: skip
+"""How many of an event are told."""
 MOST_ROWS = 10_000_000
 
 
@@ -111,7 +116,10 @@ def _lines(found: Trajectory, wall_s: float) -> Iterator[str]:
         since = to_absolute_error(verdict.since, found.time_error, most=6)
         yield f"  judged from      {swings} rad since {since} s; floor {verdict.floor:.1e} rad"
     if math.isfinite(verdict.amplitude):
-        of = f"mean of the last {verdict.swings} periods" if verdict.swings else "the cycle's: no period agrees yet"
+        count = verdict.swings
+        of = "the cycle's: no period agrees yet"
+        if count:
+            of = f"mean of the last {count} periods" if count > 1 else "of the last period"
         yield f"  amplitude        {to_absolute_error(verdict.amplitude, errors[0], most=10)} rad ({of})"
     if math.isfinite(verdict.period):
         yield f"  period           {to_absolute_error(verdict.period, 2 * found.time_error, most=10)} s"
@@ -142,7 +150,7 @@ def _advice(found: Trajectory) -> str:
 
 def _counts(found: Trajectory) -> str:
     names = [event.name for event in found.events]
-    listed = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys(names))
+    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
     return f"{len(names)}{f' ({listed})' if names else ''}"
 
 
