@@ -14,7 +14,7 @@ from casahunt import cli
 from casahunt.checks import to_absolute_error, to_error
 from casahunt.servo.servo import KEYS
 from casahunt.views.commands.printed import LINE_WIDTH, MEANINGS, folded, meanings
-from casahunt.views.glossary import GLOSSARY, OTHER_FORMS, words_in
+from casahunt.views.glossary import FAMILIAR, GLOSSARY, OTHER_FORMS, page, words_in
 from casahunt.views.units import PARAMETER_UNITS, column, with_unit
 
 ROOT = Path(__file__).parents[2]
@@ -207,9 +207,14 @@ def test_words_are_found_and_names_are_not():
     assert words_in("(the fold's place)") == ["fold"]
     assert words_in("a half multiplier") == ["half multiplier"]  # not the multiplier in it
     assert meanings(["the fold"], said=["fold"]) == [] == meanings(["nothing"])
-    assert set(OTHER_FORMS) <= set(GLOSSARY)
+    assert set(OTHER_FORMS) | set(FAMILIAR) <= set(GLOSSARY) and sorted(GLOSSARY, key=str.lower) == list(GLOSSARY)
     for word, text in GLOSSARY.items():
         assert text.endswith(".") and len(text.split()) < 45, word
+
+
+def test_the_page_of_the_documentation_is_made_of_it():
+    """Made again by `print(casahunt.views.glossary.page(), end="")`."""
+    assert (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8") == page()
 
 
 def test_a_word_of_the_glossary(capsys):
