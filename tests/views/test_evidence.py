@@ -152,6 +152,15 @@ def test_every_row_of_numbers_has_its_unit(text):
     assert head.search(text)
 
 
+def test_numbers_have_the_digits_that_are_known(record):
+    """Of the same tuning at a rough tolerance, and with a fold gain of three digits."""
+    check = record["verification"] | {"fold_error": 2e-3}
+    shown = page(record | {"verification": check, "tol": 1e-2}, {})
+    assert f"{record['gain']:.3g}<" in shown and f"{record['gain']:.4g}" not in re.sub(r'value="[^"]*"', "", shown)
+    known = record["elasticities"]["friction.static"]
+    assert f">{known:+.2f}<" in shown and f">{known:+.3f}<" not in shown
+
+
 def test_the_page_says_when_by_what_and_for_which_servo(tmp_path, monkeypatch, record, text, capsys):
     made = record["made"]
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", made["date"]) and made["date"] in text

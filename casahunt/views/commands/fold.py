@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from collections.abc import Iterator
 from typing import Any
 
-from ...checks import error_text, known, to_error
+from ...checks import error_text, known, known_decimals, to_error
 from ...design.sensitivity import Sensitivities, fold_sensitivities
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
@@ -95,8 +94,7 @@ def sensitivity_text(value: float, tol: float) -> str:
     -------
     Text with a sign.
     """
-    decimals = min(MOST_DECIMALS, max(0, -math.floor(math.log10(2 * tol))))
-    return f"{value:+.{decimals}f}"
+    return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"
 
 
 def _rows(servo: Servo, fold: HuntingFold, slopes: Sensitivities) -> list[dict[str, Any]]:

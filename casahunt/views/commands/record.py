@@ -23,7 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ...checks import error_text, finite_or_none, known, moderate, to_absolute_error, to_error
+from ...checks import error_text, finite_or_none, known, known_decimals, moderate, to_absolute_error, to_error
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
 from ...errors import InputError, NoOrbit
@@ -157,15 +157,10 @@ def _beside(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:
         beside = ""
         if orbit:
             predicted = to_absolute_error(row["predicted"], row["predicted_error"], most=6)
-            ratio = f"{row['ratio']:.{_decimals(row['error'] / abs(row['measured']))}f}"
+            ratio = f"{row['ratio']:.{known_decimals(row['error'] / abs(row['measured']), 4)}f}"
             beside = f"  {predicted:>12}  {ratio:>7}"
         errors = f"{row['error']:8.2g}  {row['scatter']:8.2g}"
         yield f"  {row['quantity']:9}  {measured:>12}  {errors}{beside}  {row['unit']}"
-
-
-def _decimals(error: float) -> int:
-    """Of a ratio with this error: 4 at most."""
-    return min(4, max(0, -math.floor(math.log10(2 * error)))) if error > 0 else 4
 
 
 def _remarks(m: Measurement) -> list[str]:

@@ -16,7 +16,7 @@ tasks [{friction, start, time, verdict, reason, status}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
 before {gain, lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or --out is given;
 servo {key: value}: as given; rounds, evaluations, status, wall_s;
-made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
+tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
 """
 
 from __future__ import annotations
@@ -99,13 +99,13 @@ def run(options: argparse.Namespace) -> int:
     if options.out is None:
         tuning = tuned()
         record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
-        record["made"] = made(options.servo, options.set)
+        record |= {"tol": how.tol, "made": made(options.servo, options.set)}
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
             say(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
-            record = record_of(tuning, before) | {"made": made(options.servo, options.set)}
+            record = record_of(tuning, before) | {"tol": how.tol, "made": made(options.servo, options.set)}
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)

@@ -13,9 +13,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from ...checks import known_decimals, known_digits
 from ..glossary import GLOSSARY, words_in
 from ..units import GAIN_UNIT, unit_of
 
+DEFAULT_TOL = 1e-6
+"""Of a record that does not say its tolerance."""
 CONTROLLER = {
     "lead_time": "lead time", "integral_time": "integral time",
     "kp": "proportional gain kp", "ki": "integral gain ki", "kd": "derivative gain kd",
@@ -84,6 +87,13 @@ class _Page:
 
     def __init__(self, record: Mapping[str, Any]) -> None:
         self.record = record
+        self.tol = record.get("tol", DEFAULT_TOL)
+        check = record["verification"]
+        self.fold_error = self.tol
+        if check["fold_gain"]:  # what is estimated, and what two computations differ by
+            self.fold_error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
+        margin = "hunting margin" in record["binding"] and not record["free"]
+        self.gain_error = self.fold_error if margin else self.tol
 
     def n(self, key: str, form: str = ".8g", factor: float = 1.0) -> str:
         """The number at `key`, shown in the given form; a dash where there is none."""
@@ -93,6 +103,11 @@ class _Page:
         shown = format(value * factor, form).replace("-", "\N{MINUS SIGN}")
         times = f' data-factor="{factor:g}"' if factor != 1 else ""
         return f'<data data-key="{html.escape(key)}" data-form="{form}"{times} value="{value!r}">{shown}</data>'
+
+    def known(self, key: str, unit: str, error: float, most: int = 8) -> str:
+        """As `with_unit`, to the digits that the relative error vouches for."""
+        value = value_at(self.record, key)
+        return self.with_unit(key, unit, f".{known_digits(value or 0.0, error, most)}g")
 
     def with_unit(self, key: str, unit: str, form: str = ".8g") -> str:
         """As `n`, with the unit behind the number."""
@@ -220,28 +235,28 @@ def _answer(p: _Page) -> list[str]:
     if record["fold_gain"]:
         above = (
             f"the gain lies {p.n('verification/margin', '.4g', 100.0)} % above the largest gain at which "
-            f"the servo can hunt, {p.n('verification/fold_gain', '.8g')} V/rad"
+            f"the servo can hunt, {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}"
             f"{' at the worst friction of the set' if record['worst']['corner'] else ''}."
         )
     form = "gains" if "kp" in record else "times"
     unit = html.escape(record["cost_unit"])
     only = ""
     if record["cost_gain_only"] is not None:
-        only = f" ({p.with_unit('cost_gain_only', unit)} with the {form} as given)"
+        only = f" ({p.known('cost_gain_only', unit, p.tol)} with the {form} as given)"
     return [
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
         _made(p),
-        f"<p class=answer>{p.n('gain', '.6g')} <small>V/rad, the recommended gain</small></p>",
+        f"<p class=answer>{p.known('gain', '', p.gain_error, most=6)} <small>V/rad, the recommended gain</small></p>",
         f"<p>{_result(check)}: {above}</p>",
         *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
         *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
           for i in range(len(check["unverified"]))],
         "<h2>The answer</h2>",
         _table([], [
-            ["gain K", p.with_unit("gain", GAIN_UNIT)],
-            *[[name, p.with_unit(key, unit_of(key)) + ("" if key in free else ", as given")]
+            ["gain K", p.known("gain", GAIN_UNIT, p.gain_error)],
+            *[[name, p.known(key, unit_of(key), p.tol if key in free else 0.0) + ("" if key in free else ", as given")]
               for key, name in CONTROLLER.items() if key in record],
-            ["cost", f"{html.escape(record['cost_meaning'])}: {p.with_unit('cost_value', unit)}" + only],
+            ["cost", f"{html.escape(record['cost_meaning'])}: {p.known('cost_value', unit, p.gain_error)}" + only],
             ["what keeps it from being less", ", ".join(map(_words, record["binding"])) or "nothing"],
         ]),
     ]  # fmt: skip
@@ -263,23 +278,24 @@ def _demands(p: _Page) -> list[str]:
 
 def _fold(p: _Page) -> list[str]:
     rows = [
-        ["fold gain, nominal friction", p.with_unit("fold/nominal", GAIN_UNIT)],
+        ["fold gain, nominal friction", p.known("fold/nominal", GAIN_UNIT, value_at(p.record, "fold/error") or p.tol)],
         ["its numerical error, relative", p.n("fold/error", ".1e")],
-        ["cycle there", f"amplitude {p.n('fold/amplitude', '.6g')} rad, period {p.n('fold/period', '.6g')} s"],
+        ["cycle there", f"amplitude {p.known('fold/amplitude', 'rad', p.tol, 6)}, "
+                          f"period {p.known('fold/period', 's', p.tol, 6)}"],
     ]
     corner = p.record["worst"]["corner"]
     if corner:
         if p.record["fold"]["linear_low"] is not None:
-            low, high = p.n("fold/linear_low", ".6g"), p.n("fold/linear_high", ".6g")
+            low, high = (p.known(f"fold/linear_{end}", "", p.tol, 6) for end in ("low", "high"))
             rows.append(["over the uncertainty set, to first order", f"{low} to {high} V/rad"])
-        rows.append(["fold gain, worst friction", p.with_unit("worst/fold_gain", GAIN_UNIT)])
+        rows.append(["fold gain, worst friction", p.known("worst/fold_gain", GAIN_UNIT, p.fold_error)])
         rows += [[f"worst {_words(name)}", p.with_unit(f"worst/corner/{name}", unit_of(name))] for name in corner]
     return ["<h2>The fold and its uncertainty</h2>", _table([], rows)]
 
 
 def _elasticities(p: _Page) -> list[str]:
     ranked = sorted(p.record["elasticities"].items(), key=lambda item: -abs(item[1]))
-    rows = [[_words(name), p.n(f"elasticities/{name}", "+.4f") + " %"] for name, _ in ranked]
+    rows = [[_words(name), p.n(f"elasticities/{name}", f"+.{known_decimals(p.tol, 4)}f") + " %"] for name, _ in ranked]
     return ["<h2>What moves the fold</h2>", _table(["one per cent more of", "changes the fold gain by"], rows)]
 
 
@@ -294,11 +310,11 @@ def _verification(p: _Page) -> list[str]:
         "<h2>Verified apart from the optimisation</h2>",
         _table([], [
             ["fold solved again", p.verdict("verification/margin_kept", "margin kept", "margin not kept"),
-             f"fold gain {p.with_unit('verification/fold_gain', GAIN_UNIT)}, "
+             f"fold gain {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}, "
              f"relative error {p.n('verification/fold_error', '.1e')}"],
             ["event map", p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],
             *([["folds of the set", p.n("verification/set/folds", "g") + " servos",
-                "largest fold gain " + p.with_unit("verification/set/largest_fold_gain", GAIN_UNIT)]]
+                "largest fold gain " + p.known("verification/set/largest_fold_gain", GAIN_UNIT, p.tol)]]
               if check["set"] else []),
             ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"),
              f"{p.n('verification/loops_checked', 'g')} servos"],
@@ -359,4 +375,5 @@ def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     hunts = value_at(p.record, f"{key}/verdict") in ("hunting", "growing")
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in ("at rest", "decaying") else "dim"
     verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
-    return [p.n(gain, ".6g"), p.text(f"{key}/friction"), p.text(f"{key}/start"), verdict, p.text(f"{key}/reason")]
+    shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
+    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), verdict, p.text(f"{key}/reason")]
