@@ -143,6 +143,8 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     """The options of a command line, with a suggestion for every misspelt word."""
     if not words:
         raise InputError(f"a command must be given: {', '.join(COMMANDS)} (see casahunt --help)")
+    if words[0] == "help":
+        words = [*words[1:2], "--help"]
     named = not words[0].startswith("-")
     if named:
         known("command", words[0], COMMANDS)

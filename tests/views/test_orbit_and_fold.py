@@ -140,6 +140,8 @@ def test_version_and_help(capsys):
     for words, text in (
         (["--version"], f"casahunt {__version__}"),
         (["--help"], "diagram"),
+        (["help"], "diagram"),
+        (["help", "orbit"], "casahunt orbit"),
         *(([command, "--help"], "--json") for command in cli.COMMANDS),
     ):
         with pytest.raises(SystemExit) as end:
