@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from command_line import one_json, run
 
-from casahunt import cli
+from casahunt import Servo, cli, find_orbit
 from casahunt.checks import to_absolute_error, to_error
 from casahunt.servo.servo import KEYS
 from casahunt.views.commands.printed import LINE_WIDTH, MEANINGS, folded, meanings
@@ -90,6 +90,7 @@ def test_help_fits_and_is_explained(capsys, monkeypatch, command):
     required = next((s for s in sections if s.startswith("required:")), "")
     needed = {"orbit", "fold-curve", "fold-map", "loop", "equilibria", "map", "basin", "simulate", "uncertainty"}
     assert bool(required) == (command in needed)
+    assert not required or sections.index(required) < next(i for i, s in enumerate(sections) if s[:8] == "options:")
     for option in re.findall(r"^  (--[\w-]+)", required, re.MULTILINE):
         assert option in usage and f"[{option} " not in usage
     assert ", required" not in text
@@ -165,15 +166,21 @@ def test_errors_stand_in_the_unit_of_their_number(capsys, tmp_path):
     said = one_json(run(capsys, "orbit", "--gain", 0.1, "--json", "--quiet", "--csv", path)[1])
     header, row = csv.reader(path.read_text().splitlines())
     cells = dict(zip(header, row, strict=True))
-    amplitude, period = float(cells["amplitude_error_rad"]), float(cells["period_error_s"])
-    assert max(amplitude / said["amplitude"], period / said["period"]) == pytest.approx(said["error_estimate"])
+    orbit = find_orbit(Servo(), "switch", 0.1)
+    assert float(cells["amplitude_error_rad"]) == pytest.approx(orbit.amplitude * orbit.amplitude_error)
+    assert float(cells["period_error_s"]) == pytest.approx(orbit.period * orbit.period_error)
+    relative = (orbit.amplitude_error, orbit.period_error)
+    assert max(relative) == pytest.approx(said["error_estimate"]) and min(relative) > 0
 
 
 def test_the_samples_are_those_of_the_quantiles(capsys, tmp_path):
     path = tmp_path / "samples.csv"
     words = ("uncertainty", "--uncertainty", SET, "--samples", 3, "--json", "--quiet", "--csv", path)
     said = one_json(run(capsys, *words)[1])
-    gains = sorted(float(row["fold_gain_V_per_rad"]) for row in csv.DictReader(path.read_text().splitlines()))
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    gains = sorted(float(row["fold_gain_V_per_rad"]) for row in rows)
+    for row in rows:
+        assert float(row["fold_gain_error_V_per_rad"]) == pytest.approx(1e-6 * float(row["fold_gain_V_per_rad"]))
     quantiles = said["samples"]["quantiles"]
     assert (gains[0], gains[1], gains[2]) == (quantiles["min"], quantiles["50%"], quantiles["max"])
 

@@ -190,6 +190,16 @@ def test_no_fold_without_hunting(capsys):
     assert err.startswith("casahunt fold: no hunting limit cycle") and "scanned" in err and err.count("\n") == 1
 
 
+def test_words_of_an_error_are_explained_below_it_once(capsys):
+    for words, told, untold in ((["--gain", "0.8"], "fold: ", "bristle"), (["--gain", "1", *NO_DROP], "stick", "fold: ")):
+        code, out, err = run(capsys, "orbit", *words)
+        complaint, _, explained = err.partition(MEANINGS)
+        assert (code, out, complaint.count("\n")) == (1, "", 1)
+        assert explained.count(f"  {told}") == 1 and untold not in explained
+        assert max(map(len, explained.splitlines())) <= 80
+        assert run(capsys, "orbit", *words, "--quiet") == (code, out, complaint)
+
+
 @pytest.mark.parametrize(
     ("words", "models"), [(["--from", "0.8", "--model", "switch"], ["switch"]), (NO_DROP, ["switch", "lugre"])]
 )
