@@ -212,17 +212,64 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
     relative_error
         its estimated relative error; not > 0: unknown.
     most
-        digits, at most; at least 3 are given.
+        digits, at most; at least one is given.
 
     Returns
     -------
     Text.
     """
+    return f"{x:.{known_digits(x, relative_error, most)}g}"
+
+
+def known_digits(x: float, relative_error: float, most: int = 12) -> int:
+    """How many digits of a computed number its estimated error vouches for; of `to_error`.
+
+    Parameters
+    ----------
+    x, relative_error, most
+        as of `to_error`.
+
+    Returns
+    -------
+    1 to `most`.
+    """
     if not relative_error > 0 or x == 0:
-        return f"{x:.{most}g}"
+        return most
     error = 2 * relative_error * abs(x)
     digits = math.floor(math.log10(abs(x))) - math.floor(math.log10(error)) + 1
-    return f"{x:.{min(max(digits, 3), most)}g}"
+    return min(max(digits, 1), most)
+
+
+def known_decimals(error: float, most: int) -> int:
+    """How many decimals an absolute error vouches for: for numbers below each other.
+
+    Parameters
+    ----------
+    error, most
+        the error, not > 0: unknown; and decimals at most.
+
+    Returns
+    -------
+    0 to `most`.
+    """
+    return min(most, max(0, -math.floor(math.log10(2 * error)))) if error > 0 else most
+
+
+def to_absolute_error(x: float, error: float, most: int = 12) -> str:
+    """As `to_error`, for an error in the unit of the number; "0" where the error is as large as the number.
+
+    Parameters
+    ----------
+    x, error
+        the number, and its estimated error; not > 0: unknown.
+    most
+        digits, at most.
+
+    Returns
+    -------
+    Text.
+    """
+    return "0" if abs(x) <= error else to_error(x, error / abs(x) if x else 0.0, most)
 
 
 def error_text(error: float) -> str:

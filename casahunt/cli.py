@@ -1,8 +1,10 @@
-"""The command line: casahunt COMMAND, one module command_*.py for each.
+# PYTHON_ARGCOMPLETE_OK: says to the shell that this program completes its own command lines (commands/completion.py)
+"""The command line: casahunt COMMAND, one module of views/commands for each.
 
 Results go to standard output (with --json one JSON object and nothing else), progress to standard error.
 Exit codes: 0 done; 1 no such orbit or no convergence, with what was tried and what to do; 2 the input is
-wrong, and nothing has been written; 130 interrupted (143: terminated), what was computed is on disk.
+wrong, and nothing has been written; 130 interrupted (143: terminated), what was computed is on disk; 141 nobody
+reads the output any more.
 
 Numbers that are not to be trusted are left out: null in JSON, nan or an empty field in CSV.
 """
@@ -15,48 +17,38 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 from . import effort, interrupts
 from .checks import known
 from .errors import InputError, NoOrbit
-from .views.commands import basin as command_basin
-from .views.commands import diagram as command_diagram
-from .views.commands import equilibria as command_equilibria
-from .views.commands import fold as command_fold
-from .views.commands import fold_curve as command_fold_curve
-from .views.commands import fold_map as command_fold_map
-from .views.commands import loop as command_loop
-from .views.commands import map as command_map
-from .views.commands import orbit as command_orbit
-from .views.commands import record as command_record
-from .views.commands import simulate as command_simulate
-from .views.commands import tune as command_tune
-from .views.commands import uncertainty as command_uncertainty
 from .views.commands.arguments import Parser
-from .views.commands.console import Outputs, complain, own_process, progress, say
+from .views.commands.console import Outputs, complain, explain_complaints, own_process, progress, say
 
-COMMANDS = {
-    "orbit": command_orbit,
-    "diagram": command_diagram,
-    "fold": command_fold,
-    "fold-curve": command_fold_curve,
-    "fold-map": command_fold_map,
-    "loop": command_loop,
-    "equilibria": command_equilibria,
-    "map": command_map,
-    "basin": command_basin,
-    "simulate": command_simulate,
-    "record": command_record,
-    "uncertainty": command_uncertainty,
-    "tune": command_tune,
-}
-
-
+COMMANDS = (
+    "orbit",
+    "diagram",
+    "fold",
+    "fold-curve",
+    "fold-map",
+    "loop",
+    "equilibria",
+    "map",
+    "basin",
+    "simulate",
+    "record",
+    "uncertainty",
+    "tune",
+    "glossary",
+)
+"""Each is a module of views/commands, loaded when it is called or when all of them are listed."""
 SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map")
 """Commands with lines of their own about where they are."""
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""
+PIPE_CLOSED = 141
+"""Exit code where nobody reads the output any more, as of a process that SIGPIPE ends: 128 + 13."""
 MOST_WORK = 1e7
 """Work (effort.py) after which one thing is given up: four to five minutes of a processor."""
 
@@ -71,8 +63,8 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
+    """The parser of some commands; default all."""
     parser = Parser(
         prog="casahunt",
         description="Will this servo hunt, and at which gain does it stop? Limit cycles of a servo with dry friction.",
@@ -81,9 +73,13 @@ def build_parser() -> argparse.ArgumentParser:
     nowhere = argparse.SUPPRESS
     parser.add_argument("--version", action=_Version, nargs=0, dest=nowhere, default=nowhere, help="print the version")
     commands = parser.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
-    for command in COMMANDS.values():
-        command.add(commands)
+    for name in names:
+        _module(name).add(commands)
     return parser
+
+
+def _module(name: str) -> Any:
+    return import_module(f".views.commands.{name.replace('-', '_')}", __package__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -92,7 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = f"casahunt {words[0]}" if words and words[0] in COMMANDS else "casahunt"
     try:
         interrupts.begin()
+        explain_complaints(aloud=False)  # of a command that was interrupted
         code = _run(command, words, program=arguments is None)
+        with suppress(OSError):
+            explain_complaints(aloud=code == 1 and not {"--quiet", "--json"}.intersection(words))
         interrupts.check()
         interrupts.end()
     except KeyboardInterrupt as error:
@@ -106,13 +105,18 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
     """The exit code of everything but an interrupt; `program`: this is the process's own command line."""
     try:
         if program:
+            if "_ARGCOMPLETE" in os.environ:  # the shell asks, at the TAB key
+                from .views.commands.completion import answer
+
+                line = os.environ.get("COMP_LINE", "").split(" ")
+                answer(build_parser(line[1:2] if len(line) > 2 and line[1] in COMMANDS else COMMANDS))
             own_process()
         options = _parsed(words)
         name, stream = options.command, progress(options.quiet)
         tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         with Outputs() as options.outputs, effort.watched(tell, limit=limit):
-            return COMMANDS[name].run(options)
+            return _module(name).run(options)
     except InputError as error:
         interrupts.check()
         complain(command, error)
@@ -121,11 +125,13 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         interrupts.check()
         complain(command, error)
         return 1
-    except OSError as error:  # a full disk, or nobody who reads the output any more
+    except OSError as error:  # a full disk, or nobody who reads the output any more (head), which needs no words
         interrupts.check()
         # What is still in the buffer would be complained about once more while the interpreter shuts down.
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return PIPE_CLOSED
         complain(command, f"the output could not be written: {error.strerror or error}")
         return 1
     except Exception:  # what a library has made of an interrupt is one
@@ -137,14 +143,22 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     """The options of a command line, with a suggestion for every misspelt word."""
     if not words:
         raise InputError(f"a command must be given: {', '.join(COMMANDS)} (see casahunt --help)")
-    if not words[0].startswith("-"):
+    if words[0] == "help":
+        words = [*words[1:2], "--help"]
+    named = not words[0].startswith("-")
+    if named:
         known("command", words[0], COMMANDS)
-    options, unknown = build_parser().parse_known_args(_joined(words))
+    parser = build_parser(words[:1] if named else COMMANDS)
+    words = _joined(words)
+    if named:  # a misspelt option is named before one that must be given is missed
+        names = [name for name in parser.options_of(words[0]) if name.startswith("--") and name != "--help"]
+        for word in words[1 : words.index("--") if "--" in words else None]:
+            if word.startswith("--") and word != "--help":
+                known("option", word.partition("=")[0], names)
+    options, unknown = parser.parse_known_args(words)
     if unknown:
         if unknown[0].startswith("-"):
-            dests = [name for name in vars(options) if name not in ("command", "servo", "file")]
-            names = [f"--{'from' if name == 'start' else name.replace('_', '-')}" for name in dests]
-            known("option", unknown[0].partition("=")[0], names)
+            raise InputError(f"unknown option {unknown[0]!r} (see casahunt {words[0]} --help)")
         raise InputError(f"{unknown[0]!r}: must be left out, one servo file is enough")
     return options
 

@@ -174,7 +174,7 @@ def test_digits_follow_the_error():
         place = Decimal(shown).normalize().as_tuple().exponent  # of the last digit that is not 0
         assert 10.0**place > 0.2 * error * x
     assert to_error(0.647339163, 1.2e-7) == "0.6473392"
-    assert (to_error(123456.0, 0.5), to_error(0.0, 0.1)) == ("1.23e+05", "0")
+    assert (to_error(123456.0, 0.5), to_error(0.0, 0.1)) == ("1e+05", "0")
 
 
 # The surroundings of a process -----------------------------------------------------------------------------------

@@ -75,7 +75,7 @@ def test_a_device_is_written_and_not_replaced(tmp_path, capsys):
     path = tmp_path / "a.csv"
     path.symlink_to("/dev/full")
     code, out, err = run(capsys, "simulate", "--gain", 0.1, "--time", 1, "--csv", path)
-    assert code == 1 and out.startswith("switch servo at gain 0.1, ")
+    assert code == 1 and out.startswith("switch servo at gain 0.1 V/rad, ")
     assert err == f"casahunt simulate: the output could not be written: {str(path)!r}: the disk is full\n"
     assert Path("/dev/full").is_char_device() and path.is_symlink()
 

@@ -21,6 +21,7 @@ VARY = ["--model", "switch", "--vary", "friction.static", "--from", 0.52, "--to"
 WRITERS = {
     "npz": (["orbit", "--gain", 0.1, "--save", "a.npz"], ["a.npz"]),
     "csv": (["simulate", "--gain", 0.1, "--time", 1, "--csv", "a.csv"], ["a.csv"]),
+    "table": (["orbit", "--gain", 0.1, "--csv", "a.csv"], ["a.csv"]),
     "points": (["fold-curve", *VARY, "--csv", "a.csv"], ["a.csv"]),
     "html": (["tune", "--out", "."], ["tune.html", "tune.json"]),
     "picture": (["loop", "--gain", 0.1, "--plot", "a.png"], ["a.png"]),
@@ -53,7 +54,7 @@ def test_the_result_and_every_file_stand_for_themselves(capsys, tmp_path, monkey
     command = ["orbit", "--gain", 0.1, "--save", paths[0], "--plot", paths[1], "--quiet"]
     full_disk(monkeypatch, numbers=full)
     code, out, err = run(capsys, *command)
-    assert code == 1 and out.startswith("switch servo at gain 0.1: stable hunting cycle") and "status" in out
+    assert code == 1 and out.startswith("switch servo at gain 0.1 V/rad: stable hunting cycle") and "status" in out
     said = "; ".join(f"{str(paths[i])!r}: the disk is full" for i in full)
     assert err == f"casahunt orbit: the output could not be written: {said}\n"
     assert set(contents(tmp_path)) == {path.name for i, path in enumerate(paths) if i not in full}

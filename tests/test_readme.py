@@ -6,6 +6,8 @@ import itertools
 import json
 import re
 import shlex
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 
 from casahunt import Controller, Pid, Servo
-from casahunt.cli import main
+from casahunt.cli import build_parser, main
 from casahunt.design.uncertainty.toml import load_uncertainty
 from casahunt.servo.servo import KEYS
 from problems import table1
@@ -115,6 +117,25 @@ def test_commands(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 0
     assert capsys.readouterr().out
+
+
+WRITTEN = re.compile(r"--(?:plot|save|csv|out) (\S+)")
+
+
+@pytest.mark.skipif(shutil.which("git") is None or not (ROOT / ".git").exists(), reason="no checkout")
+def test_what_the_examples_write_is_none_of_the_repository():
+    """Who tries them in the checkout has nothing to add or to remove."""
+    written = {name.rstrip("`") for text in (TEXT, *COMMANDS) for name in WRITTEN.findall(text)}
+    written = {name for name in written if re.search(r"[a-z]", name) and name not in ("F.npz", "F.csv", "F.png")}
+    written.add(parser_default("diagram", "out"))
+    assert {"before.png", "tuned", "casahunt-diagram", "pictures"} <= written
+    names = sorted(f"{name}/x" if "." not in name else name for name in written)
+    run = subprocess.run(["git", "check-ignore", *names], cwd=ROOT, capture_output=True, text=True)
+    assert sorted(run.stdout.split()) == names
+
+
+def parser_default(command: str, option: str) -> str:
+    return build_parser().parse_args([command]).__dict__[option]
 
 
 def test_there_are_commands():

@@ -140,7 +140,7 @@ def test_command_converts_and_says(capsys, tmp_path):
     assert found["columns"]["position"]["unit"] == "deg" and found["columns"]["position"]["factor"] == DEG
     assert cli.main(["record", str(path)]) == 0
     assert "times from column 'Time (ms)', in ms, converted to s; positions from column 'Position (deg)', in deg" in (
-        capsys.readouterr().out
+        " ".join(capsys.readouterr().out.split())
     )
     bare = file(tmp_path, "", rows)
     assert cli.main(["record", str(bare), "--time-unit", "ms", "--position-unit", "deg", "--json"]) == 0

@@ -376,7 +376,7 @@ def test_command(capsys, tmp_path):
     assert float(rows[0]["position_rad"]) == 0.0 and rows[0]["mode"] == "slip+"
     assert float(rows[-1]["time_s"]) == 100.0 and float(rows[-1]["position_rad"]) == found["position"]
     code, out, _ = run(capsys, "--gain", 0.04)
-    assert code == 0 and out.startswith("switch servo at gain 0.04, set point 1 rad, 100 s: hunting\n")
+    assert code == 0 and out.startswith("switch servo at gain 0.04 V/rad, set point 1 rad, 100 s: hunting\n")
 
 
 def test_command_with_a_step_and_another_start(capsys, tmp_path):

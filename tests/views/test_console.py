@@ -30,7 +30,7 @@ def test_digits_shown_are_digits_known(capsys, tmp_path, tol):
         (["orbit", "--gain", "0.4"], rf"amplitude +({NUMBER}) rad", stable["amplitude"]),
         (["orbit", "--gain", "0.4"], rf"period +({NUMBER}) s", stable["period"]),
         (["fold"], rf"up to gain ({NUMBER})", fold["K"]),
-        (["fold"], rf"optimisation problem .*: ({NUMBER})", fold["K"]),
+        (["fold"], rf"optimisation problem .*: ({NUMBER}) V/rad", fold["K"]),
         (["fold"], rf"period there +({NUMBER}) s", fold["period"]),
         (["basin", "--gain", "0.4"], rf"within ({NUMBER}) rad", unstable["amplitude"]),
         (["basin", "--gain", "0.4"], rf"  stable cycle .* = ({NUMBER}) rad", stable["amplitude"]),
@@ -54,10 +54,11 @@ def test_digits_of_multipliers_are_digits_known(capsys):
         said = run(capsys, "orbit", "--gain", "0.4", "--branch", branch, "--quiet")[1]
         assert_known(re.search(rf"half multiplier +({NUMBER})", said)[1], row["mu"])
     said = run(capsys, "map", "--gain", "0.4", "--quiet")[1]
-    found = re.findall(rf"a = ({NUMBER}) rad  mu = P' = ({NUMBER}) .* period = ({NUMBER}) s", said)
+    found = re.findall(rf"a = ({NUMBER}) rad.*\n +period = ({NUMBER}) s, half multiplier P' = ({NUMBER})", said)
     for numbers, row in zip(found, (unstable, stable), strict=True):
         assert_known(numbers[0], row["amplitude"])
-        assert_known(numbers[2], row["period"])
+        assert_known(numbers[1], row["period"])
+        assert_known(numbers[2], row["mu"])
 
 
 def assert_known(number: str, truth: float) -> None:
@@ -93,9 +94,9 @@ def test_digits_of_a_tuning_a_fold_curve_and_samples_are_digits_known(capsys, tm
     for words, pattern, truth in [
         (("tune",), rf"recommended gain ({NUMBER})", 1.1 * K),
         (("tune",), rf"possible up to gain ({NUMBER})", K),
-        (("tune",), rf"fold once more +({NUMBER});", K),
+        (("tune",), rf"fold once more +({NUMBER}) V/rad;", K),
         ((*curve, "--points", "2"), rf"\n +16 +({NUMBER}) ", K),
-        (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"up to gain ({NUMBER});", K),
+        (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"up to gain ({NUMBER}) V/rad;", K),
         (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"worst corner +({NUMBER}) ", K),
     ]:
         said = run(capsys, *words, "--tol", tol, "--quiet")[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import re
 import shutil
@@ -13,8 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import casahunt
 from casahunt.cli import main
 from casahunt.views.evidence.page import page, value_at
+from casahunt.views.evidence.record import made as made_of
+from casahunt.views.glossary import GLOSSARY, words_in
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -123,13 +127,105 @@ def test_nothing_comes_from_elsewhere(text, reader):
     assert "<script" not in text and "url(" not in text and "http" not in text and "@import" not in text
 
 
+def rows_of_numbers(text: str) -> list[tuple[list[str], str]]:
+    """(keys, text) of every row of every table that holds a number."""
+    rows = []
+    for row in re.findall(r"<tr>(?!<th)(.*?)</tr>", text):
+        keys = re.findall(r'<data data-key="([^"]+)"', row)
+        if keys:
+            rows.append((keys, html.unescape(re.sub(r"<[^>]*>", " ", row))))
+    return rows
+
+
+PLAIN = ("fold/error", "elasticities/", "demands/gain_margin", "verification/loops_checked")
+"""Numbers without a unit; what they are is said beside them."""
+
+
+def test_every_row_of_numbers_has_its_unit(text):
+    rows = rows_of_numbers(text)
+    assert len(rows) > 35
+    unit = re.compile(r"\d\s*(V/rad|N m/V|N m s/rad|N m/rad|N m|kg m²|rad/s|rad|s⁻¹|s|%|degrees)(?=[\s,)]|$)")
+    head = re.compile(r"<th>gain \[V/rad\]</th>")
+    for keys, said in rows:
+        in_head = keys == ["gain"] or keys == ["before/gain"]
+        assert unit.search(said.replace("\xa0", " ")) or any(key.startswith(PLAIN) for key in keys) or in_head, said
+    assert head.search(text)
+
+
+def test_numbers_have_the_digits_that_are_known(record):
+    """Of the same tuning at a rough tolerance, and with a fold gain of three digits."""
+    check = record["verification"] | {"fold_error": 2e-3}
+    shown = page(record | {"verification": check, "tol": 1e-2}, {})
+    assert f"{record['gain']:.3g}<" in shown and f"{record['gain']:.4g}" not in re.sub(r'value="[^"]*"', "", shown)
+    known = record["elasticities"]["friction.static"]
+    assert f">{known:+.2f}<" in shown and f">{known:+.3f}<" not in shown
+
+
+def test_the_page_says_when_by_what_and_for_which_servo(tmp_path, monkeypatch, record, text, capsys):
+    made = record["made"]
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", made["date"]) and made["date"] in text
+    assert made["casahunt"] == casahunt.__version__ and f">{casahunt.__version__}<" in text
+    assert made["servo_file"] is None and "no servo file" in text
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1000000000")
+    again = made_of("my servo.toml", ["friction.static=0.55"])
+    assert again["date"] == "2001-09-09"
+    shown = page(record | {"made": again}, {})
+    assert all(f">{part}<" in shown for part in ("2001-09-09", "my servo.toml", "friction.static=0.55"))
+    assert "no servo file" not in shown and page(record | {"made": again}, {}) == shown
+
+
+def test_pictures_are_described_with_their_numbers(text, record):
+    """Who does not see them reads in the alternative text what they show; captions only say what they are."""
+    diagram, bars, tasks = (html.unescape(found) for found in re.findall(r'<img alt="([^"]*)"', text))
+    for part in (f"{record['gain']:.4g} V/rad", f"{record['fold_gain']:.4g} V/rad", "10 %"):
+        assert part in diagram
+    assert f"friction: static {record['elasticities']['friction.static']:+.3g} %" in bars
+    assert "A step of 1 rad from rest: hunting before, at rest after" in tasks and "0.04 V/rad" in tasks
+
+
+def test_words_of_the_trade_are_explained_on_the_page(text):
+    before, _, explained = text.partition("<h2>What the words mean</h2>")
+    words = words_in(html.unescape(re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>", "", before, flags=re.DOTALL))))
+    assert "fold" in words and "event map" in words
+    for word in words:
+        assert f"<dt>{word}</dt><dd>{html.escape(GLOSSARY[word])}</dd>" in explained
+
+
+def test_a_wide_row_is_stacked_on_a_narrow_screen(text):
+    """Every cell of a table with headings carries its own; the browser test below measures the page."""
+    for table in re.findall(r"<table class=rows><thead>(.*?)</table>", text):
+        heads = re.findall(r"<th>(.*?)</th>", table)
+        for row in re.findall(r"<tr>(<td.*?)</tr>", table):
+            assert re.findall(r'<td data-label="([^"]*)">', row) == heads
+
+
+@pytest.mark.slow
+def test_the_page_fits_a_narrow_screen(out, tmp_path):
+    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip("no headless browser is installed")
+    frame = tmp_path / "frame.html"  # a window is never as narrow as that
+    measure = "document.title = 'wide ' + this.contentDocument.documentElement.scrollWidth"
+    content = html.escape((out / "tune.html").read_text())
+    frame.write_text(f'<title></title><iframe srcdoc="{content}" width=400 height=900 onload="{measure}"></iframe>')
+    command = [
+        browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=900,1000",
+        f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", frame.as_uri(),
+    ]  # fmt: skip
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    found = re.search(r"<title>wide (\d+)</title>", run.stdout)
+    if found is None:
+        pytest.skip(f"{browser} does not run here: {run.stderr.strip()[-200:]}")
+    assert int(found[1]) <= 400
+
+
 def test_a_browser_shows_it(out, tmp_path):
     browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if browser is None:
         pytest.skip("no headless browser is installed")
     picture = tmp_path / "page.png"
     command = [
-        browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=900,4500",
+        browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=900,6000",
         f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={picture}", (out / "tune.html").as_uri(),
     ]  # fmt: skip
     run = subprocess.run(command, capture_output=True, text=True, timeout=120)
@@ -138,7 +234,7 @@ def test_a_browser_shows_it(out, tmp_path):
     import matplotlib.image
 
     pixels = matplotlib.image.imread(picture)[..., :3]
-    assert pixels.shape[:2] == (4500, 900)
+    assert pixels.shape[:2] == (6000, 900)
     # The three pictures, decoded and in place: the dark blue of the Switch model, the green and red of the tasks.
     for colour in ("#0b2f6b", "#1d6b3f", "#b03020"):
         rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255

@@ -70,14 +70,14 @@ def test_full_cycle(capsys):
     for key in ("amplitude", "period", "log10_abs_half_multiplier"):
         assert full[key] == pytest.approx(half[key], rel=1e-8)
     out = run(capsys, "orbit", "--gain", 0.2, "--full")[1]
-    assert re.search(r"^  multiplier +0\.270", out, re.MULTILINE) and "half multiplier" not in out
+    assert re.search(r"^  multipliers +1, 0\.2703", out, re.MULTILINE) and "half multiplier" not in out
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "newton"])
 def test_orbit_text(capsys, solver):
     code, out, err = run(capsys, "orbit", "--gain", 0.1, "--solver", solver)
     assert code == 0 and "Traceback" not in err
-    assert out.startswith("switch servo at gain 0.1: stable hunting cycle\n")
+    assert out.startswith("switch servo at gain 0.1 V/rad: stable hunting cycle\n")
     for name, unit, value in (("amplitude", "rad", 0.0177084475), ("period", "s", 11.35587139)):
         found = re.search(rf"^  {name} +({NUMBER}) {unit}$", out, re.MULTILINE)
         assert float(found[1]) == pytest.approx(value, rel=1e-6)
@@ -140,7 +140,9 @@ def test_version_and_help(capsys):
     for words, text in (
         (["--version"], f"casahunt {__version__}"),
         (["--help"], "diagram"),
-        *(([command, "--help"], "--set") for command in cli.COMMANDS),
+        (["help"], "diagram"),
+        (["help", "orbit"], "casahunt orbit"),
+        *(([command, "--help"], "--json") for command in cli.COMMANDS),
     ):
         with pytest.raises(SystemExit) as end:
             cli.main(words)
@@ -163,7 +165,7 @@ def test_fold_json(capsys, model, size):
 def test_fold_text(capsys):
     code, out, err = run(capsys, "fold", "--quiet", "--set", "friction.static=0.5")
     assert (code, err) == (0, "")
-    gain = float(re.match(rf"switch servo: hunting is possible up to gain ({NUMBER})\n", out)[1])
+    gain = float(re.match(rf"switch servo: hunting is possible up to gain ({NUMBER}) V/rad\n", out)[1])
     # The fold depends on Fs, Fc and vs through (Fs - Fc)/vs alone: vs = 0.03 has the same one.
     assert one_json(run(capsys, "fold", "--json", "--set", "friction.stribeck_velocity=0.03")[1])["gain"] == (
         pytest.approx(gain, rel=1e-5)

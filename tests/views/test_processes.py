@@ -40,6 +40,16 @@ def test_output_that_cannot_be_written():
     assert done.stderr == "casahunt orbit: the output could not be written: No space left on device\n"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="pipes")
+def test_a_reader_that_has_gone_is_no_fault():
+    """As `casahunt glossary | head -1`: quiet, with the exit code of SIGPIPE."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = process("glossary", capture_output=False, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
 @contextlib.contextmanager
 def diagram_under_way(out: Path):
     """A LuGre diagram of which at least three points are on disk, still running."""

@@ -8,6 +8,7 @@ import pytest
 from command_line import contents, one_json, run
 
 from casahunt import cli
+from casahunt.views.commands.printed import MEANINGS
 
 ORBIT = ["orbit", "--gain", "0.1", "--plot", "plot.png", "--save", "save.npz"]
 DIAGRAM = ["diagram", "--out", "new/out"]
@@ -73,7 +74,7 @@ WRONG_EVERYWHERE = [
     (["--tool", "1e-6"], ["unknown option '--tool'", "did you mean '--tol'?"]),
     (["--sett=friction.static=1"], ["unknown option '--sett'", "did you mean '--set'?"]),
     (["--qiet"], ["unknown option '--qiet'", "did you mean '--quiet'?"]),
-    (["--xyzzy"], ["unknown option '--xyzzy' (known: --tol, "]),
+    (["--xyzzy"], ["unknown option '--xyzzy' (known: --", "--tol, "]),
     (["--json=yes"], ["--json: takes no value, but was given 'yes'"]),
 ]
 WRONG_SOMEWHERE = [
@@ -189,6 +190,16 @@ def test_no_fold_without_hunting(capsys):
     assert err.startswith("casahunt fold: no hunting limit cycle") and "scanned" in err and err.count("\n") == 1
 
 
+def test_words_of_an_error_are_explained_below_it_once(capsys):
+    for words, told, untold in ((["--gain", "0.8"], "fold: ", "bristle"), (["--gain", "1", *NO_DROP], "stick", "fold: ")):
+        code, out, err = run(capsys, "orbit", *words)
+        complaint, _, explained = err.partition(MEANINGS)
+        assert (code, out, complaint.count("\n")) == (1, "", 1)
+        assert explained.count(f"  {told}") == 1 and untold not in explained
+        assert max(map(len, explained.splitlines())) <= 80
+        assert run(capsys, "orbit", *words, "--quiet") == (code, out, complaint)
+
+
 @pytest.mark.parametrize(
     ("words", "models"), [(["--from", "0.8", "--model", "switch"], ["switch"]), (NO_DROP, ["switch", "lugre"])]
 )
@@ -197,13 +208,15 @@ def test_no_diagram_without_hunting(capsys, tmp_path, words, models):
     command = ["diagram", *words, "--out", tmp_path / "new" / "out"]
     code, text, err = run(capsys, *command)
     assert (code, text) == (1, "")
-    for model, line in zip(models, err.splitlines(), strict=True):
+    complaints, _, explained = err.partition(MEANINGS)
+    assert "stick position: " in explained
+    for model, line in zip(models, complaints.splitlines(), strict=True):
         assert line.startswith(f"casahunt diagram: no hunting limit cycle of the {model} servo") and "scanned" in line
     assert not contents(tmp_path)
     code, text, again = run(capsys, *command, "--json", "--quiet")
     found = one_json(text)
-    assert (code, again, found["out"], found["branches"]) == (1, err, None, [])
-    assert [f"casahunt diagram: {failure}" for failure in found["failures"]] == err.splitlines()
+    assert (code, again, found["out"], found["branches"]) == (1, complaints, None, [])
+    assert [f"casahunt diagram: {failure}" for failure in found["failures"]] == complaints.splitlines()
     assert not contents(tmp_path)
 
 

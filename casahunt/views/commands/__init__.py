@@ -1,7 +1,9 @@
 """The commands, one module each: arguments, a call, text and JSON.
 
+printed.py     what is printed: 80 columns, words explained; CSV tables
 arguments.py   the arguments that they share, read and checked
 console.py     what else they share: progress, files, how numbers are shown
 orbit.py, diagram.py, fold.py, fold_curve.py, fold_map.py, loop.py, equilibria.py, map.py, basin.py, simulate.py,
-record.py, uncertainty.py, tune.py
+record.py, uncertainty.py, tune.py, glossary.py
+completion.py  what the shell offers at the TAB key
 """

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shutil
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from ...errors import InputError
 from ...orbits.adapt import SOLVERS, TOLERANCE_RANGE
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, load, with_overrides
+from .printed import LINE_WIDTH, folded, meanings
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """Formats that --plot writes."""
@@ -25,8 +27,59 @@ _ARGPARSE_WORDS = {
 }
 
 
+_MISSING = "the following arguments are required: "
+
+
+class _Help(argparse.HelpFormatter):
+    """Help that fits 80 columns, and a narrower terminal."""
+
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        keywords["width"] = min(LINE_WIDTH, shutil.get_terminal_size().columns) - 2
+        super().__init__(*arguments, **keywords)
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Give the names of commands room for their deeper indentation, which argparse forgets."""
+        super().add_argument(action)
+        if isinstance(action, argparse._SubParsersAction):
+            self._action_max_length += self._indent_increment
+
+
 class Parser(argparse.ArgumentParser):
-    """Argument errors in the form of all other input errors."""
+    """Argument errors in the form of all other input errors; required options under a heading of their own."""
+
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(*arguments, **{"formatter_class": _Help, "allow_abbrev": False, **keywords})
+        self._required: Any = None
+        self._examples: dict[str, str] = {}
+
+    def add_required(self, name: str, *, example: str, **keywords: Any) -> None:
+        """Add an option that must be given.
+
+        Parameters
+        ----------
+        name
+            of the option.
+        example
+            how it is given, for who leaves it out.
+        **keywords
+            of `add_argument`.
+        """
+        if self._required is None:
+            self._required = self.add_argument_group("required")
+            self._action_groups.insert(1, self._action_groups.pop())  # above what may be left out
+        self._required.add_argument(name, required=True, **keywords)
+        self._examples[name] = f"{name} {example}"
+
+    def options_of(self, command: str) -> list[str]:
+        """The names of the options of a command."""
+        found = next(action for action in self._actions if isinstance(action, argparse._SubParsersAction))
+        return list(found.choices[command]._option_string_actions)
+
+    def format_help(self) -> str:
+        """The help, with the words of the trade explained below it."""
+        text = super().format_help()
+        below = [part for line in meanings(text.splitlines()) for part in folded(line)]
+        return text + ("\n" + "\n".join(below) + "\n" if below else "")
 
     def error(self, message: str) -> Any:
         """Refuse with argparse's message in our words.
@@ -38,10 +91,15 @@ class Parser(argparse.ArgumentParser):
         text = message.removeprefix("argument ")
         for theirs, ours in _ARGPARSE_WORDS.items():
             text = text.replace(theirs, ours)
+        if text.startswith(_MISSING):
+            names = text.removeprefix(_MISSING).split(", ")
+            example = " ".join(self._examples[name] for name in names if name in self._examples)
+            text = f"{', '.join(name.lstrip('-') for name in names)}: must be given"
+            text += f", for example {example}" if example else ""
         raise InputError(f"{text} (see {self.prog} --help)")
 
 
-def add_common(command: argparse.ArgumentParser, *, tol: bool = True) -> None:
+def add_common(command: Parser, *, tol: bool = True) -> None:
     """The arguments that every command has.
 
     Parameters
@@ -139,51 +197,63 @@ def positive(key: str, text: Any) -> float:
     return sensible(key, finite(key, text))
 
 
-def given(key: str, value: Any, example: str) -> Any:
-    """A value that must be on the command line.
+def add_gain(command: Parser, **keywords: Any) -> None:
+    """The gain of a command that must have one.
 
     Parameters
     ----------
-    key, value
-        what the user calls it, and what was given; None or [] for nothing.
-    example
-        how it is given.
-
-    Returns
-    -------
-    The value.
-
-    Raises
-    ------
-    InputError : it is not there.
+    command
+        parser of the command.
+    **keywords
+        of `add_argument`.
     """
-    if value is None or value == []:
-        raise InputError(f"{key}: must be given, for example {example}")
-    return value
+    command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": "controller gain in V/rad"} | keywords)
 
 
-def gain_of(options: argparse.Namespace, example: str = "--gain 0.1") -> float:
-    """The one gain of a command that must have one.
-
-    Parameters
-    ----------
-    options, example
-        the parsed command line, and how the gain is given.
-
-    Returns
-    -------
-    K [V/rad].
-
-    Raises
-    ------
-    InputError : it is not there, or no gain.
-    """
-    return positive("gain", given("gain", options.gain, example))
+def gain_of(options: argparse.Namespace) -> float:
+    """The one gain of a command that must have one [V/rad]."""
+    return positive("gain", options.gain)
 
 
 def picture_of(options: argparse.Namespace) -> Path | None:
     """The file of --plot."""
     return writable("plot", options.plot, PICTURE_SUFFIXES)
+
+
+def add_csv(command: Parser, what: str) -> None:
+    """The option --csv.
+
+    Parameters
+    ----------
+    command, what
+        parser of the command, and what its table holds.
+    """
+    command.add_argument("--csv", metavar="F.csv", help=f"write {what}, with all digits")
+
+
+def csv_of(options: argparse.Namespace, *others: str | None) -> Path | None:
+    """The file of --csv, checked before anything is computed.
+
+    Parameters
+    ----------
+    options
+        the parsed command line.
+    *others
+        files that the command reads, which must not be written over.
+
+    Returns
+    -------
+    The file; None where none is wanted.
+
+    Raises
+    ------
+    InputError : it cannot be written, or is one of the others.
+    """
+    table = writable("csv", options.csv, (".csv",))
+    for other in others:
+        if table and other and table.exists() and Path(other).exists() and table.samefile(other):
+            raise InputError(f"csv = {options.csv!r}: must be another file than the one that is read")
+    return table
 
 
 def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:

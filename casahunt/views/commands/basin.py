@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
 from typing import Any
 
 from ...checks import error_text, known, to_error
 from ...orbits.adapt import Options
 from ...servo.basin import OFFSET, Basin, Trial, basin
 from ...servo.hunting import MODELS
-from .arguments import add_common, finite, gain_of, servo_of
-from .console import complain
+from .arguments import add_common, add_csv, add_gain, csv_of, finite, gain_of, servo_of
+from .console import complain, complex_text
+from .printed import show, write_table
+
+CSV_COLUMNS = ("from", "swing", "stick_position_rad", "outcome", "border_rad", "border_error_rad")
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("basin", allow_abbrev=False, help="the amplitude below which the servo settles")
+    add_gain(command)
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--gain", help="controller gain K, required")
+    add_csv(command, "the stick positions of the two motions")
     command.add_argument(
         "--offset", default=OFFSET, help=f"relative distance from the border of the two motions (default {OFFSET:g})"
     )
@@ -31,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     gain = gain_of(options)
     how = Options(tol=finite("tol", options.tol))
     offset = finite("offset", options.offset)
-    servo = servo_of(options)
+    servo, table = servo_of(options), csv_of(options)
     found = basin(servo, model, gain, options=how, offset=offset)  # type: ignore[arg-type]
     record = {
         "model": model,
@@ -48,22 +53,12 @@ def run(options: argparse.Namespace) -> int:
         "outside": _record(found.outside),
         "confirmed": found.confirmed,
     }
+    if table:
+        options.outputs.write(write_table, table, CSV_COLUMNS, _rows(found))
     if options.json:
         print(json.dumps(record))
     else:
-        where = "" if model == "switch" else " (x1 at m = 0.9 Fs before breakaway)"
-        says = "where it sticks within {0} rad of the set point it comes to rest, a little farther away it does not"
-        if not found.confirmed:
-            says = "an unstable hunting cycle stands at {0} rad; that it bounds coming to rest is not confirmed"
-        print(f"{model} servo at gain {gain:.10g}: {says.format(to_error(found.border, found.error_estimate))}{where}")
-        amplitude = to_error(found.unstable.amplitude, found.error_estimate)
-        print(f"  unstable cycle   amplitude max |x1| = {amplitude} rad, estimated error "
-              f"{error_text(found.error_estimate)}")  # fmt: skip
-        print(f"  {_outer(found)}")
-        for name, trial in (("inside", found.inside), ("outside", found.outside)):
-            a = [f"{position:.4g}" for position in trial.positions]
-            path = ", ".join(a if len(a) <= 6 else [*a[:4], "...", a[-1]])
-            print(f"  from {name:8}    {trial.outcome} after {len(a) - 1} swings: {path} rad")
+        show(_lines(found, how.tol))
     if not found.confirmed:
         complain(
             "casahunt basin",
@@ -74,6 +69,29 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
+def _lines(found: Basin, tol: float) -> Iterator[str]:
+    model, border = found.unstable.model, to_error(found.border, found.error_estimate)
+    says = f"where it sticks within {border} rad of the set point it comes to rest, a little farther away it does not"
+    if not found.confirmed:
+        says = f"an unstable hunting cycle stands at {border} rad; that it bounds coming to rest is not confirmed"
+    where = "" if model == "switch" else " (x1 at m = 0.9 Fs before breakaway)"
+    yield f"{model} servo at gain {found.unstable.gain:.10g} V/rad: {says}{where}"
+    amplitude = to_error(found.unstable.amplitude, found.error_estimate)
+    yield f"  unstable cycle   amplitude max |x1| = {amplitude} rad"
+    yield f"  estimated error  {error_text(found.error_estimate)} (relative, of its amplitude and period)"
+    yield f"  {_outer(found)}"
+    for name, trial in (("inside", found.inside), ("outside", found.outside)):
+        a = [to_error(position, tol, most=4) for position in trial.positions]
+        path = ", ".join(a if len(a) <= 6 else [*a[:4], "...", a[-1]])
+        yield f"  from {name:8}    {trial.outcome} after {len(a) - 1} swings: {path} rad"
+
+
+def _rows(found: Basin) -> Iterator[list[Any]]:
+    for name, trial in (("inside", found.inside), ("outside", found.outside)):
+        for i, position in enumerate(trial.positions):
+            yield [name, i, position, trial.outcome, found.border, found.border * found.error_estimate]
+
+
 def _outer(found: Basin) -> str:
     """The line of the cycle beyond the border."""
     if found.outer is None:
@@ -81,7 +99,8 @@ def _outer(found: Basin) -> str:
     amplitude = f"amplitude max |x1| = {to_error(found.outer.amplitude, found.outer.amplitude_error)} rad"
     if found.outer.stable:
         return f"stable cycle     {amplitude}"
-    mu = f"{found.outer.half_multiplier:.6g}"
+    m = found.outer.multipliers
+    mu = complex_text(m.leading, m.error, m.leading_floor)
     return f"symmetric cycle  {amplitude}, not stable (half multiplier {mu}): swings next to it leave it, unevenly"
 
 

@@ -14,13 +14,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from ...checks import to_error
+from ...checks import to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
 from ...servo.problem import HuntingOrbit
+from .printed import folded, meanings
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
+
+_COMPLAINTS: list[str] = []
+"""The error messages of the command under way."""
 
 
 def own_process() -> None:
@@ -134,7 +138,7 @@ def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     error = max(error, 1e-12) * max(1.0, abs(value))
 
     def part(x: float) -> str:
-        return to_error(x, error / abs(x), most=8) if abs(x) > error else "0"
+        return to_absolute_error(x, error, most=8)
 
     if abs(value.imag) <= error:
         return part(value.real)
@@ -183,13 +187,14 @@ class Outputs:
         for draw in self._pictures:
             self.write(draw)
         if kind is None and self.troubles:
-            said = "; ".join(str(getattr(e, "strerror", None) or e) for e in self.troubles)
-            first = self.troubles[0]
+            # A reader that has gone is the least of several troubles.
+            troubles = [e for e in self.troubles if not isinstance(e, BrokenPipeError)] or self.troubles[:1]
+            said, first = "; ".join(str(getattr(e, "strerror", None) or e) for e in troubles), troubles[0]
             raise OSError(first.errno, said) if isinstance(first, OSError) else InputError(said)
 
 
 def complain(command: str, what: object) -> None:
-    """Print an error message.
+    """Print an error message, in one line.
 
     Parameters
     ----------
@@ -197,6 +202,22 @@ def complain(command: str, what: object) -> None:
         who complains, such as "casahunt orbit", and of what.
     """
     print(f"{command}: {what}", file=sys.stderr)
+    _COMPLAINTS.append(str(what))
+
+
+def explain_complaints(*, aloud: bool) -> None:
+    """Explain the words of the trade in the error messages since the last call, once and below them.
+
+    Parameters
+    ----------
+    aloud
+        print it; what is wrong with a command line, and what a program reads, needs no explanation.
+    """
+    if aloud:
+        for line in meanings(_COMPLAINTS):
+            for part in folded(line):
+                print(part, file=sys.stderr)
+    _COMPLAINTS.clear()
 
 
 @contextmanager

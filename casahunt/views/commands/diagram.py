@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -22,6 +22,7 @@ from ...servo.branch import Branch
 from ...servo.hunting import Model
 from .arguments import add_common, add_solver, finite, models_of, positive, servo_of, solver_of
 from .console import complain, folder, progress, progress_line, say
+from .printed import show
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
@@ -88,17 +89,18 @@ def run(options: argparse.Namespace) -> int:
         }
         print(json.dumps(summary))
     elif found.branches:
-        _print(found.branches)
-        if not options.outputs.troubles:
-            print(f"written to {out}")
+        said = {special.kind for branch in found.branches for special in branch.special}
+        show(_lines(found.branches, None if options.outputs.troubles else out), said)
     return 1 if found.failures else 0
 
 
-def _print(branches: list[Branch]) -> None:
+def _lines(branches: list[Branch], out: Path | None) -> Iterator[str]:
     for branch in branches:
-        print(f"{branch.model}: {len(branch.orbits)} points; {branch.ended}")
+        yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
         for special in branch.special:
-            print(f"  {special.meaning}")
+            yield f"  {special.meaning}"
+    if out:
+        yield f"written to {out}"
 
 
 @dataclass

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
 from typing import Any
 
-from ...checks import error_text, known, to_error
-from ...design.sensitivity import fold_sensitivities
+from ...checks import error_text, known, known_decimals, to_error
+from ...design.sensitivity import Sensitivities, fold_sensitivities
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
-from .arguments import add_common, add_solver, finite, picture_of, servo_of, solver_of
+from ...servo.problem import HuntingFold
+from ...servo.servo import Servo, flatten
+from ..units import PARAMETER_UNITS, column
+from .arguments import add_common, add_csv, add_solver, csv_of, finite, picture_of, servo_of, solver_of
 from .console import progress, progress_line, say
+from .printed import show, write_records
 
-MAXIMUM = "the maximum of an optimisation problem (IPOPT)"
+MOST_DECIMALS = 4
+"""Of a sensitivity in per cent of the gain."""
 
 
 def add(commands: Any) -> None:
@@ -23,6 +29,7 @@ def add(commands: Any) -> None:
     add_common(fold)
     fold.add_argument("--model", default="switch", help="switch (default) or lugre")
     add_solver(fold)
+    add_csv(fold, "the sensitivities")
     fold.add_argument("--plot", metavar="F.png", help="write a picture of the sensitivities")
 
 
@@ -31,9 +38,11 @@ def run(options: argparse.Namespace) -> int:
     model = known("model", options.model, MODELS)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     servo = servo_of(options)
-    plot = picture_of(options)
+    plot, table = picture_of(options), csv_of(options)
     fold = find_fold(servo, model, options=how)  # type: ignore[arg-type]
     slopes = fold_sensitivities(fold)
+    if table:
+        options.outputs.write(write_records, table, _rows(servo, fold, slopes))
     if plot:
         from ..pictures import fold as pictures_fold
         from ..pictures import plotting
@@ -56,14 +65,50 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(record))
         return 0
-    print(f"{model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)}")
-    print(f"  estimated error  {error_text(fold.gain_error)} (relative, of the gain)")
-    print(f"  amplitude there  {to_error(fold.orbit.amplitude, fold.orbit.amplitude_error)} rad")
-    print(f"  period there     {to_error(fold.orbit.period, fold.orbit.period_error)} s")
-    other = "the turning point of the equations (Newton)" if how.solver == "newton" else MAXIMUM
-    print(f"  as {other}: {to_error(fold.optimised_gain, fold.gain_error)}")
-    print("  one per cent more of      changes the fold gain by")
-    for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
-        print(f"    {name:28s} {value:+9.4f} %")
-    print(f"  {fold.wall_s:.2f} s")
+    show(_lines(fold, slopes, how))
     return 0
+
+
+def _lines(fold: HuntingFold, slopes: Sensitivities, how: Options) -> Iterator[str]:
+    yield f"{fold.orbit.model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)} V/rad"
+    yield f"  estimated error  {error_text(fold.gain_error)} (relative, of the gain)"
+    yield f"  amplitude there  {to_error(fold.orbit.amplitude, fold.orbit.amplitude_error)} rad"
+    yield f"  period there     {to_error(fold.orbit.period, fold.orbit.period_error)} s"
+    way = "turning point of the equations (Newton)" if how.solver == "newton" else "optimisation problem (IPOPT)"
+    yield f"  computed twice   as {way}: {to_error(fold.optimised_gain, fold.gain_error)} V/rad"
+    yield "  one per cent more of        changes that gain by"
+    for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
+        yield f"    {name:26s} {sensitivity_text(value, how.tol):>9s} %"
+    yield f"  {fold.wall_s:.2f} s"
+
+
+def sensitivity_text(value: float, tol: float) -> str:
+    """Per cent of the fold gain per per cent, to the tolerance, four decimals at most.
+
+    Parameters
+    ----------
+    value, tol
+        the elasticity, and the tolerance: it is known to that much and better.
+
+    Returns
+    -------
+    Text with a sign.
+    """
+    return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"
+
+
+def _rows(servo: Servo, fold: HuntingFold, slopes: Sensitivities) -> list[dict[str, Any]]:
+    values = flatten(servo)
+    return [
+        {
+            "model": fold.orbit.model,
+            "parameter": name,
+            "unit": PARAMETER_UNITS[name],
+            "value": values[name],
+            column("fold_gain", "V/rad"): fold.gain,
+            column("fold_gain_error", "V/rad"): fold.gain * fold.gain_error,
+            "slope_V_per_rad_per_unit": slopes.derivatives[name],
+            "elasticity": slopes.elasticities[name],
+        }
+        for name in slopes.elasticities
+    ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -21,8 +21,11 @@ from ...orbits.adapt import Options
 from ...servo.hunting import Model
 from ...servo.servo import Servo
 from ...tables import table as csv_table
-from .arguments import add_common, finite, models_of, picture_of, servo_of, writable
+from ..units import with_unit
+from .arguments import add_common, add_csv, csv_of, finite, models_of, picture_of, servo_of, writable
 from .console import complain, progress, say
+from .fold import sensitivity_text
+from .printed import show
 
 CSV_COLUMNS = (
     "model",
@@ -45,14 +48,16 @@ def add(commands: Any) -> None:
     command = commands.add_parser(
         "fold-curve", allow_abbrev=False, help="the fold gain against another parameter: where the servo cannot hunt"
     )
+    command.add_required(
+        "--vary", example="friction.static", metavar="KEY", help="the parameter, e.g. friction.static"
+    )
+    command.add_required("--from", example="0.5", dest="start", metavar="A", help="where its range begins")
+    command.add_required("--to", example="0.6", metavar="B", help="where its range ends")
     add_common(command)
     command.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
-    command.add_argument("--vary", required=True, metavar="KEY", help="the parameter, e.g. friction.static")
-    command.add_argument("--from", dest="start", required=True, metavar="A", help="where its range begins")
-    command.add_argument("--to", required=True, metavar="B", help="where its range ends")
     points = f"about how many points (default {RANGE_POINTS})"
     command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
-    command.add_argument("--csv", metavar="F.csv", help="write the points")
+    add_csv(command, "the points")
     command.add_argument("--save", metavar="F.npz", help="keep the points of one model for --resume")
     command.add_argument("--resume", action="store_true", help="go on behind the points that are in the file of --save")
     command.add_argument("--plot", metavar="F.png", help="write a picture of the gains with and without hunting")
@@ -86,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - desk.began}))
     else:
         for curve in curves:
-            _print(curve)
+            show(_lines(curve, desk.how.tol))
     return 1 if failures else 0
 
 
@@ -166,7 +171,7 @@ def _desk_of(options: argparse.Namespace) -> _Desk:
     start, end = finite("from", options.start), finite("to", options.to)
     check_range(servo, options.vary, start, end)
     asked = {"vary": options.vary, "start": start, "end": end, "points": _count(options.points)}
-    table = writable("csv", options.csv, (".csv",))
+    table = csv_of(options)
     save = writable("save", options.save, (".npz",))
     if save and len(models) != 1:
         raise InputError(f"save = {options.save!r}: holds the points of one model; give one --model")
@@ -178,18 +183,21 @@ def _desk_of(options: argparse.Namespace) -> _Desk:
     return desk
 
 
-def _print(curve: FoldCurve) -> None:
-    print(f"{curve.model} servo: {len(curve.points)} points; {curve.ended}")
-    heads = f"{'fold gain':>13s}  {'amplitude rad':>13s}  {'period s':>11s}  {'elasticity':>10s}"
-    print(f"  {curve.vary:>26s}  {heads}")
+def _lines(curve: FoldCurve, tol: float) -> Iterator[str]:
+    yield f"{curve.model} servo: {len(curve.points)} points; {curve.ended}"
+    yield f"  {curve.vary:>26s} {'gain V/rad':>11s} {'amplitude rad':>13s} {'period s':>9s} {'%':>8s}"
     for point in curve.points:
-        print(
-            f"  {point.value:26.9g}  {to_error(point.gain, point.error_estimate, most=9):>13s}  "
-            f"{to_error(point.orbit.amplitude, point.error_estimate, most=7):>13s}  "
-            f"{to_error(point.orbit.period, point.error_estimate, most=7):>11s}  {point.elasticity:+10.4f}"
-            + ("  cusp" if point in curve.cusps else "")
+        gain, amplitude, period = (
+            to_error(value, point.error_estimate, most=most)
+            for value, most in ((point.gain, 9), (point.orbit.amplitude, 7), (point.orbit.period, 7))
         )
-    print(f"  {curve.wall_s:.2f} s")
+        slope = sensitivity_text(point.elasticity, tol)
+        yield f"  {point.value:26.9g} {gain:>11s} {amplitude:>13s} {period:>9s} {slope:>8s}"
+    yield f"  {with_unit(curve.vary)}; gain: up to which the servo can hunt; amplitude and period there;"
+    yield f"  %: change of that gain for one per cent more of {curve.vary}"
+    for point in curve.cusps:
+        yield f"  cusp at {curve.vary} = {point.value:.9g}"
+    yield f"  {curve.wall_s:.2f} s"
 
 
 def _count(text: Any) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
 from ...tables import table as csv_table
-from .arguments import add_common, finite, picture_of, servo_of, writable
+from .arguments import add_common, add_csv, csv_of, finite, picture_of, servo_of
 from .console import progress, progress_line, say, teller
+from .printed import show
 
 MAP_SIDE = 25
 CSV_COLUMNS = ("model", "first", "first_value", "second", "second_value", "gain", "status")
@@ -30,16 +32,16 @@ def add(commands: Any) -> None:
     command = commands.add_parser(
         "fold-map", allow_abbrev=False, help="the fold gain over two parameters, as contours"
     )
+    for which, example in (("vary", "friction.static 0.5 0.6"), ("and", "servo.inertia 0.02 0.03")):
+        command.add_required(
+            f"--{which}", example=example, dest=which, nargs=3, metavar=("KEY", "FROM", "TO"),
+            help=f"a parameter and its range, e.g. {example}",
+        )  # fmt: skip
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    for which in ("vary", "and"):
-        command.add_argument(
-            f"--{which}", dest=which, nargs=3, required=True, metavar=("KEY", "FROM", "TO"),
-            help="a parameter and its range, e.g. friction.static 0.5 0.6",
-        )  # fmt: skip
     points = f"values of each parameter (default {MAP_SIDE})"
     command.add_argument("--points", default=MAP_SIDE, metavar="N", help=points)
-    command.add_argument("--csv", metavar="F.csv", help="write the gains")
+    add_csv(command, "the gains")
     command.add_argument("--plot", metavar="F.png", help="write a picture of the contours")
 
 
@@ -58,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     if points != int(points) or not SIDES[0] <= points <= SIDES[1]:
         raise InputError(f"points = {quoted(options.points)}: must be a whole number from {SIDES[0]} to {SIDES[1]}")
     names, axes = _axes(options, int(points))
-    plot, table = picture_of(options), writable("csv", options.csv, (".csv",))
+    plot, table = picture_of(options), csv_of(options)
     out = progress(options.quiet)
     say(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
@@ -68,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         servo, model, names, *axes, options=how, fold=fold, report=lambda i: tell(f"{i} of {total} folds computed")
     )
     if table:
-        _write(found, table)
+        options.outputs.write(_write, found, table)
     if plot:
         from ..pictures import fold_map as pictures_fold_map
         from ..pictures import plotting
@@ -77,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_record(found)))
     else:
-        _print(found)
+        show(_lines(found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1
@@ -100,18 +102,18 @@ def _status(found: FoldMap, i: int, j: int) -> str:
     return "not computed" if math.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
 
 
-def _print(found: FoldMap) -> None:
-    print(found)
+def _lines(found: FoldMap) -> Iterator[str]:
+    yield str(found)
     q, r = found.values
     for (i, j), text in _extremes(found):
         value = to_error(float(found.gains[i, j]), found.tolerance, most=8)
-        print(f"  {text}  {value}  at {found.names[0]} = {q[i]:.6g}, {found.names[1]} = {r[j]:.6g}")
+        yield f"  {text}  {value} V/rad at {found.names[0]} = {q[i]:.6g}, {found.names[1]} = {r[j]:.6g}"
     missing = [sentence for sentence in found.failures.values()]
     for sentence in dict.fromkeys(missing):
-        print(f"  {missing.count(sentence)} without a gain: {sentence}")
+        yield f"  {missing.count(sentence)} without a gain: {sentence}"
     if (found.gains == 0).any():
-        print(f"  {int((found.gains == 0).sum())} of the servos hunt at no gain")
-    print(f"  relative error of every gain below {found.tolerance:g}; {found.wall_s:.1f} s")
+        yield f"  {int((found.gains == 0).sum())} of the servos hunt at no gain"
+    yield f"  relative error of every gain below {found.tolerance:g}; {found.wall_s:.1f} s"
 
 
 def _extremes(found: FoldMap) -> list[tuple[tuple[int, int], str]]:

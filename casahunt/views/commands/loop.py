@@ -5,27 +5,34 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...checks import finite_or_none
 from ...servo.linear_loop import Crossover, LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
-from .arguments import add_common, given, picture_of, positive, servo_of
+from ..units import column
+from .arguments import add_common, add_csv, add_gain, csv_of, picture_of, positive, servo_of
+from .printed import show, write_records
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     loop = commands.add_parser("loop", allow_abbrev=False, help="the linear loop: stability, poles and margins")
+    help_text = "controller gain in V/rad; may be given several times"
+    add_gain(loop, action="append", example="0.1 --gain 0.4", help=help_text)
     add_common(loop, tol=False)
-    loop.add_argument("--gain", action="append", default=[], help="controller gain K; may be given several times")
+    add_csv(loop, "poles and margins, a row for each gain")
     loop.add_argument("--plot", metavar="F.png", help="write the Bode picture of controller and loop")
 
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    gains = [positive("gain", text) for text in given("gain", options.gain, "--gain 0.1 --gain 0.4")]
+    gains = [positive("gain", text) for text in options.gain]
     servo = servo_of(options)
-    plot = picture_of(options)
+    plot, table = picture_of(options), csv_of(options)
     loops = [linear_loop(servo, gain) for gain in gains]
+    if table:
+        options.outputs.write(write_records, table, [_row(found) for found in loops])
     if plot:
         from ..pictures import loop as pictures_loop
         from ..pictures import plotting
@@ -40,17 +47,41 @@ def run(options: argparse.Namespace) -> int:
         }
         print(json.dumps(record))
         return 0
-    print("linear loop, dry friction left out")
-    print(f"  with viscous friction     {_stable_from(viscous)}")
-    print(f"  without any friction      {_stable_from(frictionless)}")
-    for loop in loops:
-        print(f"gain {loop.gain:.10g}: {'stable' if loop.stable else 'unstable'}")
-        print(f"  poles            {', '.join(_pole(pole) for pole in loop.poles)} 1/s")
-        for c in loop.gain_crossovers:
-            print(f"  phase margin     {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1")
-        print(f"  gain margin      {_gain_margin(loop)}")
-    print("A stable linear loop does not say that the servo does not hunt: dry friction is not in it.")
+    show(_lines(loops, viscous, frictionless))
     return 0
+
+
+def _lines(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Iterator[str]:
+    yield "linear loop, dry friction left out"
+    yield f"  with viscous friction     {_stable_from(viscous)}"
+    yield f"  without any friction      {_stable_from(frictionless)}"
+    for loop in loops:
+        yield f"gain {loop.gain:.10g} V/rad: {'stable' if loop.stable else 'unstable'}"
+        yield f"  poles            {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
+        for c in loop.gain_crossovers:
+            yield f"  phase margin     {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"
+        yield f"  gain margin      {_gain_margin(loop)}"
+    yield "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
+
+
+def _row(loop: LinearLoop) -> dict[str, Any]:
+    """A loop as a row of a table, with the least of its phase margins."""
+    least = min(loop.gain_crossovers, key=lambda c: abs(c.margin), default=None)
+    row = {
+        column("gain"): loop.gain,
+        "stable": bool(loop.stable),
+        "phase_margin_deg": least.margin if least else math.nan,
+        "crossover_rad_per_s": least.frequency if least else math.nan,
+        "unstable_below_factor": loop.lowest_factor,
+        "unstable_above_factor": loop.highest_factor,
+        "damping_ratio": loop.damping_ratio,
+        "kp_Nm_per_rad": loop.kp,
+        "ki_Nm_per_rad_s": loop.ki,
+        "kd_Nms_per_rad": loop.kd,
+    }
+    for i, pole in enumerate(loop.poles, 1):
+        row |= {f"pole_{i}_re_per_s": pole.real, f"pole_{i}_im_per_s": pole.imag}
+    return row
 
 
 def _record(loop: LinearLoop) -> dict[str, Any]:
@@ -75,7 +106,9 @@ def _record(loop: LinearLoop) -> dict[str, Any]:
 def _stable_from(gain: float) -> str:
     if gain == 0:
         return "stable for every gain K > 0 (Routh-Hurwitz)"
-    return f"stable for K > {gain:.10g} (Routh-Hurwitz)" if math.isfinite(gain) else "stable for no gain"
+    if not math.isfinite(gain):
+        return "stable for no gain"
+    return f"stable for every gain K > {gain:.10g} V/rad (Routh-Hurwitz)"
 
 
 def _pole(pole: complex) -> str:

@@ -6,26 +6,34 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from ... import effort
-from ...checks import finite_or_none, to_error
+from ...checks import finite_or_none, to_absolute_error, to_error
 from ...errors import InputError, NoOrbit, Status
-from ...servo.event_map.fixed_points import MAP_POINTS, default_range, fixed_points
+from ...servo.event_map.fixed_points import MAP_POINTS, FixedPoints, default_range, fixed_points
 from ...servo.servo import Servo
-from .arguments import add_common, gain_of, picture_of, positive, servo_of
+from .arguments import add_common, add_csv, add_gain, csv_of, gain_of, picture_of, positive, servo_of
 from .console import progress, teller
+from .printed import show, write_table
+
+CSV_COLUMNS = (
+    "kind", "stick_position_rad", "stick_position_error_rad", "half_multiplier", "period_s", "period_error_s", "stable",
+    "next_below_rad", "next_above_rad",
+)  # fmt: skip
+"""Of the table of fixed points and jumps; the last two: where the servo sticks next on the two sides of a jump."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("map", allow_abbrev=False, help="the event map of the Switch servo: all its cycles")
+    add_gain(command)
     add_common(command, tol=False)
-    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--from", dest="start", metavar="A", help="smallest stick position [rad] (1e-4 Fs/kp)")
     command.add_argument("--to", metavar="B", help="largest stick position [rad] (20 Fs/kp)")
     command.add_argument("--points", default=MAP_POINTS, help=f"motions of the first grid (default {MAP_POINTS})")
+    add_csv(command, "fixed points and jumps")
     command.add_argument("--plot", metavar="F.png", help="write the map as a cobweb picture")
 
 
@@ -41,11 +49,13 @@ def run(options: argparse.Namespace) -> int:
     high = None if options.to is None else positive("to", options.to)
     points = _count(options.points)
     servo = servo_of(options)
-    plot = picture_of(options)
+    plot, table = picture_of(options), csv_of(options)
     report = _reporter(servo, gain, low, high, points, options)
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
         raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
+    if table:
+        options.outputs.write(write_table, table, CSV_COLUMNS, _rows(seen))
     if plot:
         from ..pictures import event_map as pictures_map
         from ..pictures import plotting
@@ -76,15 +86,31 @@ def run(options: argparse.Namespace) -> int:
         }  # fmt: skip
         print(json.dumps(record))
         return 0
-    print(f"event map of the Switch servo at gain {gain:.10g}")
-    print(f"  {seen.sentence()}")
-    for f in seen.fixed:
-        print(f"  fixed point  a = {to_error(f.amplitude, f.error)} rad  mu = P' = {f.multiplier:.8g} "
-              f"({'stable' if f.stable else 'unstable'})  period = {to_error(f.period, f.period_error)} s")  # fmt: skip
-    for j in seen.jumps:
-        print(f"  jump         a = {j.start:.8g} rad, P from {j.below:.6g} to {j.above:.6g} rad"
-              f"{', across P = a' if j.crosses else ''}")  # fmt: skip
+    show(_lines(seen))
     return 0
+
+
+def _lines(seen: FixedPoints) -> Iterator[str]:
+    yield f"event map of the Switch servo at gain {seen.gain:.10g} V/rad"
+    yield f"  {seen.sentence()}"
+    for f in seen.fixed:
+        mu = to_absolute_error(f.multiplier, max(1.0, abs(f.multiplier)) * max(f.error, f.period_error), most=8)
+        kind = "stable" if f.stable else "unstable"
+        yield f"  fixed point  a = {to_error(f.amplitude, f.error)} rad: {kind} cycle of this amplitude,"
+        yield f"               period = {to_error(f.period, f.period_error)} s, half multiplier P' = {mu}"
+    for j in seen.jumps:
+        across = ", across P = a" if j.crosses else ""
+        yield f"  jump         a = {j.start:.6g} rad, P from {j.below:.4g} to {j.above:.4g} rad{across}"
+
+
+def _rows(seen: FixedPoints) -> Iterator[list[Any]]:
+    for f in seen.fixed:
+        yield [
+            "fixed point", f.amplitude, f.amplitude * f.error, f.multiplier, f.period, f.period * f.period_error,
+            f.stable, math.nan, math.nan,
+        ]  # fmt: skip
+    for j in seen.jumps:
+        yield ["jump", j.start, math.nan, math.nan, math.nan, math.nan, None, j.below, j.above]
 
 
 def _reporter(

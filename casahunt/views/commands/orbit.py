@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
+from collections.abc import Iterator
 from typing import Any
 
 from ...checks import error_text, finite_or_none, known, to_error
@@ -14,8 +16,22 @@ from ...orbits.floquet import TRUSTED, Multipliers
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from .arguments import add_common, add_solver, finite, gain_of, picture_of, servo_of, solver_of, writable
+from ..units import column
+from .arguments import (
+    add_common,
+    add_csv,
+    add_gain,
+    add_solver,
+    csv_of,
+    finite,
+    gain_of,
+    picture_of,
+    servo_of,
+    solver_of,
+    writable,
+)
 from .console import complex_text, progress, progress_line, say
+from .printed import show, write_records
 
 CHECK = "their accuracy   the one that must be 1 is off by"
 ROUTES = ("collocation", "integrator")
@@ -25,18 +41,19 @@ ROUTES = ("collocation", "integrator")
 def add(commands: Any) -> None:
     """The arguments of the command."""
     orbit = commands.add_parser("orbit", allow_abbrev=False, help="the hunting cycle at one gain")
+    add_gain(orbit)
     add_common(orbit)
     orbit.add_argument("--model", default="switch", help="switch (default) or lugre")
-    orbit.add_argument("--gain", help="controller gain K, required")
     orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
     add_solver(orbit)
     orbit.add_argument(
-        "--multipliers", default="collocation",
+        "--multipliers", default="collocation", metavar="WAY",
         help="collocation (default), or integrator: by CasADi's integrators too, with the difference",
     )  # fmt: skip
     orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
+    add_csv(orbit, "the numbers of the cycle")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -49,6 +66,7 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     plot = picture_of(options)
     save = writable("save", options.save, (".npz",))
+    table = csv_of(options)
     began = time.perf_counter()
     orbit = find_orbit(servo, model, gain, branch=branch, options=how)  # type: ignore[arg-type]
     record = orbit_record(orbit, branch)
@@ -59,6 +77,8 @@ def run(options: argparse.Namespace) -> int:
     say(progress(options.quiet), progress_line(orbit))
     if save:
         options.outputs.write(save_orbit, orbit, save)
+    if table:
+        options.outputs.write(write_records, table, [_row(orbit, branch)])
     if plot:
         from ..pictures import plotting
         from ..pictures.orbits import time_traces
@@ -67,27 +87,32 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(record))
         return 0
+    show(_lines(orbit, record, second))
+    return 0
+
+
+def _lines(orbit: HuntingOrbit, record: dict[str, Any], second: Multipliers | None) -> Iterator[str]:
     m = orbit.multipliers
     kind = {True: "stable hunting cycle", False: "unstable hunting cycle", None: "hunting cycle of unknown stability"}
-    print(f"{model} servo at gain {gain:.10g}: {kind[record['stable']]}")
-    if orbit.half and orbit.multipliers.leading.real < -1:
-        print("  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place")
-    print(f"  amplitude        {to_error(orbit.amplitude, orbit.amplitude_error)} rad")
-    print(f"  period           {to_error(orbit.period, orbit.period_error)} s")
+    yield f"{orbit.model} servo at gain {orbit.gain:.10g} V/rad: {kind[record['stable']]}"
+    if orbit.half and m.leading.real < -1:
+        yield "  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place"
+    yield f"  amplitude        {to_error(orbit.amplitude, orbit.amplitude_error)} rad"
+    yield f"  period           {to_error(orbit.period, orbit.period_error)} s"
     if m.trusted:
-        name = "half multiplier" if orbit.half else "multiplier"
-        size = "" if m.leading_floor else f"  (log10 of its size: {m.log10_leading:.4f})"
-        print(f"  {name:15}  {complex_text(m.leading, m.error, m.leading_floor)}{size}")
-        print(f"  multipliers      {_full_text(m)}")
-        print(f"  {CHECK} {m.trivial_error:.1e}")
+        if orbit.half:
+            yield f"  half multiplier  {complex_text(m.leading, m.error, m.leading_floor)}"
+        yield f"  multipliers      {_full_text(m)}"
+        yield f"  {CHECK} {m.trivial_error:.1e}"
     else:
-        print(f"  multipliers      not to be trusted: {_doubt(m)}")
+        yield f"  multipliers      not to be trusted: {_doubt(m)}"
     if second is not None:
-        _print_second_route(orbit, second)
-    print(f"  error estimate   {error_text(orbit.error_estimate)} (relative, period and amplitude)")
-    print(f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
-          f"{orbit.iterations} iterations, {record['wall_s']:.2f} s")  # fmt: skip
-    return 0
+        yield from _second_lines(orbit, second)
+    yield f"  error estimate   {error_text(orbit.error_estimate)} (relative, of period and amplitude)"
+    yield (
+        f"  status           {orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, "
+        f"{orbit.iterations} iterations, {record['wall_s']:.2f} s"
+    )
 
 
 def _full_text(m: Multipliers) -> str:
@@ -98,7 +123,7 @@ def _full_text(m: Multipliers) -> str:
 def _doubt(m: Multipliers) -> str:
     """Why they are not trusted."""
     if m.trivial_error < TRUSTED:
-        return f"the error of the leading one may be {error_text(m.error)}"
+        return f"the error of the largest one but the shift in time may be {error_text(m.error)}"
     return f"the one that must be 1 is off by {m.trivial_error:.1e}"
 
 
@@ -118,22 +143,45 @@ def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
     }
 
 
-def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
-    print("  by integrators   (CasADi's forward sensitivities, phase by phase)")
+def _second_lines(orbit: HuntingOrbit, m: Multipliers) -> Iterator[str]:
+    yield "  by integrators   (CasADi's forward sensitivities, from event to event)"
     if not m.trusted:
-        print(f"    multipliers      not to be trusted: {_doubt(m)}")
+        yield f"    multipliers      not to be trusted: {_doubt(m)}"
         return
-    name = "half multiplier" if orbit.half else "multiplier"
-    print(f"    {name:15}  {complex_text(m.leading, m.error, m.leading_floor)}")
-    print(f"    multipliers      {_full_text(m)}")
-    print(f"    {CHECK} {m.trivial_error:.1e}")
+    if orbit.half:
+        yield f"    half multiplier  {complex_text(m.leading, m.error, m.leading_floor)}"
+    yield f"    multipliers      {_full_text(m)}"
+    yield f"    {CHECK} {m.trivial_error:.1e}"
     if orbit.multipliers.trusted:
         off = _difference(orbit.multipliers, m)
-        print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")
+        yield f"    difference       {off:.1e} (of the largest one, relative where it is above 1)"
 
 
 def _log10_half(orbit: HuntingOrbit) -> float:
     return orbit.multipliers.log10_leading / (1 if orbit.half else 2)
+
+
+def _row(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
+    """The cycle as a row of a table; errors in the unit of their number."""
+    m = orbit.multipliers
+    row = {
+        "model": orbit.model,
+        column("gain"): orbit.gain,
+        "branch": branch,
+        "amplitude_rad": orbit.amplitude,
+        "amplitude_error_rad": orbit.amplitude * orbit.amplitude_error,
+        "period_s": orbit.period,
+        "period_error_s": orbit.period * orbit.period_error,
+        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else math.nan,
+        "half_multiplier_error": m.error * max(1.0, abs(m.leading)) if m.trusted and orbit.half else math.nan,
+        "trivial_multiplier_error": m.trivial_error,
+        "stable": bool(orbit.stable) if m.trusted else None,
+        "status": orbit.status.name.lower(),
+    }
+    for i, value in enumerate(m.full, 1):
+        row[f"multiplier_{i}_re"] = value.real if m.trusted else math.nan
+        row[f"multiplier_{i}_im"] = value.imag if m.trusted else math.nan
+    return row
 
 
 def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:

@@ -16,12 +16,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ...checks import error_text, finite_or_none, known, moderate
+from ...checks import error_text, finite_or_none, known, known_decimals, moderate, to_absolute_error, to_error
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
 from ...errors import InputError, NoOrbit
@@ -29,8 +31,11 @@ from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from .arguments import add_common, finite, picture_of, positive, servo_of
+from .arguments import add_common, add_csv, csv_of, finite, picture_of, positive, servo_of
 from .console import complain, progress, say
+from .printed import show, write_table
+
+CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
 LARGE, MANY = 2e7, 1_000_000
 """Bytes that take more than two seconds to read, and samples that take as long to measure."""
@@ -41,6 +46,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("record", allow_abbrev=False, help="a measured hunting record beside the prediction")
     command.add_argument("file", metavar="F.csv", help="times and positions; units as its header states them")
     add_common(command)
+    add_csv(command, "amplitude, frequency and period, measured and predicted")
     command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
     command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
     command.add_argument("--model", default="switch", help="switch (default) or lugre, for the prediction")
@@ -63,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     start = None if options.start is None else finite("from", options.start)
     how = Options(tol=finite("tol", options.tol))
     servo = servo_of(options)
-    plot = picture_of(options)
+    plot, table = picture_of(options), csv_of(options, options.file)
     began = time.perf_counter()
     stream = progress(options.quiet)
     with suppress(OSError):
@@ -85,6 +91,8 @@ def run(options: argparse.Namespace) -> int:
         except NoOrbit as error:
             failure = str(error)
     wall_s = time.perf_counter() - began
+    if table and found.periods.size:
+        options.outputs.write(write_table, table, CSV_COLUMNS, [row.values() for row in _rows(found, orbit)])
     if plot and found.periods.size:
         from ..pictures import plotting
         from ..pictures import simulation as pictures_simulation
@@ -93,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_record(options.file, record, found, orbit, failure, set_point, wall_s)))
     else:
-        _show(options.file, record, found, orbit, set_point)
+        show(_lines(options.file, record, found, orbit, set_point))
     if not found.hunting:
         complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
     if failure:
@@ -101,33 +109,58 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.hunting and failure is None else 1
 
 
-def _show(file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None) -> None:
-    kind = "no oscillation" if m.kind == "still" else m.kind
-    print(f"record {file}: {kind}, {m.periods.size} whole periods")
-    if record.reading is not None:
-        print(f"  {record.reading.sentence}")
+def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:
+    """What was measured beside what was predicted (NaN for nothing); columns `CSV_COLUMNS`."""
+    amplitude, period = (orbit.amplitude, orbit.period) if orbit else (math.nan, math.nan)
+    errors = (orbit.amplitude_error, orbit.period_error) if orbit else (math.nan, math.nan)
     rows = [
-        ("amplitude", "rad", m.amplitude, m.amplitude_error, m.amplitude_scatter, orbit and orbit.amplitude),
-        ("frequency", "Hz", m.frequency, m.frequency_error, m.frequency_scatter, orbit and 1 / orbit.period),
-        ("period", "s", m.period, m.period_error, m.period_scatter, orbit and orbit.period),
+        ("amplitude", "rad", m.amplitude, m.amplitude_error, m.amplitude_scatter, amplitude, errors[0]),
+        ("frequency", "Hz", m.frequency, m.frequency_error, m.frequency_scatter, 1 / period, errors[1]),
+        ("period", "s", m.period, m.period_error, m.period_scatter, period, errors[1]),
     ]
+    return [
+        dict(zip(CSV_COLUMNS, (*row[:6], row[5] * row[6], row[2] / row[5]), strict=True)) for row in rows
+    ]
+
+
+def _lines(
+    file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None
+) -> Iterator[str]:
+    kind = "no oscillation" if m.kind == "still" else m.kind
+    yield f"record {file}: {kind}, {m.periods.size} whole periods"
+    if record.reading is not None:
+        yield f"  {record.reading.sentence}"
     if m.periods.size:
-        beside = f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""
-        print(f"  {'':9}  {'measured':>12}  {'error':>10}  {'scatter':>10}{beside}")
-        for name, unit, value, error, scatter, predicted in rows:
-            beside = f"  {predicted:12.6g}  {value / predicted:7.4f}" if predicted else ""
-            print(f"  {name:9}  {value:12.6g}  {error:10.2g}  {scatter:10.2g}{beside}  {unit}")
+        yield from _beside(m, orbit)
     elif orbit:
-        print(f"  predicted: amplitude {orbit.amplitude:.6g} rad, frequency {1 / orbit.period:.6g} Hz")
+        amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
+        frequency = to_error(1 / orbit.period, orbit.period_error, most=6)
+        yield f"  predicted: amplitude {amplitude} rad, frequency {frequency} Hz"
+    level = to_absolute_error(m.mean_level, m.amplitude_error, most=6) if m.periods.size else f"{m.mean_level:.6g}"
     offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
-    print(f"  mean position {m.mean_level:.6g} rad{offset}, drift {m.drift:.2g} rad/s")
+    yield f"  mean position {level} rad{offset}, drift {m.drift:.2g} rad/s"
     if m.periods.size:
-        print(f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)")
+        yield f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)"
         for sentence in _remarks(m):
-            print(f"  {sentence}")
+            yield f"  {sentence}"
     if orbit:
-        source = f"{orbit.model} model at gain {orbit.gain:.10g}"
-        print(f"  predicted by the {source}, error estimate {error_text(orbit.error_estimate)}")
+        source = f"{orbit.model} model at gain {orbit.gain:.10g} V/rad"
+        yield f"  predicted by the {source}, error estimate {error_text(orbit.error_estimate)}"
+
+
+def _beside(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:
+    """The table of measured and predicted numbers, each to the digits that its error vouches for."""
+    beside = f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""
+    yield f"  {'':9}  {'measured':>12}  {'error':>8}  {'scatter':>8}{beside}  unit"
+    for row in _rows(m, orbit):
+        measured = to_absolute_error(row["measured"], row["error"], most=6)
+        beside = ""
+        if orbit:
+            predicted = to_absolute_error(row["predicted"], row["predicted_error"], most=6)
+            ratio = f"{row['ratio']:.{known_decimals(row['error'] / abs(row['measured']), 4)}f}"
+            beside = f"  {predicted:>12}  {ratio:>7}"
+        errors = f"{row['error']:8.2g}  {row['scatter']:8.2g}"
+        yield f"  {row['quantity']:9}  {measured:>12}  {errors}{beside}  {row['unit']}"
 
 
 def _remarks(m: Measurement) -> list[str]:

@@ -16,32 +16,39 @@ import argparse
 import json
 import math
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...checks import error_text, finite_or_none, known, moderate
+from ...checks import error_text, finite_or_none, known, moderate, to_absolute_error
 from ...errors import InputError
 from ...files import whole_text
 from ...servo.hunting import MODELS
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
 from ...tables import table as csv_table
-from .arguments import add_common, finite, gain_of, picture_of, positive, servo_of, writable
+from .arguments import add_common, add_csv, add_gain, csv_of, finite, gain_of, picture_of, positive, servo_of
 from .console import complain
+from .printed import show
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
+EVENT_WORDS = {
+    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
+    "reversal": "reversals", "centre": "times the bristle slack",
+}  # fmt: skip
+"""How many of an event are told."""
 MOST_ROWS = 10_000_000
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("simulate", allow_abbrev=False, help="the motion from an initial state")
+    add_gain(command)
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--gain", help="controller gain K, required")
     command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
     command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
     command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")
@@ -49,7 +56,7 @@ def add(commands: Any) -> None:
     command.add_argument("--integral", default=0.0, help="integral of theta - theta_d so far in rad s (default 0)")
     command.add_argument("--bristle", default=0.0, help="bristle deflection at the start in rad (lugre, default 0)")
     command.add_argument("--regularised", action="store_true", help="switch with the report's stick band eta")
-    command.add_argument("--csv", metavar="F.csv", help="write the motion")
+    add_csv(command, "the motion")
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
     command.add_argument("--plot", metavar="F.png", help="write a picture of the motion")
 
@@ -63,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     NoOrbit : the motion could not be computed.
     """
     model = known("model", options.model, MODELS)
-    gain = gain_of(options, "--gain 0.04")
+    gain = gain_of(options)
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
     numbers = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
@@ -74,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     servo = servo_of(options)
     plot = picture_of(options)
-    table = writable("csv", options.csv, (".csv",))
+    table = csv_of(options)
     began = time.perf_counter()
     found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)  # type: ignore[arg-type]
     kind = found.verdict.kind
@@ -90,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_record(found, advice, wall_s)))
     else:
-        _print(found, wall_s)
+        show(_lines(found, wall_s))
     if advice:
         complain("casahunt simulate", advice)
     cut = bool(found.ended) and kind != "growing"
@@ -99,24 +106,32 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.status.ok and not cut else 1
 
 
-def _print(found: Trajectory, wall_s: float) -> None:
-    x, verdict = found.end, found.verdict
-    name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g}"
-    print(f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}")
-    print(f"  because          {verdict.sentence}")
+def _lines(found: Trajectory, wall_s: float) -> Iterator[str]:
+    x, verdict, errors = found.end, found.verdict, found.state_errors
+    name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g} V/rad"
+    yield f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}"
+    yield f"  because          {verdict.sentence}"
     if verdict.judged:
-        swings = ", ".join(f"{a:.6g}" for a in verdict.judged)
-        print(f"  judged from      {swings} rad since {verdict.since:.6g} s; floor {verdict.floor:.1e} rad")
+        swings = ", ".join(to_absolute_error(a, verdict.floor, most=6) for a in verdict.judged)
+        since = to_absolute_error(verdict.since, found.time_error, most=6)
+        yield f"  judged from      {swings} rad since {since} s; floor {verdict.floor:.1e} rad"
     if math.isfinite(verdict.amplitude):
-        of = f"mean of the last {verdict.swings} periods" if verdict.swings else "the cycle's: no period agrees yet"
-        print(f"  amplitude        {verdict.amplitude:.10g} rad ({of})")
+        count = verdict.swings
+        of = "the cycle's: no period agrees yet"
+        if count:
+            of = f"mean of the last {count} periods" if count > 1 else "of the last period"
+        yield f"  amplitude        {to_absolute_error(verdict.amplitude, errors[0], most=10)} rad ({of})"
     if math.isfinite(verdict.period):
-        print(f"  period           {verdict.period:.10g} s")
-    print(f"  at the end       position {found.set_point + x[0]:.10g} rad, velocity {x[1]:.10g} rad/s")
-    print(f"  events           {_counts(found)}")
-    end = f"{error_text(found.end_error)} of the final state"
-    print(f"  error estimate   {error_text(found.time_error)} s of event times, {end}")
-    print(f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
+        yield f"  period           {to_absolute_error(verdict.period, 2 * found.time_error, most=10)} s"
+    end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
+    position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
+    yield f"  at the end       position {position} rad, velocity {velocity} rad/s"
+    yield f"  events           {_counts(found)}"
+    yield (
+        f"  error estimate   {error_text(found.time_error)} s of event times, {error_text(found.end_error)} of the "
+        "final state"
+    )
+    yield f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s"
 
 
 def _size(key: str, text: Any) -> float:
@@ -135,7 +150,7 @@ def _advice(found: Trajectory) -> str:
 
 def _counts(found: Trajectory) -> str:
     names = [event.name for event in found.events]
-    listed = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys(names))
+    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
     return f"{len(names)}{f' ({listed})' if names else ''}"
 
 

@@ -15,14 +15,16 @@ lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}
 tasks [{friction, start, time, verdict, reason, status}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
 before {gain, lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or --out is given;
-servo {key: value}: as given; rounds, evaluations, status, wall_s.
+servo {key: value}: as given; rounds, evaluations, status, wall_s;
+tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +37,15 @@ from ...files import together, whole_text
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS
 from ..evidence.page import page
-from ..evidence.record import before_tasks, record_of
-from .arguments import add_common, finite, positive, servo_of
+from ..evidence.record import before_tasks, made, record_of
+from ..units import GAIN_UNIT, unit_of
+from .arguments import add_common, add_csv, csv_of, finite, positive, servo_of
 from .console import complain, folder, progress, say, telling
+from .printed import show, write_table
 
 FILES = ["tune.html", "tune.json"]
 """What --out writes."""
+CSV_COLUMNS = ("quantity", "unit", "value", "error")
 
 
 def add(commands: Any) -> None:
@@ -60,6 +65,7 @@ def add(commands: Any) -> None:
     command.add_argument("--delay", default=0.0, help="of the loop, s (default 0)")
     command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
     command.add_argument("--gain", help="gain used now, for the simulated tasks before")
+    add_csv(command, "the answer and what was checked")
     command.add_argument("--out", metavar="DIR", help="write the evidence: tune.html and tune.json")
 
 
@@ -75,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
         delay=finite("delay", options.delay),
         sample_time=finite("sample-time", options.sample_time),
     )
-    servo = servo_of(options)
+    servo, table = servo_of(options), csv_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
     free = [known("free", name, NUMBERS) for name in options.free]
@@ -93,22 +99,23 @@ def run(options: argparse.Namespace) -> int:
     if options.out is None:
         tuning = tuned()
         record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
+        record |= {"tol": how.tol, "made": made(options.servo, options.set)}
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
             say(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
-            record = record_of(tuning, before)
+            record = record_of(tuning, before) | {"tol": how.tol, "made": made(options.servo, options.set)}
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
             options.outputs.write(_write, out, page(record, images), record)
+    if table:
+        options.outputs.write(write_table, table, CSV_COLUMNS, _rows(record, how.tol))
     if options.json:
         print(json.dumps(record))
     else:
-        _print(record, how.tol)
-        if options.out is not None and not options.outputs.troubles:
-            print(f"  evidence         {options.out}/{FILES[0]}, {FILES[1]}")
+        show(_lines(record, how.tol, None if options.outputs.troubles else options.out))
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
@@ -143,76 +150,110 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _print(record: dict[str, Any], tol: float) -> None:
-    """The answer as text; `tol` is the error of what is computed to the tolerance and has no estimate of its own."""
+def _known_to(record: dict[str, Any], tol: float) -> float:
+    """The relative error of the worst fold gain: what is estimated, and what two computations differ by."""
     check = record["verification"]
-    error = tol  # of the fold gain: what is estimated, and what two computations differ by
-    if check["fold_gain"]:
-        error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
-    _print_answer(record, error, tol)
-    print(f"checked apart from the optimisation: {check['result']}")
-    _print_folds(check, error, tol)
+    return max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1)) if check["fold_gain"] else tol
+
+
+def _lines(record: dict[str, Any], tol: float, out: str | None) -> Iterator[str]:
+    """The answer as text; `tol` is the error of what is computed to the tolerance and has no estimate of its own."""
+    check, error = record["verification"], _known_to(record, tol)
+    yield from _answer(record, error, tol)
+    yield f"checked apart from the optimisation: {check['result']}"
+    yield from _folds(check, error, tol)
     for name, loop in check["loops"].items():
         if name == "nominal" or loop != check["loops"]["nominal"]:
-            _print_loop(name, loop, check["loop_corners"])
+            yield _loop(name, loop, check["loop_corners"])
     for task in check["tasks"]:
-        print(f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}")
+        yield f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}"
     for task in (record["before"] or {"tasks": []})["tasks"]:
-        print(f"  before           gain {record['before']['gain']:.6g}, {task['start']}: {task['verdict']}")
+        yield f"  before           gain {record['before']['gain']:.6g}, {task['start']}: {task['verdict']}"
     for sentence in check["against"]:
-        print(f"  against it       {sentence}")
+        yield f"  against it       {sentence}"
     for sentence in check["unverified"]:
-        print(f"  not verified     {sentence}")
-    print("not proved by this")
+        yield f"  not verified     {sentence}"
+    yield "not proved by this"
     for sentence in record["proves_not"]:
-        print(f"  {sentence}")
-    print(f"  {record['wall_s']:.2f} s")
+        yield f"  {sentence}"
+    yield f"  {record['wall_s']:.2f} s"
+    if out is not None:
+        yield f"  evidence         {out}/{FILES[0]}, {FILES[1]}"
 
 
-def _print_answer(record: dict[str, Any], error: float, tol: float) -> None:
-    """Gain, times, cost, and the fold that they keep away from; `error` is that of the fold gain."""
+def _answer(record: dict[str, Any], error: float, tol: float) -> Iterator[str]:
+    """Gain, times, cost, and the largest gain that still hunts; `error` is that of the latter."""
     fold = record["fold"]
     known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
-    print(f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad")
+    yield f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad"
     if record["free"]:
         times = {name: f"{name} {to_error(record[name], tol)}" for name in NUMBERS if name in record}
-        said = ", ".join(text + (" s" if name.endswith("time") else "") for name, text in times.items())
-        print(f"  controller {'gains' if 'kp' in record else 'times'} {said}")
+        said = ", ".join(f"{text} {unit_of(name)}".rstrip() for name, text in times.items())
+        yield f"  controller {'gains' if 'kp' in record else 'times'} {said}"
     only, form = record["cost_gain_only"], "gains" if "kp" in record else "times"
-    print(
+    yield (
         f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
         + (f" ({to_error(only, tol)} with the {form} as given)" if only is not None else "")
     )
     if record["fold_gain"]:
         where = _values(record["worst"]["corner"])
         largest = to_error(record["fold_gain"], error)
-        print(f"  hunting          possible up to gain {largest}" + (f" at {where}" if where else ""))
+        yield f"  hunting          possible up to gain {largest} V/rad" + (f" at {where}" if where else "")
         if where and fold["nominal"] is not None:
-            print(f"                   up to {to_error(fold['nominal'], fold['error'])} at the nominal friction")
+            yield f"                   up to {to_error(fold['nominal'], fold['error'])} V/rad at the nominal friction"
     else:
-        print("  hunting          possible at no gain")
-    print(f"  binding          {', '.join(record['binding']) or 'nothing'}")
+        yield "  hunting          possible at no gain"
+    yield f"  limited by       {', '.join(record['binding']) or 'nothing'}"
 
 
-def _print_folds(check: dict[str, Any], error: float, tol: float) -> None:
+def _folds(check: dict[str, Any], error: float, tol: float) -> Iterator[str]:
     """What a second look has found of hunting: the fold, the event map, the folds of the set."""
     if check["fold_gain"] is not None:
         again = to_error(check["fold_gain"], error)
         # K/K_fold - 1 has the error of K_fold.
         part = 1 + 1 / check["margin"] if check["margin"] else 1.0
         above = to_error(100 * check["margin"], abs(part) * error, most=6)
-        print(f"  fold once more   {again}; the gain is {above} % above it")
-    print(f"  event map        {check['scan']}")
+        yield f"  fold once more   {again} V/rad; the gain is {above} % above it"
+    yield f"  event map        {check['scan']}"
     if check["set"]:
         number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
-        print(f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)}")
+        yield f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)} V/rad"
 
 
-def _print_loop(name: str, loop: dict[str, Any], corners: dict[str, dict[str, float]]) -> None:
+def _loop(name: str, loop: dict[str, Any], corners: dict[str, dict[str, float]]) -> str:
     at = _values(corners.get(name, {}))
-    what = {"worst": "worst friction"}.get(name, f"least {name}" if name in corners else name)
+    what = _loop_name(name, corners)
     where = f"{what} ({at})" if at else what
-    print(f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+    return f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}"
+
+
+def _loop_name(name: str, corners: dict[str, dict[str, float]]) -> str:
+    return {"worst": "worst friction"}.get(name, f"least {name}" if name in corners else name)
+
+
+def _rows(record: dict[str, Any], tol: float) -> Iterator[list[Any]]:
+    """The answer and what was checked, a quantity a row; errors in the unit of their number, NaN where unknown."""
+    check, fold, error = record["verification"], record["fold"], _known_to(record, tol)
+    yield ["gain", GAIN_UNIT, record["gain"], tol * record["gain"]]
+    for name in NUMBERS:
+        if name in record:
+            yield [name, unit_of(name), record[name], tol * record[name] if name in record["free"] else 0.0]
+    yield [f"cost: {record['cost_meaning']}", record["cost_unit"], _number(record["cost_value"]), math.nan]
+    yield ["fold_gain", GAIN_UNIT, record["fold_gain"], error * record["fold_gain"]]
+    if fold["nominal"] is not None:
+        yield ["nominal_fold_gain", GAIN_UNIT, fold["nominal"], fold["error"] * fold["nominal"]]
+    for name, value in record["worst"]["corner"].items():
+        yield [f"worst {name}", unit_of(name), value, 0.0]
+    yield ["margin_above_fold", "", _number(check["margin"]), math.nan]
+    for key, loop in check["loops"].items():
+        name = _loop_name(key, check["loop_corners"])
+        yield [f"phase margin, {name}", "deg", loop["phase_margin"], math.nan]
+        yield [f"gain may fall to, {name}", "", _number(loop["lowest_factor"]), math.nan]
+        yield [f"gain may rise to, {name}", "", _number(loop["highest_factor"]), math.nan]
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _values(corner: dict[str, float]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from typing import Any
 
@@ -24,8 +24,10 @@ from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .arguments import add_common, finite, given, picture_of, servo_of
+from ..units import GAIN_UNIT, column, unit_of
+from .arguments import add_common, add_csv, csv_of, finite, picture_of, servo_of
 from .console import progress, progress_line, say, teller
+from .printed import HARD_SPACE, show, write_table
 
 DEFAULT_SAMPLES = 200
 
@@ -35,13 +37,16 @@ def add(commands: Any) -> None:
     command = commands.add_parser(
         "uncertainty", allow_abbrev=False, help="the fold gain where parameters are not known exactly"
     )
+    command.add_required(
+        "--uncertainty", example="friction.toml", metavar="FILE.toml", help="intervals or a covariance of parameters"
+    )
     add_common(command)
     command.add_argument("--model", default="switch", help="switch (default) or lugre")
-    command.add_argument("--uncertainty", metavar="FILE.toml", help="intervals or a covariance, required")
     samples = f"servos to solve (default {DEFAULT_SAMPLES})"
     command.add_argument("--samples", default=DEFAULT_SAMPLES, metavar="N", help=samples)
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
+    add_csv(command, "the samples: parameters and fold gain of each")
     command.add_argument("--plot", metavar="F.png", help="write a histogram of the fold gains")
 
 
@@ -59,10 +64,9 @@ def run(options: argparse.Namespace) -> int:
     n, jobs = _whole("samples", options.samples, 1), _whole("jobs", options.jobs, 1)
     seed = _whole("seed", options.seed, 0)
     servo = servo_of(options)
-    path = given("uncertainty", options.uncertainty, "--uncertainty friction.toml")
-    uncertainty = load_uncertainty(path, servo)
+    uncertainty = load_uncertainty(options.uncertainty, servo)
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
-    plot = picture_of(options)
+    plot, table = picture_of(options), csv_of(options)
     out = progress(options.quiet)
 
     say(out, "computing the fold of the servo itself")
@@ -85,6 +89,8 @@ def run(options: argparse.Namespace) -> int:
         report=lambda i: tell(f"searching the worst corner: fold {i}"),
     )
     seen = summary(fold, uncertainty, samples, worst)
+    if table:
+        options.outputs.write(write_table, table, *_table(samples, how.tol))
     if plot:
         from ..pictures import plotting
         from ..pictures import uncertainty as pictures_uncertainty
@@ -94,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_record(fold, samples, worst, seen, wall_s)))
     else:
-        _print(fold, samples, worst, seen, how.tol, wall_s)
+        show(_lines(fold, samples, worst, seen, how.tol, wall_s))
     for i, sentence in samples.failures:
         say(out, f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
@@ -128,21 +134,38 @@ def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary
     }
 
 
-def _print(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float) -> None:
+def _lines(
+    fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
+) -> Iterator[str]:
     error = fold.gain_error
-    print(f"{fold.orbit.model} servo: hunting is possible up to gain {to_error(fold.gain, error)}; "
-          "with the uncertainty")  # fmt: skip
+    gain = to_error(fold.gain, error)
+    yield f"{fold.orbit.model} servo: hunting is possible up to gain {gain} V/rad; with the uncertainty"
     low, high = (to_error(value, error, most=6) for value in seen.linear)
-    print(f"  linearised       {low} to {high} ({seen.range_name}; standard deviation {seen.std:.3g})")
+    spread = to_error(seen.std, tol, most=3)
+    yield f"  linearised       {low} to {high} V/rad ({seen.range_name}; standard deviation {spread})"
     if seen.quantiles:
-        shown = ", ".join(f"{key} {to_error(value, tol, most=6)}" for key, value in seen.quantiles.items())
-        print(f"  {len(samples.gains)} samples      {shown}")
+        shown = ", ".join(f"{key}{HARD_SPACE}{to_error(value, tol, most=6)}" for key, value in seen.quantiles.items())
+        yield f"  {f'{len(samples.gains)} samples':15}  {shown}"
     largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
-    print(f"  worst corner     {largest} ({worst.evaluations} folds computed), at")
+    yield f"  worst corner     {largest} V/rad ({worst.evaluations} folds computed), at"
     for name, value in worst.corner.items():
-        print(f"    {name:28s} {value:.8g}")
-    print(f"  {seen.misleading}")
-    print(f"  {wall_s:.1f} s")
+        yield f"    {name:26s} {value:.8g} {unit_of(name)}"
+    yield f"  {seen.misleading}"
+    yield f"  {wall_s:.1f} s"
+
+
+def _table(samples: Samples, tol: float) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of the samples; the tolerance is the relative error of each gain."""
+    sentences = dict(samples.failures)
+    columns = [
+        "sample", *map(column, samples.names), *(column(name, GAIN_UNIT) for name in ("fold_gain", "fold_gain_error")),
+        "status",
+    ]  # fmt: skip
+    rows = []
+    for i, (q, gain) in enumerate(zip(samples.parameters.tolist(), samples.gains.tolist(), strict=True)):
+        status = sentences.get(i, "converged" if gain else "hunts at no gain")
+        rows.append([i + 1, *q, gain, tol * gain, status])
+    return columns, rows
 
 
 def _solved(

@@ -9,14 +9,21 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Mapping
 from typing import Any
 
+from ...checks import known_decimals, known_digits
+from ..glossary import GLOSSARY, words_in
+from ..units import GAIN_UNIT, unit_of
+
+DEFAULT_TOL = 1e-6
+"""Of a record that does not say its tolerance."""
 CONTROLLER = {
-    "lead_time": ("lead time", " s"), "integral_time": ("integral time", " s"),
-    "kp": ("proportional gain kp", ""), "ki": ("integral gain ki", " 1/s"), "kd": ("derivative gain kd", " s"),
+    "lead_time": "lead time", "integral_time": "integral time",
+    "kp": "proportional gain kp", "ki": "integral gain ki", "kd": "derivative gain kd",
 }  # fmt: skip
-"""Numbers of a controller in the record: their names, and their units where the gain is in V/rad."""
+"""Numbers of a controller in the record, and their names."""
 
 
 def value_at(record: Mapping[str, Any], key: str) -> Any:
@@ -42,7 +49,7 @@ def value_at(record: Mapping[str, Any], key: str) -> Any:
 STYLE = """
 :root { --ink: #1c1f24; --dim: #5d6570; --line: #d9dde2; --good: #1d6b3f; --bad: #a3231f; --ground: #f6f7f8; }
 * { box-sizing: border-box; }
-body { margin: 0; background: var(--ground); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
+body { margin: 0; background: var(--ground); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
 main { max-width: 60rem; margin: 0 auto; padding: 2rem 1.5rem 4rem; background: #fff; }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 0 0 .25rem; }
 h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid var(--line); padding-bottom: .25rem; }
@@ -50,14 +57,28 @@ p { margin: .5rem 0; max-width: 46rem; }
 table { border-collapse: collapse; width: 100%; margin: .5rem 0; font-size: .95rem; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--line); }
 th { font-weight: 600; color: var(--dim); }
-.answer { font-size: 2.2rem; font-weight: 650; margin: .6rem 0 0; }
+.answer { font-size: 2.2rem; font-weight: 650; line-height: 1.2; margin: .6rem 0 0; }
 .answer small { font-size: 1rem; font-weight: 400; color: var(--dim); }
 [data-key] { font-variant-numeric: tabular-nums; }
 .good { color: var(--good); font-weight: 600; } .bad { color: var(--bad); font-weight: 600; }
 .open { color: #8a5a00; font-weight: 600; }
 .dim { color: var(--dim); } figure { margin: 1rem 0; } img { max-width: 100%; height: auto; }
-figcaption { color: var(--dim); font-size: .9rem; }
-@media print { body { background: #fff; } main { padding: 0; } figure, table { break-inside: avoid; } }
+figcaption { color: var(--dim); font-size: .9rem; } dt { font-weight: 600; break-after: avoid; }
+dd { margin: 0 0 .4rem 0; } td { overflow-wrap: break-word; } td .good, td .bad, td .dim { white-space: nowrap; }
+.pair td:first-child { width: 45%; }
+@media (max-width: 640px) {
+  main { padding: 1rem .9rem 2rem; } td { overflow-wrap: anywhere; } h1 { font-size: 1.35rem; }
+  .rows thead { display: none; } .rows tr { display: block; border-bottom: 2px solid var(--line); padding: .4rem 0; }
+  .rows td { display: block; border: 0; padding: .1rem 0; }
+  .rows td[data-label]::before { content: attr(data-label) ": "; color: var(--dim); font-weight: 600; }
+}
+@page { margin: 16mm 14mm; }
+@media print {
+  :root { font-size: 11px; } body { background: #fff; } p { max-width: none; } main { max-width: none; padding: 0; }
+  h1, h2 { break-after: avoid; } figure, tr, li, dd { break-inside: avoid; } p { orphans: 3; widows: 3; }
+  figure img { display: block; max-height: 95mm; width: auto; } figcaption { break-before: avoid; }
+  thead { display: table-header-group; }
+}
 """
 
 
@@ -66,6 +87,13 @@ class _Page:
 
     def __init__(self, record: Mapping[str, Any]) -> None:
         self.record = record
+        self.tol = record.get("tol", DEFAULT_TOL)
+        check = record["verification"]
+        self.fold_error = self.tol
+        if check["fold_gain"]:  # what is estimated, and what two computations differ by
+            self.fold_error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
+        margin = "hunting margin" in record["binding"] and not record["free"]
+        self.gain_error = self.fold_error if margin else self.tol
 
     def n(self, key: str, form: str = ".8g", factor: float = 1.0) -> str:
         """The number at `key`, shown in the given form; a dash where there is none."""
@@ -75,6 +103,17 @@ class _Page:
         shown = format(value * factor, form).replace("-", "\N{MINUS SIGN}")
         times = f' data-factor="{factor:g}"' if factor != 1 else ""
         return f'<data data-key="{html.escape(key)}" data-form="{form}"{times} value="{value!r}">{shown}</data>'
+
+    def known(self, key: str, unit: str, error: float, most: int = 8) -> str:
+        """As `with_unit`, to the digits that the relative error vouches for."""
+        value = value_at(self.record, key)
+        return self.with_unit(key, unit, f".{known_digits(value or 0.0, error, most)}g")
+
+    def with_unit(self, key: str, unit: str, form: str = ".8g") -> str:
+        """As `n`, with the unit behind the number."""
+        there = unit and value_at(self.record, key) is not None
+        shown = unit.replace("m2", "m\N{SUPERSCRIPT TWO}").replace("1/s", "s\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")
+        return self.n(key, form) + (f"&nbsp;{shown.replace(' ', '&nbsp;')}" if there else "")
 
     def text(self, key: str) -> str:
         """The text at `key`."""
@@ -87,9 +126,13 @@ class _Page:
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
+    """Rows of cells; on a narrow screen each cell of a wide row on a line of its own, behind its heading."""
     top = "".join(f"<th>{cell}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table>{f'<thead><tr>{top}</tr></thead>' if head else ''}<tbody>{body}</tbody></table>"
+    labels = [f' data-label="{cell}"' for cell in head] or [""] * len(rows[0])
+    cells = ("".join(f"<td{label}>{cell}</td>" for label, cell in zip(labels, row, strict=True)) for row in rows)
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
+    kind = "pair" if len(rows[0]) == 2 and not head else "rows"
+    return f"<table class={kind}>{f'<thead><tr>{top}</tr></thead>' if head else ''}<tbody>{body}</tbody></table>"
 
 
 def _words(name: str) -> str:
@@ -118,7 +161,7 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     HTML, with the images in it.
     """
     p = _Page(record)
-    figures = {name: _figure(CAPTIONS[name], data) for name, data in images.items()}
+    figures = {name: _figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
     parts = [
         *_answer(p),
         *_demands(p),
@@ -130,6 +173,7 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         figures.get("responses", ""),
         *_limits(p),
     ]
+    parts += _meanings(" ".join(parts))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -139,9 +183,49 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     )
 
 
-def _figure(caption: str, data: bytes) -> str:
+def _figure(caption: str, seen: str, data: bytes) -> str:
     said, image = html.escape(caption), base64.b64encode(data).decode("ascii")
-    return f'<figure><img alt="{said}" src="data:image/png;base64,{image}"><figcaption>{said}</figcaption></figure>'
+    source = f"data:image/png;base64,{image}"
+    return f'<figure><img alt="{html.escape(seen)}" src="{source}"><figcaption>{said}</figcaption></figure>'
+
+
+def _seen(name: str, record: Mapping[str, Any]) -> str:
+    """What a picture shows, with its numbers, for who does not see it."""
+    gain, fold = f"{record['gain']:.4g} V/rad", f"{record['fold_gain']:.4g} V/rad"
+    if name == "diagram":
+        return (
+            f"Amplitude and period of the hunting cycles of the {record['model']} servo against the gain. The stable "
+            f"and the unstable cycle come together at {fold}, the largest gain at which the servo can hunt; the "
+            f"recommended gain, {gain}, is a vertical line behind the grey margin of {100 * record['margin']:.4g} %."
+        )
+    if name == "sensitivities":
+        ranked = sorted(record["elasticities"].items(), key=lambda item: -abs(item[1]))
+        bars = ", ".join(f"{key.replace('_', ' ').replace('.', ': ')} {value:+.3g} %" for key, value in ranked if value)
+        return f"Bars: change of the largest gain that hunts, {fold}, for one per cent more of each parameter: {bars}."
+    after = [task for task in record["verification"]["tasks"] if task["friction"] == "nominal"]
+    before = record["before"]
+    pairs = zip(before["tasks"], after, strict=False)
+    said = "; ".join(f"{old['start']}: {old['verdict']} before, {new['verdict']} after" for old, new in pairs)
+    gains = f"at gain {before['gain']:.4g} V/rad before and {gain} after"
+    return f"Distance from the set point against time, {gains}. {said[:1].upper()}{said[1:]}."
+
+
+def _meanings(page_so_far: str) -> list[str]:
+    """The words of the trade on the page, explained."""
+    words = words_in(html.unescape(re.sub(r"<[^>]*>", " ", page_so_far)))
+    items = "".join(f"<dt>{word}</dt><dd>{html.escape(GLOSSARY[word])}</dd>" for word in words)
+    return [f"<h2>What the words mean</h2><dl>{items}</dl>"] if words else []
+
+
+def _made(p: _Page) -> str:
+    """When, by what and for which servo: one line; "" for a record that does not say."""
+    made = p.record.get("made")
+    if made is None:
+        return ""
+    changed = ", ".join(p.text(f"made/set/{i}") for i in range(len(made["set"])))
+    file = f"servo file {p.text('made/servo_file')}" if made["servo_file"] else "the servo built in, no servo file"
+    with_changes = f" with {changed}" if changed else ""
+    return f"<p class=dim>{p.text('made/date')}, casahunt {p.text('made/casahunt')}, {file}{with_changes}</p>"
 
 
 def _answer(p: _Page) -> list[str]:
@@ -151,25 +235,28 @@ def _answer(p: _Page) -> list[str]:
     if record["fold_gain"]:
         above = (
             f"the gain lies {p.n('verification/margin', '.4g', 100.0)} % above the largest gain at which "
-            f"the servo can hunt, {p.n('verification/fold_gain', '.8g')} V/rad"
+            f"the servo can hunt, {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}"
             f"{' at the worst friction of the set' if record['worst']['corner'] else ''}."
         )
     form = "gains" if "kp" in record else "times"
-    only = f" ({p.n('cost_gain_only')} with the {form} as given)" if record["cost_gain_only"] is not None else ""
+    unit = html.escape(record["cost_unit"])
+    only = ""
+    if record["cost_gain_only"] is not None:
+        only = f" ({p.known('cost_gain_only', unit, p.tol)} with the {form} as given)"
     return [
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
-        f"<p class=answer>{p.n('gain', '.6g')} <small>V/rad, the recommended gain</small></p>",
+        _made(p),
+        f"<p class=answer>{p.known('gain', '', p.gain_error, most=6)} <small>V/rad, the recommended gain</small></p>",
         f"<p>{_result(check)}: {above}</p>",
         *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
         *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
           for i in range(len(check["unverified"]))],
         "<h2>The answer</h2>",
         _table([], [
-            ["gain K", p.n("gain", ".10g") + " V/rad"],
-            *[[name, p.n(key) + unit + ("" if key in free else ", as given")]
-              for key, (name, unit) in CONTROLLER.items() if key in record],
-            ["cost", f"{html.escape(record['cost_meaning'])}: {p.n('cost_value')} {html.escape(record['cost_unit'])}"
-             + only],
+            ["gain K", p.known("gain", GAIN_UNIT, p.gain_error)],
+            *[[name, p.known(key, unit_of(key), p.tol if key in free else 0.0) + ("" if key in free else ", as given")]
+              for key, name in CONTROLLER.items() if key in record],
+            ["cost", f"{html.escape(record['cost_meaning'])}: {p.known('cost_value', unit, p.gain_error)}" + only],
             ["what keeps it from being less", ", ".join(map(_words, record["binding"])) or "nothing"],
         ]),
     ]  # fmt: skip
@@ -181,33 +268,34 @@ def _demands(p: _Page) -> list[str]:
         _table([], [
             ["margin above the fold", p.n("margin", ".4g", 100.0) + " %"],
             ["phase margin, at least", p.n("demands/phase_margin", "g") + " degrees"],
-            ["gain margin, up and down", p.n("demands/gain_margin", "g")],
+            ["gain margin, up and down", "factor " + p.n("demands/gain_margin", "g")],
             ["delay, sample time", f"{p.n('demands/delay', 'g')} s, {p.n('demands/sample_time', 'g')} s"],
-            *[[f"bounds of {_words(name)}", f"{p.n(f'bounds/{name}/0')} to {p.n(f'bounds/{name}/1')}"]
-              for name in p.record["bounds"]],
+            *[[f"bounds of {_words(name)}", f"{p.n(f'bounds/{name}/0', '.6g')} to "
+               + p.with_unit(f"bounds/{name}/1", unit_of(name), ".6g")] for name in p.record["bounds"]],
         ]),
     ]  # fmt: skip
 
 
 def _fold(p: _Page) -> list[str]:
     rows = [
-        ["fold gain, nominal friction", p.n("fold/nominal", ".10g") + " V/rad"],
+        ["fold gain, nominal friction", p.known("fold/nominal", GAIN_UNIT, value_at(p.record, "fold/error") or p.tol)],
         ["its numerical error, relative", p.n("fold/error", ".1e")],
-        ["cycle there", f"amplitude {p.n('fold/amplitude', '.6g')} rad, period {p.n('fold/period', '.6g')} s"],
+        ["cycle there", f"amplitude {p.known('fold/amplitude', 'rad', p.tol, 6)}, "
+                          f"period {p.known('fold/period', 's', p.tol, 6)}"],
     ]
     corner = p.record["worst"]["corner"]
     if corner:
         if p.record["fold"]["linear_low"] is not None:
-            low, high = p.n("fold/linear_low", ".6g"), p.n("fold/linear_high", ".6g")
+            low, high = (p.known(f"fold/linear_{end}", "", p.tol, 6) for end in ("low", "high"))
             rows.append(["over the uncertainty set, to first order", f"{low} to {high} V/rad"])
-        rows.append(["fold gain, worst friction", p.n("worst/fold_gain", ".10g") + " V/rad"])
-        rows += [[f"worst {_words(name)}", p.n(f"worst/corner/{name}")] for name in corner]
+        rows.append(["fold gain, worst friction", p.known("worst/fold_gain", GAIN_UNIT, p.fold_error)])
+        rows += [[f"worst {_words(name)}", p.with_unit(f"worst/corner/{name}", unit_of(name))] for name in corner]
     return ["<h2>The fold and its uncertainty</h2>", _table([], rows)]
 
 
 def _elasticities(p: _Page) -> list[str]:
     ranked = sorted(p.record["elasticities"].items(), key=lambda item: -abs(item[1]))
-    rows = [[_words(name), p.n(f"elasticities/{name}", "+.4f") + " %"] for name, _ in ranked]
+    rows = [[_words(name), p.n(f"elasticities/{name}", f"+.{known_decimals(p.tol, 4)}f") + " %"] for name, _ in ranked]
     return ["<h2>What moves the fold</h2>", _table(["one per cent more of", "changes the fold gain by"], rows)]
 
 
@@ -222,11 +310,12 @@ def _verification(p: _Page) -> list[str]:
         "<h2>Verified apart from the optimisation</h2>",
         _table([], [
             ["fold solved again", p.verdict("verification/margin_kept", "margin kept", "margin not kept"),
-             f"fold gain {p.n('verification/fold_gain', '.10g')}, "
+             f"fold gain {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}, "
              f"relative error {p.n('verification/fold_error', '.1e')}"],
             ["event map", p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],
             *([["folds of the set", p.n("verification/set/folds", "g") + " servos",
-                f"largest fold gain {p.n('verification/set/largest_fold_gain', '.10g')}"]] if check["set"] else []),
+                "largest fold gain " + p.known("verification/set/largest_fold_gain", GAIN_UNIT, p.tol)]]
+              if check["set"] else []),
             ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"),
              f"{p.n('verification/loops_checked', 'g')} servos"],
         ]),
@@ -239,8 +328,8 @@ def _loop_row(p: _Page, name: str, loop: Mapping[str, Any]) -> list[str]:
     return [
         _loop_name(p, name, p.record["verification"]["loop_corners"]),
         p.n(f"{at}/phase_margin", ".5g") + " degrees",
-        free if not loop["lowest_factor"] else p.n(f"{at}/lowest_factor", ".5g"),
-        free if loop["highest_factor"] is None else p.n(f"{at}/highest_factor", ".5g"),
+        free if not loop["lowest_factor"] else p.n(f"{at}/lowest_factor", ".5g") + " times",
+        free if loop["highest_factor"] is None else p.n(f"{at}/highest_factor", ".5g") + " times",
     ]
 
 
@@ -249,7 +338,7 @@ def _tasks(p: _Page) -> list[str]:
     if p.record["before"] is not None:
         rows += [_task_row(p, f"before/tasks/{i}", "before/gain") for i in range(len(p.record["before"]["tasks"]))]
     rows += [_task_row(p, f"verification/tasks/{i}", "gain") for i in range(len(p.record["verification"]["tasks"]))]
-    return ["<h2>Simulated regulator tasks</h2>", _table(["gain", "friction", "start", "verdict", "why"], rows)]
+    return ["<h2>Simulated regulator tasks</h2>", _table(["gain [V/rad]", "friction", "start", "verdict", "why"], rows)]
 
 
 def _limits(p: _Page) -> list[str]:
@@ -258,7 +347,7 @@ def _limits(p: _Page) -> list[str]:
         "<h2>What this does not prove</h2><ul>",
         *[f"<li>{p.text(f'proves_not/{i}')}</li>" for i in range(len(p.record["proves_not"]))],
         "</ul><h2>The servo as given</h2>",
-        _table([], [[_words(key), p.n(f"servo/{key}")] for key in p.record["servo"]]),
+        _table([], [[_words(key), p.with_unit(f"servo/{key}", unit_of(key))] for key in p.record["servo"]]),
         f"<p class=dim>Computed in {p.n('wall_s', '.1f')} s, status {p.text('status')}.</p>",
     ]
 
@@ -275,7 +364,10 @@ def _result(check: Mapping[str, Any]) -> str:
 def _loop_name(p: _Page, name: str, corners: Mapping[str, Any]) -> str:
     if name not in corners:
         return {"worst": "worst friction"}.get(name, name)
-    at = ", ".join(f"{_words(key)} {p.n(f'verification/loop_corners/{name}/{key}', '.6g')}" for key in corners[name])
+    at = ", ".join(
+        f"{_words(key)} {p.with_unit(f'verification/loop_corners/{name}/{key}', unit_of(key), '.6g')}"
+        for key in corners[name]
+    )
     return f"least {name}" + (f" of the set: {at}" if at else "")
 
 
@@ -283,4 +375,5 @@ def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     hunts = value_at(p.record, f"{key}/verdict") in ("hunting", "growing")
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in ("at rest", "decaying") else "dim"
     verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
-    return [p.n(gain, ".6g"), p.text(f"{key}/friction"), p.text(f"{key}/start"), verdict, p.text(f"{key}/reason")]
+    shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
+    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), verdict, p.text(f"{key}/reason")]

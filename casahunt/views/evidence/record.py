@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
+import os
+import time
+from collections.abc import Sequence
 from typing import Any
 
 from ...checks import finite_or_none
@@ -31,6 +35,31 @@ INSIDE_SENTENCE = (
     "that is not near any of them may exist."
 )
 DELAY = "The delay is in the margins of the linear loop only; fold, scan and simulation are without it."
+
+
+def made(servo_file: str | None, changes: Sequence[str]) -> dict[str, Any]:
+    """When and by what a record is made, and for which servo.
+
+    Parameters
+    ----------
+    servo_file, changes
+        the servo file, None for the servo built in; and what was set beside it, KEY=VALUE.
+
+    Returns
+    -------
+    date (UTC; that of SOURCE_DATE_EPOCH where that is set, for builds that are to be the same again), casahunt (the
+    version), servo_file, set.
+    """
+    import importlib.metadata  # takes 30 ms
+
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    seconds = float(epoch) if epoch.isdigit() else time.time()
+    date = datetime.datetime.fromtimestamp(seconds, datetime.UTC).date().isoformat()
+    try:
+        version = importlib.metadata.version("casahunt")
+    except importlib.metadata.PackageNotFoundError:  # a checkout that is not installed
+        version = "0+uninstalled"
+    return {"date": date, "casahunt": version, "servo_file": servo_file, "set": list(changes)}
 
 
 def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task, ...]]:

@@ -47,10 +47,10 @@ def operating_point(tuning: Tuning, branch: Branch) -> Figure:
             axes.axvspan(tuning.fold_gain, (1 + tuning.demands.margin) * tuning.fold_gain, color="0.9", zorder=0)
         axes.axvline(tuning.gain, color=AFTER, linewidth=2.0, zorder=3)
         axes.set_xlim(low, reach)
-    for text in figure.axes[0].texts:  # the label of the fold stands where the lines are
-        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.5})
-        text.set_zorder(10)
+    for text in list(figure.axes[0].texts):  # the label of the fold would stand where the line of the gain is
+        text.remove()
     handles = [
+        Line2D([], [], color=NEUTRAL, linestyle="", marker="o", label=f"hunting up to {tuning.fold_gain:.4g}"),
         Line2D([], [], color=AFTER, linewidth=2.0, label=f"recommended gain {tuning.gain:.4g}"),
         Line2D([], [], color="0.85", linewidth=8, label="margin"),
     ]

@@ -1,0 +1,250 @@
+"""What every command prints: 80 columns, each word of the trade explained once, a CSV table with all digits."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from pathlib import Path
+
+import pytest
+from command_line import one_json, run
+
+from casahunt import Servo, cli, find_orbit
+from casahunt.checks import to_absolute_error, to_error
+from casahunt.servo.servo import KEYS
+from casahunt.views.commands.printed import LINE_WIDTH, MEANINGS, folded, meanings
+from casahunt.views.glossary import FAMILIAR, GLOSSARY, OTHER_FORMS, page, words_in
+from casahunt.views.units import PARAMETER_UNITS, column, with_unit
+
+ROOT = Path(__file__).parents[2]
+SET = ROOT / "problems" / "table1_uncertainty.toml"
+GAIN = ("--gain", 0.1)
+VS = "friction.stribeck_velocity"  # the longest name
+COMMANDS = {
+    "orbit": ("--gain", 0.4, "--branch", "unstable", "--multipliers", "integrator"),
+    "diagram": ("--model", "switch", "--from", 0.63),
+    "fold": (),
+    "fold-curve": ("--model", "switch", "--vary", VS, "--from", 0.02, "--to", 0.0201, "--points", 2),
+    "fold-map": ("--vary", "friction.static", 0.52, 0.54, "--and", VS, 0.02, 0.021, "--points", 2),
+    "loop": (*GAIN, "--gain", 0.4),
+    "equilibria": (*GAIN, "--model", "lugre"),
+    "map": (*GAIN, "--from", 1e-4, "--to", 0.1, "--points", 20),
+    "basin": GAIN,
+    "simulate": (*GAIN, "--time", 20),
+    "record": (ROOT / "tests" / "design" / "no such record.csv",),
+    "uncertainty": ("--uncertainty", SET, "--samples", 2),
+    "tune": ("--uncertainty", SET),
+    "glossary": (),
+}  # fmt: skip
+"""A quick command line of each."""
+SLOW = {"tune"}
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory) -> Path:
+    """A motion as if it were measured."""
+    path = tmp_path_factory.mktemp("record") / "a record with a name of some length that is printed back.csv"
+    assert cli.main(["simulate", "--gain", "0.04", "--csv", str(path), "--step", "0.05", "--quiet"]) == 0
+    return path
+
+
+def words_of(command: str, record: Path, out: Path) -> list[object]:
+    words = [record, "--gain", 0.04] if command == "record" else list(COMMANDS[command])
+    return [command, *words, "--quiet", *(["--out", out] if command == "diagram" else [])]
+
+
+def test_every_command_is_here():
+    assert set(COMMANDS) == set(cli.COMMANDS)
+
+
+@pytest.mark.parametrize("command", [pytest.param(c, marks=[pytest.mark.slow] if c in SLOW else []) for c in COMMANDS])
+def test_results_fit_and_are_explained(capsys, tmp_path, monkeypatch, command, record):
+    """No line is longer than 80 columns; every word of the trade has its sentence, once, below the result."""
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *words_of(command, record, Path("out")))
+    assert (code, err) == (0, "")
+    assert max(map(len, out.splitlines())) <= 80
+    result, _, explained = " ".join(out.split()).partition(MEANINGS)
+    if command == "glossary":
+        assert all(f"{word}: {text}" in result for word, text in GLOSSARY.items())
+        return
+    used = [word for word in words_in(result) if f"{word} at gain" not in result]  # a special point says what it is
+    for word in used:
+        assert explained.count(f"{word}: {GLOSSARY[word]}") == 1, word
+    assert bool(explained) == bool(used)
+
+
+@pytest.mark.parametrize("command", ["", *cli.COMMANDS])
+def test_help_fits_and_is_explained(capsys, monkeypatch, command):
+    """Also on a wide terminal; what must be given stands under a heading of its own, and in no bracket."""
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit):
+        cli.main([*([command] if command else []), "--help"])
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80
+    body, _, explained = text.partition(MEANINGS)
+    for word in words_in(body):
+        assert f"{word}: {GLOSSARY[word]}" in " ".join(explained.split())
+    usage, *sections = body.split("\n\n")
+    required = next((s for s in sections if s.startswith("required:")), "")
+    needed = {"orbit", "fold-curve", "fold-map", "loop", "equilibria", "map", "basin", "simulate", "uncertainty"}
+    assert bool(required) == (command in needed)
+    assert not required or sections.index(required) < next(i for i, s in enumerate(sections) if s[:8] == "options:")
+    for option in re.findall(r"^  (--[\w-]+)", required, re.MULTILINE):
+        assert option in usage and f"[{option} " not in usage
+    assert ", required" not in text
+
+
+REQUIRED = [
+    ("orbit", [], "gain", "--gain 0.1"),
+    ("loop", [], "gain", "--gain 0.1 --gain 0.4"),
+    ("fold-curve", ["--vary", "friction.static"], "from, to", "--from 0.5 --to 0.6"),
+    ("fold-map", [], "vary, and", "--vary friction.static 0.5 0.6 --and servo.inertia 0.02 0.03"),
+    ("uncertainty", [], "uncertainty", "--uncertainty friction.toml"),
+]
+
+
+@pytest.mark.parametrize(("command", "words", "missing", "example"), REQUIRED)
+def test_what_is_missing_is_said_with_an_example(capsys, command, words, missing, example):
+    code, out, err = run(capsys, command, *words)
+    says = f"{missing}: must be given, for example {example} (see casahunt {command} --help)"
+    assert (code, out, err) == (2, "", f"casahunt {command}: {says}\n")
+
+
+def test_a_positional_that_is_missing(capsys):
+    assert run(capsys, "record") == (2, "", "casahunt record: F.csv: must be given (see casahunt record --help)\n")
+
+
+# CSV: every command with a table --------------------------------------------------------------------------------
+
+
+WORDS = {"model", "branch", "status", "unit", "parameter", "quantity", "kind", "stable", "special", "outcome", "mode",
+         "from", "first", "second"}  # fmt: skip
+PLAIN = {"half_multiplier", "half_multiplier_error", "trivial_multiplier_error", "elasticity", "error_estimate", "gain",
+         "value", "first_value", "second_value", "slope", "measured", "error", "scatter", "predicted",
+         "predicted_error", "ratio", "swing", "sample", "threshold", "damping_ratio", "unstable_below_factor",
+         "unstable_above_factor", "slope_V_per_rad_per_unit"}  # fmt: skip
+UNIT = re.compile(r"_(rad|s|V_per_rad|per_s|deg|Nm|rad_per_s|rad_s|kg_m2|N?ms?_per_rad|Nms?_per_rad(_s)?|(re|im))$")
+WITH_CSV = [command for command in COMMANDS if command not in ("diagram", "glossary")]
+
+
+@pytest.mark.parametrize("command", [pytest.param(c, marks=[pytest.mark.slow] if c in SLOW else []) for c in WITH_CSV])
+def test_every_table_has_a_file(capsys, tmp_path, command, record):
+    """Columns name their units, numbers have all their digits, and stand as they are in the JSON object."""
+    path = tmp_path / "table.csv"
+    code, out, _ = run(capsys, *words_of(command, record, tmp_path), "--json", "--csv", path)
+    assert code == 0
+    header, *rows = csv.reader(path.read_text(encoding="ascii").splitlines())
+    assert rows and all(len(row) == len(header) for row in rows)
+    for name in header:
+        assert name in WORDS | PLAIN or UNIT.search(name) or name.startswith("multiplier_"), name
+    found = {name: [row[i] for row in rows] for i, name in enumerate(header)}
+    for name in set(header) - WORDS:
+        for text in found[name]:
+            assert text == repr(float(text)) or name in ("swing", "sample"), (name, text)
+    numbers = {repr(value) for value in leaves(one_json(out)) if isinstance(value, float)}
+    main = {
+        "orbit": "period_s", "fold": "elasticity", "fold-curve": "gain", "fold-map": "gain", "loop": "pole_1_re_per_s",
+        "equilibria": "largest_real_part_per_s", "map": "stick_position_rad", "basin": "stick_position_rad",
+        "record": "measured", "tune": "value",
+    }.get(command)  # fmt: skip
+    if main:
+        assert {text for text in found[main][:4] if math.isfinite(float(text))} <= numbers | {"0.0"}
+
+
+def leaves(value: object) -> list[object]:
+    if isinstance(value, dict):
+        return [leaf for item in value.values() for leaf in leaves(item)]
+    if isinstance(value, list):
+        return [leaf for item in value for leaf in leaves(item)]
+    return [value]
+
+
+def test_errors_stand_in_the_unit_of_their_number(capsys, tmp_path):
+    path = tmp_path / "orbit.csv"
+    said = one_json(run(capsys, "orbit", "--gain", 0.1, "--json", "--quiet", "--csv", path)[1])
+    header, row = csv.reader(path.read_text().splitlines())
+    cells = dict(zip(header, row, strict=True))
+    orbit = find_orbit(Servo(), "switch", 0.1)
+    assert float(cells["amplitude_error_rad"]) == pytest.approx(orbit.amplitude * orbit.amplitude_error)
+    assert float(cells["period_error_s"]) == pytest.approx(orbit.period * orbit.period_error)
+    relative = (orbit.amplitude_error, orbit.period_error)
+    assert max(relative) == pytest.approx(said["error_estimate"]) and min(relative) > 0
+
+
+def test_the_samples_are_those_of_the_quantiles(capsys, tmp_path):
+    path = tmp_path / "samples.csv"
+    words = ("uncertainty", "--uncertainty", SET, "--samples", 3, "--json", "--quiet", "--csv", path)
+    said = one_json(run(capsys, *words)[1])
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    gains = sorted(float(row["fold_gain_V_per_rad"]) for row in rows)
+    for row in rows:
+        assert float(row["fold_gain_error_V_per_rad"]) == pytest.approx(1e-6 * float(row["fold_gain_V_per_rad"]))
+    quantiles = said["samples"]["quantiles"]
+    assert (gains[0], gains[1], gains[2]) == (quantiles["min"], quantiles["50%"], quantiles["max"])
+
+
+def test_the_record_that_is_read_is_not_written_over(capsys, record):
+    before = record.read_bytes()
+    code, out, err = run(capsys, "record", record, "--csv", record)
+    assert (code, out) == (2, "") and "must be another file than the one that is read" in err
+    assert record.read_bytes() == before
+
+
+# The parts ------------------------------------------------------------------------------------------------------
+
+
+def test_long_lines_are_folded_below_their_text():
+    line = "  because          " + "word " * 30 + "a = 0.001 rad"
+    parts = folded(line)
+    assert all(len(part) <= LINE_WIDTH for part in parts)
+    assert all(part.startswith(" " * 19 + "word") for part in parts[1:-1])
+    assert " ".join(" ".join(parts).split()) == " ".join(line.split())
+    for width in range(20, 80):  # neither a number and its unit nor the two sides of "=" are parted
+        assert any("a = 0.001 rad" in part for part in folded("x " * 30 + "a = 0.001 rad", width))
+    path = "written to /" + "x" * 100
+    assert folded(path) == ["written to", "  /" + "x" * 100]  # can be copied
+    assert folded("short") == ["short"] and folded("x" * 80) == ["x" * 80]
+
+
+def test_words_are_found_and_names_are_not():
+    assert words_in("two Folds of a half multiplier, pseudo-arclength") == ["fold", "half multiplier", "arclength"]
+    assert words_in("casahunt fold-curve, --multipliers, fold.png, unfolded, xfold") == []
+    assert words_in("(the fold's place)") == ["fold"]
+    assert words_in("a half multiplier") == ["half multiplier"]  # not the multiplier in it
+    assert meanings(["the fold"], said=["fold"]) == [] == meanings(["nothing"])
+    assert set(OTHER_FORMS) | set(FAMILIAR) <= set(GLOSSARY) and sorted(GLOSSARY, key=str.lower) == list(GLOSSARY)
+    for word, text in GLOSSARY.items():
+        assert text.endswith(".") and len(text.split()) < 45, word
+
+
+def test_the_page_of_the_documentation_is_made_of_it():
+    """Made again by `print(casahunt.views.glossary.page(), end="")`."""
+    assert (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8") == page()
+
+
+def test_a_word_of_the_glossary(capsys):
+    assert run(capsys, "glossary", "fixed", "Point")[1].startswith("fixed point: ")
+    assert one_json(run(capsys, "glossary", "fold", "--json")[1]) == {"fold": GLOSSARY["fold"]}
+    code, out, err = run(capsys, "glossary", "fould")
+    assert (code, out) == (2, "") and "did you mean 'fold'?" in err and err.count("\n") == 1
+
+
+def test_every_parameter_has_its_unit():
+    assert set(PARAMETER_UNITS) == {*KEYS, "gain"}
+    assert with_unit("friction.viscous") == "friction.viscous [N m s/rad]"
+    assert with_unit("controller.kp") == "controller.kp"
+    assert column("servo.motor_gain") == "servo.motor_gain_Nm_per_V"
+    assert column("controller.ki") == "controller.ki_per_s"
+
+
+def test_no_digit_stands_beyond_the_error():
+    """The last digit is worth more than a fifth of the error, whatever the number; an unknown number is 0."""
+    for error in (3e-1, 1e-2, 2e-5, 7e-9):
+        for x in (1.0, -math.pi, 9.99999, 2.7e-7, 6.02e23):
+            mantissa, _, exponent = to_error(x, error).partition("e")
+            unit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+            assert abs(float(to_error(x, error)) - x) <= 2 * error * abs(x)
+            assert unit > 0.2 * error * abs(x) or "." not in mantissa
+    assert to_absolute_error(1e-18, 1e-9) == "0" and to_absolute_error(-0.12345, 1e-3) == "-0.123"
