@@ -18,10 +18,12 @@ import numpy as np
 
 from ..checks import known, number
 from ..errors import InputError, NoOrbit, Status
+from ..export import Columns
 from ..orbits.adapt import Options
 from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit
 from ..orbits.starts import may_vanish
+from ..results import Result
 from .behind_grazing import behind_grazing, from_strongest
 from .bifurcations import monitors_of
 from .curve import parameter_value
@@ -38,8 +40,8 @@ FIRST_SHRINKS = "the first phase may be about to vanish"
 LEFT_BEHIND, NEXT_TO_NOTHING = "the plane that cuts the cycle is left behind", "the cycle has shrunk to nothing"
 
 
-@dataclass(frozen=True, eq=False)
-class Branch(Generic[AnyOrbit]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Result, Generic[AnyOrbit]):
     """Cycles along a parameter.
 
     Attributes
@@ -50,6 +52,9 @@ class Branch(Generic[AnyOrbit]):
     missed : those that the branch has, but that were not located.
     ended : one sentence that says why the branch ends where it does.
     """
+
+    _quantities = ("vary", "points = orbits.size", "ended")
+    _details = ("special", "missed")
 
     vary: str
     orbits: tuple[AnyOrbit, ...]
@@ -75,6 +80,19 @@ class Branch(Generic[AnyOrbit]):
     def __str__(self) -> str:
         met = [special.meaning for special in self.special] + [missed.meaning for missed in self.missed]
         return "\n".join([f"{len(self.orbits)} cycles along {self.vary}; {self.ended}", *met])
+
+    def _columns(self) -> Columns:
+        here = {id(special.orbit): special.kind for special in self.special}
+        known = [orbit.multipliers.trusted for orbit in self.orbits]
+        return {
+            self.vary: self.values,
+            "period": self.periods,
+            "amplitude": [orbit.amplitude for orbit in self.orbits],
+            "error_estimate": [orbit.error_estimate for orbit in self.orbits],
+            "stable": [orbit.stable if trusted else None for orbit, trusted in zip(self.orbits, known, strict=True)],
+            "status": [orbit.status for orbit in self.orbits],
+            "special": [here.get(id(orbit), "") for orbit in self.orbits],
+        }
 
 
 def follow(

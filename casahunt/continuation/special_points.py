@@ -31,6 +31,7 @@ from ..errors import NoOrbit
 from ..hybrid.roots import CLOSED, Bracket, Search, boundary
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
+from ..results import Result
 from .curve import (
     Point,
     backwards,
@@ -57,8 +58,8 @@ ACCEPTED_TOLERANCES = 1e3
 order in that, within 1e-12."""
 
 
-@dataclass(frozen=True, eq=False)
-class SpecialPoint(Generic[AnyOrbit]):
+@dataclass(frozen=True, eq=False, repr=False)
+class SpecialPoint(Result, Generic[AnyOrbit]):
     """A located point of a branch.
 
     Attributes
@@ -69,14 +70,17 @@ class SpecialPoint(Generic[AnyOrbit]):
     at : value of the parameter, where `orbit` is the last one next to the point and not the point itself.
     """
 
+    _quantities = ("kind", "meaning")
+    _details = ("at", "orbit")
+
     kind: str
     orbit: AnyOrbit
     meaning: str
     at: float | None = None
 
 
-@dataclass(frozen=True)
-class Missed:
+@dataclass(frozen=True, repr=False)
+class Missed(Result):
     """A special point that the branch has, but that was not located.
 
     Attributes
@@ -84,6 +88,8 @@ class Missed:
     kind : as of a `SpecialPoint`.
     meaning : one sentence for the user, with the values of the parameter that it lies between.
     """
+
+    _quantities = ("kind", "meaning")
 
     kind: str
     meaning: str

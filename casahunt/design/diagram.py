@@ -16,6 +16,7 @@ from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoin
 from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
+from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST
 from ..servo.find_orbit import find_orbit
@@ -29,12 +30,19 @@ DRAWING_STEP = 0.15
 """Largest arclength between points: the solver could take three times as much, the eye could not."""
 
 
-@dataclass(frozen=True, eq=False)
-class DiagramPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class DiagramPoint(Result):
     """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
 
     `missed` are those that were not located.
     """
+
+    _quantities = (
+        "model = orbit.model", "gain = orbit.gain [V/rad] ~ orbit.parameter_error",
+        "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error", "period = orbit.period [s] ~ orbit.period_error",
+        "is_special",
+    )  # fmt: skip
+    _details = ("orbit", "special", "missed")
 
     orbit: HuntingOrbit
     special: tuple[SpecialPoint[HuntingOrbit], ...]

@@ -19,13 +19,15 @@ import numpy as np
 
 from ..checks import known
 from ..errors import Status
+from ..export import Columns
 from ..orbits.adapt import Options
-from ..orbits.ensemble import OrbitEnsemble, table_of
+from ..orbits.ensemble import OrbitEnsemble, table_of, words_of
 from ..orbits.ensemble import orbit_ensemble as orbits_near
+from ..results import Result
 from ..servo.find_orbit import find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
-from ..servo.servo import Servo
+from ..servo.servo import Servo, a_servo
 from .uncertainty.batch import Done, folds_of
 from .uncertainty.nearby import nominal_fold
 
@@ -33,7 +35,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FoldEnsemble:
+class FoldEnsemble(Result):
     """The folds of n servos.
 
     Attributes
@@ -50,6 +52,9 @@ class FoldEnsemble:
         "alone" where it was looked for as `find_fold` does.
     failures : (index, sentence) of every fold that was not computed.
     """
+
+    _quantities = ("model", "servos = gains.size", "names")
+    _details = ("failures",)
 
     model: Model
     names: tuple[str, ...]
@@ -77,6 +82,15 @@ class FoldEnsemble:
             f"<folds of {n} {self.model} servos{between}: {alone} alone, {none} that cannot hunt, "
             f"{len(self.failures)} not computed>"
         )
+
+    def _columns(self) -> Columns:
+        numbers = {
+            "gain": self.gains, "gain_error": self.gain_errors, "amplitude_rad": self.amplitudes,
+            "amplitude_error": self.amplitude_errors, "period_s": self.periods, "period_error": self.period_errors,
+        }  # fmt: skip
+        slopes = zip(self.names, self.elasticities.T, strict=False)
+        own = dict(zip(self.names, self.parameters.T, strict=True)) | numbers
+        return own | {f"elasticity of {name}": column for name, column in slopes} | words_of(self)
 
 
 def fold_ensemble(
@@ -118,6 +132,7 @@ def fold_ensemble(
     ------
     InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
     """
+    a_servo(servo)
     known("model", model, MODELS)
     names = tuple(names)
     table = table_of(Hunting(model, servo, 1.0), names, rows)
@@ -168,6 +183,7 @@ def orbit_ensemble(
     InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
     NoOrbit : the servo itself has no such cycle.
     """
+    a_servo(servo)
     known("model", model, MODELS)
     known_orbit = orbit if orbit is not None else find_orbit(servo, model, gain, options=options)
     return orbits_near(

@@ -15,6 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..continuation.adjoint import parameter_slopes
+from ..export import Columns
+from ..results import Result
 from ..servo.problem import HuntingFold
 from ..servo.servo import PARAMETERS, PID_PARAMETERS
 
@@ -22,8 +24,8 @@ NAMES = tuple(dict.fromkeys(name for name in (*PARAMETERS, *PID_PARAMETERS) if n
 """Parameters that a fold gain may depend on; the controller's are those of one of its two forms."""
 
 
-@dataclass(frozen=True)
-class Sensitivities:
+@dataclass(frozen=True, repr=False)
+class Sensitivities(Result):
     """Derivatives of a fold gain.
 
     Attributes
@@ -33,6 +35,9 @@ class Sensitivities:
     elasticities : q/K dK/dq by parameter name, dimensionless; 0 where q is 0.
     """
 
+    _quantities = ("gain [V/rad]", "elasticities")
+    _details = ("derivatives",)
+
     gain: float
     derivatives: dict[str, float]
     elasticities: dict[str, float]
@@ -40,6 +45,11 @@ class Sensitivities:
     def linear(self, changes: dict[str, float]) -> float:
         """Fold gain for small absolute changes of parameters, to first order."""
         return self.gain + sum(self.derivatives[name] * change for name, change in changes.items())
+
+    def _columns(self) -> Columns:
+        names = list(self.derivatives)
+        slopes, elasticities = ([by[name] for name in names] for by in (self.derivatives, self.elasticities))
+        return {"parameter": names, "derivative": slopes, "elasticity": elasticities}
 
 
 def fold_sensitivities(fold: HuntingFold) -> Sensitivities:

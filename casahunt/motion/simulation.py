@@ -23,9 +23,11 @@ from ..checks import given_once, require
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, scheme
 from ..errors import NoOrbit, Status
+from ..export import Columns
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
+from ..results import Result
 from .closed_forms import check_closed_forms
 from .march import MarchFailure, Segment, march
 
@@ -47,8 +49,8 @@ class Crossing(NamedTuple):
     behind: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Result):
     """A motion, as far as it was followed.
 
     Attributes
@@ -61,6 +63,9 @@ class Motion:
     scale : (n,) sizes of the states.
     kind : collocation scheme.
     """
+
+    _quantities = ("duration ~ error", "events = events.size", "end")
+    _details = ("error", "p", "kind")
 
     system: System
     p: Array
@@ -100,6 +105,10 @@ class Motion:
         states : (n, m), in the order of `system.names.entries`.
         """
         return sampled(self.system.vector_form, self.phases, self.p, self.kind, per_interval)
+
+    def _columns(self) -> Columns:
+        times, states = self.sample()
+        return dict(zip(("t", *self.system.names.states), (times, *states), strict=False))
 
 
 def sampled(

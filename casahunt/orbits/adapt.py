@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..checks import known, require, shown
+from ..checks import known, number, of_kind, quoted, require, shown
 from ..collocation.admissibility import Verdict, judge
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
@@ -76,6 +76,10 @@ class Options:
         if not low <= require("tol", self.tol) <= high:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
         known("solver", self.solver, SOLVERS)
+        if self.degree is not None and (number("degree", self.degree) != int(self.degree) or self.degree < 1):
+            raise InputError(f"degree = {quoted(self.degree)}: must be a whole number, at least 1")
+        known("kind", self.kind or "gauss", get_args(Kind))
+        of_kind("half", self.half, bool)
 
     def scheme_of(self, problem: Problem) -> tuple[int, Kind]:
         """(degree, kind) for a problem."""

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import LARGEST, SMALLEST, number, sensible, shown
+from ..checks import LARGEST, SMALLEST, floated, number, sensible, shown
 from ..errors import InputError
 
 Array = np.ndarray
@@ -82,6 +82,7 @@ class Controller:
     def __post_init__(self) -> None:
         sensible("controller.lead_time", self.lead_time, zero=True)
         sensible("controller.integral_time", self.integral_time)
+        floated(self)
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
         """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
@@ -156,6 +157,7 @@ class Pid:
                 f"controller.kp = {shown(self.kp)}, controller.ki = {shown(self.ki)}: kp/ki must be between "
                 f"{SMALLEST:g} and {LARGEST:g} s"
             )
+        floated(self)
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
         """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""

@@ -36,7 +36,7 @@ from __future__ import annotations
 import math
 
 from .hunting import Model
-from .servo import Servo
+from .servo import Servo, a_servo
 
 
 def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
@@ -53,6 +53,7 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     -------
     A clause that says why; "" where that is not proved.
     """
+    a_servo(servo)
     f, c = servo.friction, servo.controller
     drop, reset = f.static > f.coulomb, c.reset_time
     if model == "lugre" and (drop or f.damping > f.stiffness * reset):

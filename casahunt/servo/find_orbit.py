@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ..checks import known, to_error
+from ..checks import known, of_kind, to_error
 from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
 from ..continuation.special_points import FOLD, SpecialPoint, locate
@@ -76,7 +76,7 @@ def find_orbit(
         could not be computed.
     """
     began = time.perf_counter()
-    options = options or Options()
+    options = of_kind("options", options or Options(), Options)
     check_problem(servo, model, gain)
     check_times(servo, model, gain)
     known("branch", branch, BRANCHES)

@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..checks import require, sensible
+from ..checks import floated, require, sensible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +54,7 @@ class Friction:
         sensible("friction.damping", self.damping, zero=True)
         sensible("friction.stick_band", self.stick_band)
         sensible("friction.stick_rate", self.stick_rate)
+        floated(self)
 
 
 def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:

@@ -29,6 +29,8 @@ Array = np.ndarray
 
 LARGEST_WALK_STEP = {"switch": 1.0, "lugre": 0.5}
 """Of a walk, in arclength."""
+STATE_COLUMNS = ("time_s", "x1_rad", "x2_rad_per_s", "x3_rad_s", "x4_rad")
+"""Columns of the table of an orbit; x4 = z of LuGre alone."""
 
 
 class HuntingOrbit(Orbit):
@@ -36,6 +38,15 @@ class HuntingOrbit(Orbit):
 
     States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
     """
+
+    _quantities = (
+        "model", "gain [V/rad] ~ parameter_error", "amplitude [rad] ~ amplitude_error", "period [s] ~ period_error",
+        "status",
+    )  # fmt: skip
+    _details = (
+        "servo", "error_estimate", "signature", "repeats", "degree", "solver", "unknowns", "iterations", "residual",
+        "wall_s [s]",
+    )  # fmt: skip
 
     problem: Hunting
 
@@ -54,9 +65,19 @@ class HuntingOrbit(Orbit):
         """The controller gain K."""
         return self.problem.gain
 
+    @property
+    def _state_columns(self) -> tuple[str, ...]:
+        return STATE_COLUMNS
+
 
 class HuntingFold(Fold[HuntingOrbit]):
     """The largest (at a second fold the smallest) gain at which a servo hunts."""
+
+    _quantities = (
+        "model = orbit.model", "gain [V/rad] ~ gain_error", "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error",
+        "period = orbit.period [s] ~ orbit.period_error", "status",
+    )  # fmt: skip
+    _details = ("optimised_gain [V/rad]", "error_estimate", "servo = orbit.servo", "sensitivities", "wall_s [s]")
 
     @property
     def gain(self) -> float:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import known, number, quoted, require, sensible
+from ..checks import floated, known, number, of_kind, quoted, require, sensible
 from ..errors import InputError
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .friction import Friction
@@ -73,6 +73,10 @@ class Servo:
     def __post_init__(self) -> None:
         sensible("servo.inertia", self.inertia)
         sensible("servo.motor_gain", self.motor_gain)
+        if not isinstance(self.controller, Pid):
+            of_kind("controller", self.controller, Controller, "such as Controller(lead_time=0.2), or a Pid")
+        of_kind("friction", self.friction, Friction, "such as Friction(static=0.5)")
+        floated(self)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,6 +125,17 @@ class Servo:
                 )
             own = {key: value for key, value in own.items() if not key.startswith("controller.")}
         return unflatten(own | values)
+
+
+def a_servo(value: Any) -> Servo:
+    """What must be a servo.
+
+    Raises
+    ------
+    InputError : it is none; says what it is, and how one is made.
+    """
+    servo: Servo = of_kind("servo", value, Servo, "such as Servo(inertia=0.02); load(path) reads one from a file")
+    return servo
 
 
 def _record_keys(section: str, record: type) -> list[str]:

@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...export import Columns
+from ...results import Result
 from .units import Quantity, Unit, quantity_of, split_header, stated_unit, unit_of
 
 Array = np.ndarray
@@ -81,8 +83,8 @@ class Reading:
         return "; ".join(parts)
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Result):
     """A position measured at increasing times.
 
     Attributes
@@ -92,6 +94,9 @@ class Record:
     name : where it comes from.
     reading : columns and units of the file; None for what was not read from one.
     """
+
+    _quantities = ("name", "samples = times.size", "duration [s]")
+    _details = ("reading",)
 
     times: Array
     position: Array
@@ -120,6 +125,14 @@ class Record:
         """The part from the time `start` [s] on."""
         kept = self.times >= start
         return Record(self.times[kept], self.position[kept], self.name, self.reading)
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return float(self.times[-1] - self.times[0]) if self.times.size else 0.0
+
+    def _columns(self) -> Columns:
+        return {"time_s": self.times, "position_rad": self.position}
 
 
 def read_record(path: str | Path, *, time_unit: str | None = None, position_unit: str | None = None) -> Record:

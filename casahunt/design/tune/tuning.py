@@ -21,11 +21,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ...checks import known
+from ...checks import known, of_kind
 from ...errors import InputError, Status
 from ...orbits.adapt import Options
+from ...results import Result
 from ...servo.hunting import MODELS, Model
-from ...servo.servo import Servo, flatten
+from ...servo.servo import Servo, a_servo, flatten
 from ..uncertainty.set import Uncertainty, check_box
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
@@ -36,8 +37,8 @@ REPAIRS = 3
 """Most times that the check may find servos worse than the worst."""
 
 
-@dataclass(frozen=True, eq=False)
-class Tuning:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuning(Result):
     """A tuned servo.
 
     Attributes
@@ -57,6 +58,15 @@ class Tuning:
     rounds, evaluations : problems solved, folds computed by the searches for the worst servo.
     wall_s : time taken [s].
     """
+
+    _quantities = (
+        "model", "gain [V/rad]", "controller = servo.controller", "cost", "cost_value", "fold_gain [V/rad]", "binding",
+        "status",
+    )  # fmt: skip
+    _details = (
+        "servo", "before", "gain_only", "demands", "free", "bounds", "corner", "worst", "verification", "rounds",
+        "evaluations", "wall_s [s]",
+    )  # fmt: skip
 
     model: Model
     before: Servo
@@ -126,9 +136,15 @@ def tune(
     NoOrbit : the task cannot be met, and what is in the way; or a fold was not computed.
     """
     began = time.perf_counter()
+    a_servo(servo)
     known("model", model, MODELS)
     known("cost", cost, COSTS)
-    demands, options = demands or Demands(), options or Options()
+    if uncertainty is not None:
+        of_kind("uncertainty", uncertainty, Uncertainty)
+    demands = of_kind("demands", demands or Demands(), Demands)
+    options = of_kind("options", options or Options(), Options)
+    if isinstance(free, str):
+        raise InputError(f"free = {free!r}: must be a list of names, such as [{free!r}]")
     free = tuple(dict.fromkeys(free))
     limits = check_bounds(servo, free, bounds or {})
     _check_set(servo, uncertainty, free)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...results import Result
 from ...servo.problem import HuntingFold
 from .linear import linear_gains, linear_moments, linear_range
 from .samples import Samples
@@ -21,8 +22,8 @@ MISLEADS = 0.02
 """Relative error of a fold gain from which the linear answer is said to mislead."""
 
 
-@dataclass(frozen=True)
-class Summary:
+@dataclass(frozen=True, repr=False)
+class Summary(Result):
     """Linear and solved answers side by side.
 
     Attributes
@@ -34,6 +35,9 @@ class Summary:
     relative_error : by place ("worst corner", "5%", "95%"), how far the linear answer is off, relative to the solved.
     misleading : whether, and where, the linear answer misleads.
     """
+
+    _quantities = ("linear [V/rad]", "mean [V/rad]", "std [V/rad]", "misleading")
+    _details = ("range_name", "quantiles", "linear_quantiles", "relative_error")
 
     linear: tuple[float, float]
     mean: float

@@ -22,6 +22,7 @@ from ...checks import known
 from ...errors import InputError, NoOrbit, Status
 from ...hybrid.roots import Bracket
 from ...orbits.adapt import Options
+from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
@@ -35,8 +36,8 @@ MOST_FOLDS_ALONG = 25
 """Folds per search for a worst corner, and per search along one coordinate."""
 
 
-@dataclass(frozen=True, eq=False)
-class WorstCase:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorstCase(Result):
     """The largest fold gain found in a box.
 
     Attributes
@@ -47,6 +48,9 @@ class WorstCase:
     evaluations : folds computed.
     failures : what went wrong at points that were not computed.
     """
+
+    _quantities = ("gain [V/rad] ~ fold.gain_error", "corner", "evaluations")
+    _details = ("servo", "failures", "fold")
 
     servo: Servo
     fold: HuntingFold | None

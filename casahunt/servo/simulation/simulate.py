@@ -38,7 +38,7 @@ from .. import stick_band as band
 from ..cycles import SCHEMES, automaton, names_of
 from ..event_map.scan import state_scale
 from ..hunting import MODELS, Model
-from ..servo import Servo
+from ..servo import Servo, a_servo
 from .prospect import escapes
 from .trajectory import Happening, Trajectory
 from .verdict import SPAN, unit_of
@@ -113,6 +113,7 @@ def simulate(
     NoOrbit : the motion could not be computed.
     """
     began = clock.perf_counter()
+    a_servo(servo)
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     sensible("time", time, power=COMPUTED)
