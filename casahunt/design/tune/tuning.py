@@ -60,7 +60,7 @@ class Tuning(Result):
     """
 
     _quantities = (
-        "model", "gain [V/rad]", "controller = servo.controller", "cost", "cost_value", "fold_gain [V/rad]", "binding",
+        "model", "gain [V/rad]", "cost", "cost_value", "fold_gain [V/rad]", "binding",
         "status",
     )  # fmt: skip
     _details = (
