@@ -4,16 +4,19 @@ Limit cycles of a position servo with dry friction and integral action, computed
 boundary value problems (CasADi, Newton and IPOPT), followed in the controller gain round the fold where hunting ends.
 
     >>> from casahunt import Servo, find_orbit, find_fold
-    >>> orbit = find_orbit(Servo(), "switch", 0.04)          # Table 1 of the report, gain K = 0.04
-    >>> orbit.amplitude, orbit.period, orbit.half_multiplier
-    >>> find_fold(Servo(), "switch").gain                    # no hunting above this gain
+    >>> orbit = find_orbit(Servo(), "switch", 0.04)                     # Table 1 of the report, gain K = 0.04
+    >>> round(orbit.amplitude, 4), round(orbit.period, 3), orbit.stable  # rad, s
+    (0.05, 10.281, True)
+    >>> round(find_fold(Servo(), "switch").gain, 4)                     # no hunting above this gain
+    0.6473
 
 Eight rooms, each importing only from those to its left:
 
     hybrid < collocation < motion < orbits < continuation < servo < design < views
 
 The first five solve periodic orbits of any hybrid system and know no servo.  The public names below are looked up when
-they are first read: who uses a room loads nothing of those above it.
+they are first read: who uses a room loads nothing of those above it.  Each has an example in its docstring.  Pictures
+are drawn by `casahunt.pictures`; systems of your own take `casahunt.hybrid`, `.motion`, `.orbits` and `.continuation`.
 """
 
 from importlib import import_module

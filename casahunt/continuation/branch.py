@@ -51,6 +51,16 @@ class Branch(Result, Generic[AnyOrbit]):
     special : the special points that were located, in the same order.
     missed : those that the branch has, but that were not located.
     ended : one sentence that says why the branch ends where it does.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> branch = follow(orbit, "a", to=0.013)
+    >>> f"{branch.values[-1]:.4f}", branch.ended
+    ('0.0130', 'a reached 0.013, the end of the range')
     """
 
     _quantities = ("vary", "points = orbits.size", "ended")
@@ -135,6 +145,16 @@ def follow(
     Raises
     ------
     InputError : unknown parameter, or `to` and `back` on the same side of the start.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> branch = follow(orbit, "a", to=0.05)
+    >>> [special.kind for special in branch.special]
+    ['flip']
     """
     known("parameter", vary, orbit.problem.names)
     here, to = orbit.problem.value(vary), number("to", to)

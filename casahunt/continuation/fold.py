@@ -62,6 +62,16 @@ class Fold(Result, Generic[AnyOrbit]):
         alone.
     multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
     status, wall_s : as everywhere.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import smallest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> fold = smallest(orbit, "a")
+    >>> round(fold.value, 8), sorted(fold.sensitivities)
+    (0.00856084, ['g', 'omega', 'r'])
     """
 
     _quantities: ClassVar[tuple[str, ...]] = (

@@ -68,6 +68,16 @@ class SpecialPoint(Result, Generic[AnyOrbit]):
     orbit : the orbit at the point.
     meaning : one sentence for the user.
     at : value of the parameter, where `orbit` is the last one next to the point and not the point itself.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (special,) = follow(orbit, "a", to=0.05).special
+    >>> special.kind, round(special.orbit.problem.value("a"), 5)
+    ('flip', 0.02626)
     """
 
     _quantities = ("kind", "meaning")
@@ -87,6 +97,12 @@ class Missed(Result):
     ----------
     kind : as of a `SpecialPoint`.
     meaning : one sentence for the user, with the values of the parameter that it lies between.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import Missed
+    >>> Missed("fold", "a fold between 0.1 and 0.2 was not located")
+    <Missed: kind fold, meaning a fold between 0.1 and 0.2 was not located>
     """
 
     _quantities = ("kind", "meaning")
@@ -376,5 +392,16 @@ def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
     Returns
     -------
     Monitor.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, user_monitor
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> height = user_monitor("top at 0.13", lambda orbit: orbit.amplitude - 0.13)
+    >>> branch = follow(orbit, "a", to=0.02, monitors=(height,))
+    >>> [special.kind for special in branch.special]
+    ['top at 0.13']
     """
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")

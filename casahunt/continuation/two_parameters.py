@@ -56,6 +56,17 @@ class SpecialCurve(Result):
     ended : one sentence that says why the curve ends where it does.
     complete : whether it ends at an end of the range.
     wall_s : time that it took [s].
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, special_curve
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (flip,) = follow(orbit, "a", to=0.05).special
+    >>> flips = special_curve(flip, "a", "r", to=0.78, points=2)
+    >>> flips.kind, flips.complete, flips.values.shape
+    ('flip', True, (2, 2))
     """
 
     _quantities = ("kind", "vary", "other", "points = orbits.size", "complete")
@@ -137,6 +148,17 @@ def special_curve(
     ------
     InputError : unknown parameter, no range, or a kind of special point that has no monitor.
     NoOrbit : at the given point there is none.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, special_curve
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (flip,) = follow(orbit, "a", to=0.05).special
+    >>> flips = special_curve(flip, "a", "r", to=0.78, points=2)
+    >>> [round(value, 5) for value in flips.values[-1].tolist()]
+    [0.02666, 0.78]
     """
     began = time.perf_counter()
     orbit, options = special.orbit, options or Options(tol=max(special.orbit.error_estimate, 1e-8))

@@ -89,6 +89,13 @@ def diagram(
     Raises
     ------
     InputError, NoOrbit : as `find_orbit` at the gain `start`.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, diagram
+    >>> points = diagram(Servo(), "switch", start=0.6)
+    >>> next(points).orbit.gain
+    0.6
     """
     options = options or Options()
     if begun:
@@ -152,6 +159,15 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     Returns
     -------
     Branch, with the sentence that says why it ends.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> branch.ended
+    'gain reached 0.6, the end of the range'
+    >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
+    True
     """
     orbits: list[HuntingOrbit] = []
     special: list[SpecialPoint[HuntingOrbit]] = []

@@ -51,6 +51,13 @@ class FoldEnsemble(Result):
     how : "batch"; "recut" where its cycle has other phases, or needs a mesh of its own, than that of the known fold;
         "alone" where it was looked for as `find_fold` does.
     failures : (index, sentence) of every fold that was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_ensemble
+    >>> found = fold_ensemble(Servo(), "switch", ["friction.static"], [[0.53], [0.54]])
+    >>> [f"{gain:.4f}" for gain in found.gains], found.how, found.failures
+    (['0.6473', '0.7212'], ('batch', 'batch'), ())
     """
 
     _quantities = ("model", "servos = gains.size", "names")
@@ -131,6 +138,15 @@ def fold_ensemble(
     Raises
     ------
     InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Servo, fold_ensemble
+    >>> rows = np.linspace(0.52, 0.54, 5)[:, None]
+    >>> found = fold_ensemble(Servo(), "switch", ["friction.static"], rows, elasticities=True)
+    >>> bool((np.diff(found.gains) > 0).all()), found.elasticities.shape
+    (True, (5, 1))
     """
     a_servo(servo)
     known("model", model, MODELS)
@@ -182,6 +198,13 @@ def orbit_ensemble(
     ------
     InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
     NoOrbit : the servo itself has no such cycle.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, orbit_ensemble
+    >>> found = orbit_ensemble(Servo(), "switch", 0.1, ["friction.viscous"], [[0.1], [0.12]])
+    >>> [f"{amplitude:.5f}" for amplitude in found.amplitudes]  # rad
+    ['0.01771', '0.01724']
     """
     a_servo(servo)
     known("model", model, MODELS)

@@ -49,6 +49,14 @@ class FoldMap(Result):
     tolerance : bound on the estimated relative error of every gain.
     failures : why there is no gain, by (i, j).
     wall_s : time that it took [s].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_map
+    >>> names, values = ("friction.static", "friction.viscous"), ([0.53, 0.54], [0.09, 0.1])
+    >>> found = fold_map(Servo(), "switch", names, *values)
+    >>> found.gains.shape, found.status.ok
+    ((2, 2), True)
     """
 
     _quantities = ("model", "names", "size = gains.shape", "tolerance", "status")
@@ -139,6 +147,14 @@ def fold_map(
     ------
     InputError : a name, a value or an order that cannot be.
     NoOrbit : no fold was found to start from.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_map
+    >>> names, values = ("friction.static", "friction.coulomb"), ([0.53, 0.54], [0.44, 0.45])
+    >>> gains = fold_map(Servo(), "switch", names, *values).gains
+    >>> f"{gains[0, 0]:.4f}", bool(gains[1, 0] > gains[1, 1])
+    ('0.6473', True)
     """
     a_servo(servo)
     began = time.perf_counter()

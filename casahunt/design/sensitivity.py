@@ -33,6 +33,13 @@ class Sensitivities(Result):
     gain : the fold gain K.
     derivatives : dK/dq by parameter name, in V/rad per unit of q.
     elasticities : q/K dK/dq by parameter name, dimensionless; 0 where q is 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold, fold_sensitivities
+    >>> slopes = fold_sensitivities(find_fold(Servo(), "switch"))
+    >>> round(slopes.elasticities["servo.motor_gain"], 6)  # exact: only the product with the gain counts
+    -1.0
     """
 
     _quantities = ("gain [V/rad]", "elasticities")
@@ -63,6 +70,15 @@ def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     Returns
     -------
     Sensitivities; measured against finite differences of recomputed folds at tolerance 1e-10: 1e-7 or better.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold, fold_sensitivities
+    >>> slopes = fold_sensitivities(find_fold(Servo(), "switch"))
+    >>> round(slopes.derivatives["friction.static"], 3)  # V/rad per N m
+    7.428
+    >>> round(slopes.linear({"friction.static": 0.001}), 4)
+    0.6548
     """
     problem = fold.orbit.problem
     names = tuple(name for name in problem.names if name != "gain")

@@ -18,8 +18,8 @@ from .language import Event, Mode, System
 
 
 def _slip(x: Any, p: Any) -> dict[str, Any]:
-    friction = p.static / (1 + p.decay * (p.belt - x.v))
-    return {"x": x.v, "v": (friction - p.stiffness * x.x) / p.mass}
+    pull = p.static / (1 + p.decay * (p.belt - x.v))
+    return {"x": x.v, "v": (pull - p.stiffness * x.x) / p.mass}
 
 
 def _stick(x: Any, t: Any, p: Any) -> dict[str, Any]:

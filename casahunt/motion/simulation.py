@@ -62,6 +62,14 @@ class Motion(Result):
         duration.
     scale : (n,) sizes of the states.
     kind : collocation scheme.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import simulate
+    >>> motion = simulate(belt, "slip", x=0.0, v=0.0, duration=5.0)
+    >>> motion.duration, round(motion.end["x"], 4)
+    (5.0, 0.9719)
     """
 
     _quantities = ("duration ~ error", "events = events.size", "end")
@@ -186,6 +194,13 @@ def simulate(
     ------
     InputError : a name or number is wrong.
     NoOrbit : the motion cannot be followed, with the time and the reason.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import simulate
+    >>> [crossing.event for crossing in simulate(belt, "slip", x=0.0, v=0.0, duration=15.0).events]
+    ['catches up', 'breaks away', 'catches up']
     """
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)

@@ -63,6 +63,12 @@ class Options:
         change of mesh Newton corrects.
     degree, kind : collocation scheme; None for the default of the problem.
     half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
+
+    Examples
+    --------
+    >>> from casahunt.orbits import Options
+    >>> Options(tol=1e-9, solver="newton").tol
+    1e-09
     """
 
     tol: float = 1e-6

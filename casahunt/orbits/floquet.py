@@ -65,6 +65,14 @@ class Multipliers(Result):
         hides them; 0 for the others.
     repeats : how many half-period maps make up the period.
     frame : (n - 1, n - 1) transversal directions at the start, by decreasing growth.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> multipliers = find_cycle(belt, "slip", x=0.0, v=0.0).multipliers
+    >>> multipliers.stable, multipliers.trusted, multipliers.trivial_error < 1e-6
+    (True, True, True)
     """
 
     _quantities = ("leading +- leading_error", "trivial_error", "trusted")

@@ -44,6 +44,13 @@ class Arc(Result):
     breaks : (N + 1,) interval boundaries as fractions of the duration.
     states : (N, d + 1, n) start and stages of each interval; (1, 1, n) for a closed-form phase.
     end : (n,) state at the end.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> [arc.mode for arc in find_cycle(belt, "slip", x=0.0, v=0.0).arcs]
+    ['slip', 'stick']
     """
 
     _quantities = ("mode", "event", "duration")
@@ -76,6 +83,14 @@ class Orbit(Result):
     status : how the computation ended; only a CONVERGED orbit is to be trusted.
     solver, iterations, unknowns, residual : what the last solve did.
     wall_s : time from the request to the result [s].
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> round(orbit.period, 6), orbit.error_estimate < 1e-8, orbit.stable
+    (12.001031, True, True)
     """
 
     _quantities: ClassVar[tuple[str, ...]] = (

@@ -11,7 +11,16 @@ from .orbit import Orbit
 
 
 class SystemOrbit(Orbit):
-    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what it holds."""
+    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what it holds.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> orbit.parameters["belt"], round(orbit.extrema("x").high.value, 4)
+    (0.2, 1.1339)
+    """
 
     _quantities = (
         "problem = problem.title", "parameters", "period ~ period_error", "amplitude ~ amplitude_error", "status",

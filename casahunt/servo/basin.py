@@ -86,6 +86,13 @@ class Basin(Result):
     outer_position : stick position of the outer cycle [rad]; nan where there is none.
     error_estimate : relative, of the unstable cycle's amplitude and period.
     inside, outside : the motions from both sides.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, basin
+    >>> found = basin(Servo(), "switch", 0.5)
+    >>> found.inside.outcome, found.outside.outcome, found.confirmed
+    ('settles', 'hunts', True)
     """
 
     _quantities = ("border [rad] ~ error_estimate", "outer_position [rad]", "confirmed")
@@ -129,6 +136,12 @@ def basin(
     ------
     InputError : a value out of range.
     NoOrbit : there is no hunting cycle (everything settles, as far as the scan shows), or it was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, basin
+    >>> round(1e3 * basin(Servo(), "switch", 0.5).border, 3)  # mrad
+    1.181
     """
     if not 1e-6 <= require("offset", offset) <= 0.5:
         raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")

@@ -45,6 +45,15 @@ class Branch(Result):
     special : located special points.
     ended : one sentence that says why the branch ends where it does.
     missed : special points that were not located.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> [special.kind for special in branch.special]
+    ['superstable', 'fold']
+    >>> f"{branch.gains.max():.2f}"  # V/rad
+    '0.65'
     """
 
     _quantities = ("model", "points = orbits.size", "ended")

@@ -74,6 +74,12 @@ class Controller:
     ----------
     lead_time : tau_d [s], >= 0.
     integral_time : tau_i [s], > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Controller, Servo
+    >>> Servo(controller=Controller(lead_time=0.2, integral_time=0.5)).controller.reset_time
+    0.7
     """
 
     lead_time: float = _TABLE_1_TIME
@@ -140,6 +146,13 @@ class Pid:
     kp : of the error, > 0.
     ki : of its integral [1/s], > 0.
     kd : of its derivative [s], >= 0.
+
+    Examples
+    --------
+    >>> from casahunt import Pid, Servo
+    >>> controller = Servo(controller=Pid(kp=1.0, ki=4.0, kd=0.15)).controller
+    >>> [round(time, 3) for time in controller.corners], controller.reset_time  # s
+    ([0.194, 0.194], 0.25)
     """
 
     kp: float

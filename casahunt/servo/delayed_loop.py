@@ -60,6 +60,12 @@ class Margins(Result):
     lowest_factor, highest_factor : the gain may be multiplied by anything between them and the loop stays stable;
         0 and inf without such a limit; nan for an unstable loop.
     stable : no pole in the right half-plane; phase_margin > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, margins
+    >>> margins(Servo(), 0.1)
+    <Margins: phase margin 52.2768 deg, frequency 11.9131 rad/s, lowest factor 0, highest factor inf, stable True>
     """
 
     _quantities = ("phase_margin [deg]", "frequency [rad/s]", "lowest_factor", "highest_factor", "stable")
@@ -196,6 +202,13 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
     Raises
     ------
     InputError : a value out of range.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, margins
+    >>> found = margins(Servo(), 0.1, delay=0.01)  # [s]
+    >>> round(found.phase_margin, 2), round(found.highest_factor, 2)  # degrees, and times the gain
+    (45.45, 15.43)
     """
     a_servo(servo)
     require("delay", delay, at_least=0)

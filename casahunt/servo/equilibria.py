@@ -76,6 +76,13 @@ class Equilibria(Result):
     q, alpha : (Q,), (A,) grid of the generalised Jacobian; empty for Switch.
     largest : (Q, A) largest real part [1/s] of the three eigenvalues of each member that are not the zero.
     threshold : members with c below it have an eigenvalue in the right half-plane; 0 where none has.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, equilibria
+    >>> found = equilibria(Servo(), "switch", 0.1)
+    >>> round(found.integral_limit, 4), found.sharp_holds  # rad s
+    (0.0527, True)
     """
 
     _quantities = (
@@ -202,6 +209,13 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     Raises
     ------
     InputError : unknown model, or gain not a finite number > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, equilibria
+    >>> found = equilibria(Servo(), "lugre", 0.1)
+    >>> float(found.largest.max()) < 0  # no member of the generalised Jacobian has an eigenvalue on the right
+    True
     """
     a_servo(servo)
     known("model", model, MODELS)

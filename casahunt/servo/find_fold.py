@@ -288,6 +288,13 @@ def find_fold(
     ------
     InputError : unknown model, or times too far apart (`check_times`).
     NoOrbit : no cycle, no fold in range, or two answers that differ.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold
+    >>> fold = find_fold(Servo(), "switch")
+    >>> round(fold.gain, 5), round(fold.orbit.period, 3)  # V/rad, s
+    (0.64734, 20.468)
     """
     began = time.perf_counter()
     a_servo(servo)

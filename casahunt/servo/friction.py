@@ -32,6 +32,12 @@ class Friction:
     stiffness : sigma0, bristle stiffness [N m/rad], > 0 (LuGre only).
     damping : sigma1, bristle damping [N m s/rad], >= 0 (LuGre only).
     stick_band, stick_rate : eta [rad/s] and alpha [1/s] of the report's regularised simulation, > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Friction, Servo
+    >>> Servo(friction=Friction(static=0.5, coulomb=0.45)).friction.static
+    0.5
     """
 
     static: float = 0.53

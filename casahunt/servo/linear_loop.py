@@ -79,6 +79,13 @@ class LinearLoop(Result):
     phase_crossovers : where arg L = -180 degrees, with gain factors.
     lowest_factor, highest_factor : the loop stays as it is, stable or unstable, while the gain is multiplied by
         anything between them; 0 and inf where there is no such limit.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, linear_loop
+    >>> loop = linear_loop(Servo(), 0.1)
+    >>> loop.stable, round(loop.damping_ratio, 3)
+    (True, 0.493)
     """
 
     _quantities = ("gain [V/rad]", "stable", "poles [1/s]", "lowest_factor", "highest_factor")
@@ -259,6 +266,12 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
     Raises
     ------
     InputError : gain not a finite number > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, linear_loop
+    >>> linear_loop(Servo(), 0.1).poles.round(3).tolist()
+    [(-4.424+7.817j), (-4.424-7.817j), (-4.793+0j)]
     """
     a_servo(servo)
     chi = characteristic_polynomial(servo, gain)

@@ -37,6 +37,15 @@ class HuntingOrbit(Orbit):
     """A hunting cycle; amplitude max |x1| [rad].
 
     States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit
+    >>> orbit = find_orbit(Servo(), "switch", 0.04)
+    >>> round(orbit.amplitude, 4), round(orbit.period, 3), orbit.stable  # rad, s
+    (0.05, 10.281, True)
+    >>> orbit.to_dict(table=False)["status"]
+    'converged'
     """
 
     _quantities = (
@@ -71,7 +80,15 @@ class HuntingOrbit(Orbit):
 
 
 class HuntingFold(Fold[HuntingOrbit]):
-    """The largest (at a second fold the smallest) gain at which a servo hunts."""
+    """The largest (at a second fold the smallest) gain at which a servo hunts.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold
+    >>> fold = find_fold(Servo(), "switch")
+    >>> round(fold.gain, 6), fold.gain_error < 1e-6
+    (0.647339, True)
+    """
 
     _quantities = (
         "model = orbit.model", "gain [V/rad] ~ gain_error", "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error",

@@ -63,6 +63,13 @@ class Servo:
     inertia : J [kg m2], > 0.
     motor_gain : cm [N m/V], > 0.
     controller, friction : the records of those names.
+
+    Examples
+    --------
+    >>> from casahunt import Friction, Servo
+    >>> servo = Servo(inertia=0.03, friction=Friction(static=0.5))
+    >>> servo.replace(**{"friction.viscous": 0.2}).friction.viscous
+    0.2
     """
 
     inertia: float = 0.026
@@ -218,6 +225,18 @@ def load(path: str | Path) -> Servo:
     Raises
     ------
     InputError : missing file, broken TOML, unknown key, a value that is not a number or out of range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import load
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "servo.toml")
+    ...     _ = path.write_text("[friction]\\nstatic = 0.5\\n")
+    ...     servo = load(path)
+    >>> servo.friction.static, servo.friction.coulomb  # what the file leaves out is Table 1
+    (0.5, 0.44)
     """
     tree = read_toml(path, f"servo file {str(path)!r}")
     try:

@@ -76,6 +76,13 @@ def fold_curve(
     ------
     InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
     NoOrbit : no fold at either end of the range.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_curve
+    >>> curve = fold_curve(Servo(), "switch", vary="friction.static", start=0.53, end=0.54, points=2)
+    >>> f"{curve.slopes[0]:.3f}"  # V/rad per N m
+    '7.428'
     """
     a_servo(servo)
     began = time.perf_counter()

@@ -81,6 +81,15 @@ class FoldCurve(Result):
     status : CONVERGED where the whole range, or all of it that has a fold, was covered.
     wall_s : time [s].
     vanishes : whether the curve was left where the gain tends to zero.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_curve
+    >>> curve = fold_curve(Servo(), "switch", vary="friction.static", start=0.53, end=0.54, points=2)
+    >>> len(curve.points), curve.status.ok
+    (2, True)
+    >>> [f"{gain:.4f}" for gain in curve.gains]
+    ['0.6473', '0.7212']
     """
 
     _quantities = ("model", "vary", "points = points.size", "status", "ended")

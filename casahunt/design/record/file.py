@@ -93,6 +93,14 @@ class Record(Result):
     position : (m,) [rad].
     name : where it comes from.
     reading : columns and units of the file; None for what was not read from one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record
+    >>> t = np.linspace(0.0, 1.0, 11)
+    >>> Record(t, np.sin(t))
+    <Record: name record, samples 11, duration 1 s>
     """
 
     _quantities = ("name", "samples = times.size", "duration [s]")
@@ -157,6 +165,18 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
     ------
     InputError : no such file, not text, no samples, a missing column, an unknown unit, a cell that is no finite number,
         a time that does not increase.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import read_record
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "record.csv")
+    ...     _ = path.write_text("time_ms,position_deg\\n0,0\\n10,1\\n20,2\\n")
+    ...     record = read_record(path)
+    >>> record.times.tolist(), record.position.round(4).tolist()  # s, rad
+    ([0.0, 0.01, 0.02], [0.0, 0.0175, 0.0349])
     """
     path = Path(path)
     name = f"record {str(path)!r}"

@@ -75,6 +75,15 @@ class Measurement(Result):
     amplitudes, periods : (k,) one by one.
     level : (m,) level at the samples [rad].
     phase, shape : (GRID + 1,) phase 0..1 from a crossing, and position - level there [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record, measure
+    >>> t = np.linspace(0.0, 10.0, 2001)
+    >>> found = measure(Record(t, 0.2 + 0.3 * np.sin(2 * np.pi * t)))
+    >>> found.kind, round(found.mean_level, 3), round(found.frequency, 3)  # rad, Hz
+    ('hunting', 0.2, 1.0)
     """
 
     _quantities = (
@@ -140,7 +149,14 @@ class Measurement(Result):
 
 
 def record_of(trajectory: Trajectory) -> Record:
-    """The position theta of a simulated motion as a record."""
+    """The position theta of a simulated motion as a record.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, record_of, simulate
+    >>> record_of(simulate(Servo(), "switch", 0.04, time=20.0)).times.size
+    20001
+    """
     t = np.linspace(0, float(trajectory.times[-1]), MOTION_SAMPLES)
     return Record(t, trajectory.set_point + trajectory.sample(t)[0], "simulation")
 
@@ -162,6 +178,15 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     Raises
     ------
     InputError : too few samples, or fewer than `FEWEST_PERIODS` whole periods of an oscillation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record, measure
+    >>> t = np.linspace(0.0, 10.0, 2001)
+    >>> found = measure(Record(t, 0.3 * np.sin(2 * np.pi * t)))
+    >>> found.kind, round(found.amplitude, 3), round(found.period, 4)
+    ('hunting', 0.3, 1.0)
     """
     of_kind("record", record, Record, "such as Record(times, position); read_record(path) reads one from a file")
     if start is not None:

@@ -57,11 +57,17 @@ class Tuning(Result):
     verification : see there.
     rounds, evaluations : problems solved, folds computed by the searches for the worst servo.
     wall_s : time taken [s].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, tune
+    >>> tuning = tune(Servo(), "switch")
+    >>> tuning.status.ok, round(tuning.gain / tuning.fold_gain, 3)
+    (True, 1.1)
     """
 
     _quantities = (
-        "model", "gain [V/rad]", "cost", "cost_value", "fold_gain [V/rad]", "binding",
-        "status",
+        "model", "gain [V/rad]", "cost", "cost_value", "fold_gain [V/rad]", "binding", "status",
     )  # fmt: skip
     _details = (
         "servo", "before", "gain_only", "demands", "free", "bounds", "corner", "worst", "verification", "rounds",
@@ -134,18 +140,21 @@ def tune(
     ------
     InputError : a value out of range, or an unknown name.
     NoOrbit : the task cannot be met, and what is in the way; or a fold was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, tune
+    >>> tuning = tune(Servo(), "switch")
+    >>> round(tuning.gain, 3), tuning.binding  # V/rad
+    (0.712, ('hunting margin',))
     """
     began = time.perf_counter()
     a_servo(servo)
     known("model", model, MODELS)
     known("cost", cost, COSTS)
-    if uncertainty is not None:
-        of_kind("uncertainty", uncertainty, Uncertainty)
     demands = of_kind("demands", demands or Demands(), Demands)
     options = of_kind("options", options or Options(), Options)
-    if isinstance(free, str):
-        raise InputError(f"free = {free!r}: must be a list of names, such as [{free!r}]")
-    free = tuple(dict.fromkeys(free))
+    free = tuple(dict.fromkeys(free if not isinstance(free, str) else [free]))
     limits = check_bounds(servo, free, bounds or {})
     _check_set(servo, uncertainty, free)
     given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
@@ -192,6 +201,8 @@ def _tuning(search: Search, answer: Answer, verification: Verification, began: f
 
 
 def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
+    if uncertainty is not None:
+        of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
     for name in servo.controller_names:
         if flatten(servo)[name] == 0:
             raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")

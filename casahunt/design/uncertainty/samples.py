@@ -41,6 +41,13 @@ class Samples(Result):
     parameters : (n, k) their values.
     gains : (n,) fold gains; 0 where a proof shows that no gain hunts, nan where the fold was not computed.
     failures : (index, sentence) of every sample that was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, sample_fold_gains
+    >>> samples = sample_fold_gains(Servo(), "switch", Uncertainty({"friction.static": (0.52, 0.54)}), 8)
+    >>> int(samples.computed.sum()), list(samples.quantiles())[:3]
+    (8, ['min', '5%', '25%'])
     """
 
     _quantities = ("names", "samples = gains.size", "quantiles")
@@ -157,6 +164,14 @@ def sample(
     Raises
     ------
     InputError : a sample out of range.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, sample_fold_gains
+    >>> uncertainty = Uncertainty({"friction.static": (0.52, 0.54)})
+    >>> gains = sample_fold_gains(Servo(), "switch", uncertainty, 8, seed=1).gains
+    >>> bool(((0.57 < gains) & (gains < 0.73)).all())
+    True
     """
     known("model", model, MODELS)
     check_box(servo, uncertainty)

@@ -42,6 +42,14 @@ class Uncertainty:
     Raises
     ------
     InputError : nothing or both given, an unknown name, low > high, or a matrix that is no covariance.
+
+    Examples
+    --------
+    >>> from casahunt import Uncertainty
+    >>> Uncertainty({"friction.static": (0.52, 0.54), "friction.viscous": (0.09, 0.11)}).parameters
+    ('friction.static', 'friction.viscous')
+    >>> Uncertainty(names=("friction.static",), covariance=[[1e-4]]).std.tolist()
+    [0.01]
     """
 
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)

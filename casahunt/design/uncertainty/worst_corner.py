@@ -47,6 +47,13 @@ class WorstCase(Result):
     corner : the values of the uncertain parameters there.
     evaluations : folds computed.
     failures : what went wrong at points that were not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, worst_corner
+    >>> worst = worst_corner(Servo(), "switch", Uncertainty({"friction.static": (0.52, 0.54)}))
+    >>> worst.corner, round(worst.gain, 3)
+    ({'friction.static': 0.54}, 0.721)
     """
 
     _quantities = ("gain [V/rad] ~ fold.gain_error", "corner", "evaluations")
@@ -216,6 +223,13 @@ def worst_corner(
     ------
     InputError : the box is no servo's.
     NoOrbit : no point of the box could be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, worst_corner
+    >>> uncertainty = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.43, 0.45)})
+    >>> worst_corner(Servo(), "switch", uncertainty).corner
+    {'friction.static': 0.54, 'friction.coulomb': 0.43}
     """
     known("model", model, MODELS)
     check_box(servo, uncertainty)

@@ -100,6 +100,13 @@ class FixedPoints(Result):
     jumps : the discontinuities met, by increasing a.
     unresolved : (a, b) intervals [rad] in which the subdivision ended without telling.
     failures : stick positions [rad] at which the motion could not be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fixed_points
+    >>> seen = fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)  # stick positions [rad]
+    >>> [point.stable for point in seen.fixed], seen.conclusive
+    ([False, True], True)
     """
 
     _quantities = ("gain [V/rad]", "low [rad]", "high [rad]", "found = fixed.size", "conclusive")
@@ -159,7 +166,7 @@ def default_range(servo: Servo, gain: float) -> tuple[float, float]:
     -------
     Lowest and highest stick position [rad].
     """
-    kp, _, _ = servo.torque_gains(gain)
+    kp, _, _ = a_servo(servo).torque_gains(gain)
     unit = servo.friction.static / kp
     return SCAN_LOW * unit, SCAN_HIGH * unit
 
@@ -228,8 +235,14 @@ def fixed_points(
     Raises
     ------
     InputError : a value out of range, or high not above low.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fixed_points
+    >>> seen = fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)
+    >>> [round(1e3 * point.amplitude, 3) for point in seen.fixed]  # mrad
+    [1.413, 1.778]
     """
-    a_servo(servo)
     sensible("gain", gain, power=COMPUTED)
     default = default_range(servo, gain)
     low = default[0] if low is None else sensible("from", low, power=COMPUTED)

@@ -111,6 +111,13 @@ def simulate(
     ------
     InputError : a value out of range.
     NoOrbit : the motion could not be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate
+    >>> motion = simulate(Servo(), "switch", 0.04, time=60.0)
+    >>> motion.verdict.kind, motion.status.ok
+    ('hunting', True)
     """
     began = clock.perf_counter()
     a_servo(servo)

@@ -69,6 +69,15 @@ class Trajectory(Result):
     status : CONVERGED where time_error and end_error are at most `tol`.
     ended : why the motion was not followed to the time asked for; "" where it was.
     wall_s : time to compute it [s].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate
+    >>> motion = simulate(Servo(), "switch", 0.04, time=20.0)
+    >>> motion.events[0].name, round(motion.events[0].time, 3)  # s
+    ('stop', 0.566)
+    >>> motion.sample([10.0]).shape
+    (3, 1)
     """
 
     _quantities = (

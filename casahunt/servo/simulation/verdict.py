@@ -77,6 +77,13 @@ class Verdict(Result):
     multiplier : the factor by which the distance from the limit changes each swing; nan where it was not computed.
     floor : what a position must differ by to be judged [rad].
     motions : motions of the event map computed beyond the motion judged.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate
+    >>> verdict = simulate(Servo(), "switch", 1.0, position=0.99, time=40.0).verdict
+    >>> verdict.kind
+    'at rest'
     """
 
     _quantities = ("kind", "amplitude [rad]", "period [s]", "swings")

@@ -65,6 +65,14 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     Raises
     ------
     InputError : no branch, or a branch without orbits.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram, pictures
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> above, below = pictures.diagram([branch])
+    >>> above.get_ylabel(), below.get_ylabel()
+    ('amplitude max |x$_1$| [rad]', 'period [s]')
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
@@ -108,6 +116,13 @@ def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
     Raises
     ------
     InputError : no branch, or a branch without orbits.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram, pictures
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> pictures.multipliers([branch]).get_ylabel()
+    'leading half multiplier μ [–]'
     """
     curves = _curves(branches)
     markers = _special_markers(branches)

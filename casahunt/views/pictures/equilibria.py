@@ -26,6 +26,13 @@ def picture(found: Equilibria, *, axes: Any = None) -> Array:
     Returns
     -------
     The axes (1,), or (2,): the largest real part, and the eigenvalues.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, equilibria, pictures
+    >>> (axes,) = pictures.equilibria(equilibria(Servo(), "switch", 0.1))
+    >>> axes.get_title()
+    'stick region of the Switch servo, K = 0.1'
     """
     return _strip(found, axes) if found.model == "switch" else _eigenvalues(found, axes)
 

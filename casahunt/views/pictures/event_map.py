@@ -27,6 +27,12 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     Returns
     -------
     The axes.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fixed_points, pictures
+    >>> pictures.cobweb(fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)).get_xscale()
+    'log'
     """
     figure, (axes,) = panels(ax, 1)
     a = np.array([p.start for p in seen.points])

@@ -31,6 +31,13 @@ def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities], 
     Raises
     ------
     InputError : none, or not as many sensitivities as folds.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold, fold_sensitivities, pictures
+    >>> fold = find_fold(Servo(), "switch")
+    >>> pictures.elasticities([fold], [fold_sensitivities(fold)]).get_title()
+    'What moves the gain at which hunting ends'
     """
     if not folds or len(folds) != len(slopes):
         raise InputError(f"{len(folds)} folds with {len(slopes)} sensitivities: must be as many, at least one")

@@ -54,6 +54,13 @@ def regions(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     Raises
     ------
     InputError : none, or curves in different parameters.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_curve, pictures
+    >>> curve = fold_curve(Servo(), "switch", vary="friction.static", start=0.53, end=0.54, points=2)
+    >>> pictures.fold_curves([curve]).get_xlabel()
+    'static friction F$_s$ [N m]'
     """
     if not curves or len({curve.vary for curve in curves}) != 1:
         raise InputError(f"{len(curves)} fold curves: must be at least one, all in the same parameter")

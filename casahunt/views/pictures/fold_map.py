@@ -32,6 +32,13 @@ def contours(folds: FoldMap, ax: Axes | None = None) -> Axes:
     Raises
     ------
     InputError : no fold was computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_map, pictures
+    >>> names, values = ("friction.static", "friction.viscous"), ([0.53, 0.54], [0.09, 0.1])
+    >>> pictures.fold_map(fold_map(Servo(), "switch", names, *values)).get_ylabel()
+    'viscous friction σ$_2$ [N m s/rad]'
     """
     gains = folds.gains.T
     positive = gains[gains > 0]

@@ -40,6 +40,13 @@ def bode(servo: Servo, loops: Sequence[LinearLoop], *, axes: Any = None) -> Arra
     Raises
     ------
     InputError : no loop.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, linear_loop, pictures
+    >>> axes = pictures.bode(Servo(), [linear_loop(Servo(), 0.1)])
+    >>> [ax.get_ylabel() for ax in axes[:2]]
+    ['|C| [V/rad]', '|L| [–]']
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
@@ -59,12 +66,10 @@ def bode(servo: Servo, loops: Sequence[LinearLoop], *, axes: Any = None) -> Arra
             label=f"K = {loop.gain:.4g} ({'stable' if loop.stable else 'unstable'})", **style,
         )  # fmt: skip
         l_size.plot(omega, np.abs(loop_response(servo, loop.gain, omega)), **style)
+        dot = {"marker": "o", "markersize": 5, "color": look.colour, "markeredgecolor": "black"}
         for crossing in loop.gain_crossovers:
-            l_size.plot(crossing.frequency, 1.0, marker="o", markersize=5, color=look.colour, markeredgecolor="black")
-            l_phase.plot(
-                crossing.frequency, crossing.margin - 180, marker="o", markersize=5, color=look.colour,
-                markeredgecolor="black", zorder=5,
-            )  # fmt: skip
+            l_size.plot(crossing.frequency, 1.0, **dot)
+            l_phase.plot(crossing.frequency, crossing.margin - 180, **dot, zorder=5)
     c_phase.semilogx(omega, _degrees(controller_response(servo, loops[0].gain, omega)), color=NEUTRAL)
     l_phase.semilogx(omega, _degrees(loop_response(servo, loops[0].gain, omega)), color=NEUTRAL)
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)

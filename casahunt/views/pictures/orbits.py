@@ -26,6 +26,7 @@ from .plotting import (
     Line2D,
     Look,
     MaxNLocator,
+    align,
     at_least_one,
     legend,
     new_figure,
@@ -59,6 +60,15 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     Raises
     ------
     InputError : no orbit.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from casahunt import Servo, find_orbit, pictures
+    >>> three = Figure().subplots(3)
+    >>> drawn = pictures.time_traces([find_orbit(Servo(), "switch", 0.1)], axes=three)
+    >>> drawn[0] is three[0], len(drawn)
+    (True, 3)
     """
     at_least_one("orbits", orbits)
     traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
@@ -81,8 +91,7 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01, y=0.1)
     all_of_them[-1].set_xlabel("time from the rise of x$_1$ through zero [s]")
-    if figure is not None:
-        figure.align_ylabels(all_of_them)
+    align(figure, all_of_them)
     labels = [f"{_name(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
     legend(figure, all_of_them[0], _orbit_handles(orbits, labels), frameon=False)
     return all_of_them
@@ -107,6 +116,13 @@ def phase_portrait(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array
     Raises
     ------
     InputError : no orbit, or a first axes without a third dimension.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit, pictures
+    >>> space, upper, lower = pictures.phase_portrait([find_orbit(Servo(), "switch", 0.1)])
+    >>> space.name, upper.name
+    ('3d', 'rectilinear')
     """
     at_least_one("orbits", orbits)
     samples = [orbit.sample(DRAWN_POINTS)[1][:3] for orbit in orbits]

@@ -79,6 +79,17 @@ def save(drawn: Any, path: str | Path) -> None:
     ------
     InputError : the folder is missing or cannot be written to, or the suffix is unknown.
     OSError : the disk is full.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit, pictures
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> axes = pictures.time_traces([find_orbit(Servo(), "switch", 0.1)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pictures.save(axes, Path(folder, "orbit.png"))
+    ...     Path(folder, "orbit.png").read_bytes()[1:4]
+    b'PNG'
     """
     path, figure = Path(path), figure_of(drawn)
     suffixes = sorted(figure.canvas.get_supported_filetypes())
@@ -153,6 +164,18 @@ def panels(given: Any, rows: int, columns: int = 1, **how: Any) -> tuple[Figure 
     return None, axes
 
 
+def align(figure: Figure | None, axes: Sequence[Axes] | Array) -> None:
+    """Bring the labels of panels one below the other into line, where the figure is a new one.
+
+    Parameters
+    ----------
+    figure, axes
+        the new figure or None, and its panels.
+    """
+    if figure is not None:
+        figure.align_ylabels(axes)
+
+
 def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = None, **how: Any) -> None:
     """The legend of a picture: outside of the panels of a new figure, inside of axes that were given.
 
@@ -191,6 +214,7 @@ __all__ = [
     "Look",
     "MaxNLocator",
     "NullLocator",
+    "align",
     "at_least_one",
     "figure_of",
     "legend",

@@ -14,7 +14,7 @@ from ...design.record.measure import Measurement
 from ...servo.problem import HuntingOrbit
 from ...servo.simulation.trajectory import Trajectory
 from .orbits import rolled
-from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, legend, panels
+from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
 
 PER_INTERVAL = 8
 MOST_DOTS = 20_000
@@ -39,6 +39,13 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     Returns
     -------
     The three axes.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate, pictures
+    >>> axes = pictures.motion(simulate(Servo(), "switch", 0.04, time=60.0))
+    >>> axes[2].get_xlabel()
+    'time [s]'
     """
     t, x = trajectory.dense(PER_INTERVAL)
     look, static = LOOKS[trajectory.model], trajectory.servo.friction.static
@@ -61,8 +68,7 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     for level in (-static, static):
         three[2].axhline(level, **dashed)
     three[2].set_xlabel("time [s]")
-    if figure is not None:
-        figure.align_ylabels(three)
+    align(figure, three)
     verdict = trajectory.verdict
     name = f"{NAMES[trajectory.model]}{' with stick band' if trajectory.regularised else ''}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}"
@@ -95,6 +101,14 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None,
     Returns
     -------
     The two axes.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit, measure, record_of, simulate, pictures
+    >>> record = record_of(simulate(Servo(), "switch", 0.04, time=60.0))
+    >>> axes = pictures.folded_record(record, measure(record), find_orbit(Servo(), "switch", 0.04))
+    >>> axes[0].get_ylabel()
+    'position [rad]'
     """
     figure, both = panels(axes, 2, height_ratios=(1, 1.6))
     above, below = both
@@ -136,6 +150,5 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None,
     below.grid(True, color="0.9", linewidth=0.6)
     below.margins(x=0.01, y=0.1)
     legend(figure, below, handles, frameon=False)
-    if figure is not None:
-        figure.align_ylabels([above, below])
+    align(figure, both)
     return both

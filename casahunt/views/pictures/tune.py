@@ -41,6 +41,15 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
     Returns
     -------
     The two axes, amplitude above period.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram, tune, pictures
+    >>> tuning = tune(Servo(), "switch")
+    >>> branch = collect(tuning.worst, "switch", diagram(tuning.worst, "switch", start=0.6))
+    >>> axes = pictures.operating_point(tuning, branch)
+    >>> axes.shape
+    (2,)
     """
     both = drawn_diagram([branch], equilibria=False, axes=axes)
     for ax in both:
@@ -76,6 +85,14 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, ax
     Returns
     -------
     The axes, one for every task.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, tune, pictures
+    >>> tuning = tune(Servo(), "switch")
+    >>> tasks = tuning.verification.tasks
+    >>> pictures.tasks((tuning.gain, tasks), tasks).size
+    3
     """
     tasks = [task for task in after if task.friction == "nominal"]
     pairs = list(zip(before[1], tasks, strict=True))

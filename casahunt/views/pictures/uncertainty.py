@@ -33,6 +33,18 @@ def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summa
     Raises
     ------
     InputError : no sample was computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, compare_uncertainty, find_fold
+    >>> from casahunt import pictures, sample_fold_gains, worst_corner
+    >>> servo, uncertainty = Servo(), Uncertainty({"friction.static": (0.525, 0.535)})
+    >>> fold = find_fold(servo, "switch")
+    >>> given = servo, "switch", uncertainty
+    >>> samples, worst = sample_fold_gains(*given, 8, fold=fold), worst_corner(*given, fold=fold)
+    >>> seen = compare_uncertainty(fold, uncertainty, samples, worst)
+    >>> pictures.histogram(fold, samples, worst, seen).get_ylabel()
+    'samples'
     """
     gains = samples.gains[samples.computed]
     if not gains.size:
