@@ -114,8 +114,8 @@ def write_csv(columns: Columns, path: str | Path) -> None:
 def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
     """A mapping as the variables of a MATLAB file (version 5, which Octave and scipy read too).
 
-    Names become MATLAB's: "friction.static" is friction_static.  A list of numbers is a row, one of equally long lists
-    a matrix, any other list a cell array; None is nan; a mapping is a struct.
+    Names become MATLAB's: "friction.static" is friction_static, "5%" is x5_.  A list of numbers is a row, one of equally
+    long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
 
     Parameters
     ----------
@@ -140,7 +140,8 @@ def dataframe(columns: Columns) -> Any:
     ------
     InputError : pandas is not installed.
     """
-    return extra("pandas", "pandas", "to_dataframe").DataFrame({name: list(c) for name, c in columns.items()})
+    lists = {name: plain(column, strict=False) for name, column in columns.items()}
+    return extra("pandas", "pandas", "to_dataframe").DataFrame(lists)
 
 
 def extra(module: str, name: str, method: str) -> ModuleType:
@@ -171,7 +172,8 @@ def extra(module: str, name: str, method: str) -> ModuleType:
 
 def _word(name: str) -> str:
     """A name that MATLAB takes for a variable."""
-    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name).lstrip("_0123456789")
+    word = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
+    return word if word[:1].isalpha() else f"x{word}"
 
 
 def _matlab(value: Any) -> Any:

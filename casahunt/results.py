@@ -6,7 +6,7 @@ A result says what it holds in a few words, and everything else follows from the
     "time_error [s]"                        without an error of its own
     "amplitude [rad] +- amplitude_error"    an absolute error, in the same unit
     "amplitude = orbit.amplitude [rad]"     a name for what is reached on a longer way; None where that breaks off
-    "points = orbits.size"                  how many there are; a method is called
+    "number_of_points = orbits.size"        how many there are; a method is called
 
 The same attributes under the same names are in its line and in its mapping.  A number is shown to the digits that its
 error vouches for (checks.to_error); where the error is 0 the number was given, where there is none to six digits.

@@ -63,7 +63,7 @@ class Branch(Result, Generic[AnyOrbit]):
     ('0.0130', 'a reached 0.013, the end of the range')
     """
 
-    _quantities = ("vary", "points = orbits.size", "ended")
+    _quantities = ("vary", "number_of_points = orbits.size", "ended")
     _details = ("special", "missed")
 
     vary: str

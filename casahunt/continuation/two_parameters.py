@@ -69,7 +69,7 @@ class SpecialCurve(Result):
     ('flip', True, (2, 2))
     """
 
-    _quantities = ("kind", "vary", "other", "points = orbits.size", "complete")
+    _quantities = ("kind", "vary", "other", "number_of_points = orbits.size", "complete")
     _details = ("ended", "wall_s")
 
     kind: str

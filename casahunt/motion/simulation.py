@@ -72,8 +72,8 @@ class Motion(Result):
     (5.0, 0.9719)
     """
 
-    _quantities = ("duration ~ error", "events = events.size", "end")
-    _details = ("error", "p", "kind")
+    _quantities = ("duration ~ error", "number_of_events = events.size", "end")
+    _details = ("error", "events", "p", "kind")
 
     system: System
     p: Array

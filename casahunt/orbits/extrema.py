@@ -75,8 +75,8 @@ class _Extrema(NamedTuple):
 class Extrema(Result, _Extrema):
     """The smallest and the largest value."""
 
-    _quantities = ("low = low.value +- low.error", "high = high.value +- high.error")
-    _details = ("low_time = low.time", "high_time = high.time")
+    _quantities = ("smallest = low.value +- low.error", "largest = high.value +- high.error")
+    _details = ("low", "high")
 
     @property
     def amplitude(self) -> float:

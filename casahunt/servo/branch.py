@@ -56,7 +56,7 @@ class Branch(Result):
     '0.65'
     """
 
-    _quantities = ("model", "points = orbits.size", "ended")
+    _quantities = ("model", "number_of_points = orbits.size", "ended")
     _details = ("servo", "special", "missed")
 
     model: Model

@@ -92,7 +92,7 @@ class FoldCurve(Result):
     ['0.6473', '0.7212']
     """
 
-    _quantities = ("model", "vary", "points = points.size", "status", "ended")
+    _quantities = ("model", "vary", "number_of_points = points.size", "status", "ended")
     _details = ("servo", "cusps", "vanishes", "wall_s [s]")
 
     model: Model

@@ -81,10 +81,10 @@ class Trajectory(Result):
     """
 
     _quantities = (
-        "model", "gain [V/rad]", "set_point [rad]", "duration [s]", "events = events.size", "time_error [s]",
+        "model", "gain [V/rad]", "set_point [rad]", "duration [s]", "number_of_events = events.size", "time_error [s]",
         "end_error", "status",
     )  # fmt: skip
-    _details = ("servo", "regularised", "tol", "end", "state_errors", "verdict", "ended", "wall_s [s]")
+    _details = ("servo", "regularised", "tol", "events", "end", "state_errors", "verdict", "ended", "wall_s [s]")
 
     model: Model
     servo: Servo
