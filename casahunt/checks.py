@@ -161,6 +161,30 @@ def require(
     return x
 
 
+def whole(key: str, value: Any, *, at_least: int) -> int:
+    """A whole number.
+
+    Parameters
+    ----------
+    key, value
+        what the user calls it, and what was given.
+    at_least
+        the smallest one that is allowed.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none, or smaller.
+    """
+    x = number(key, value)
+    if x != int(x) or x < at_least:
+        raise InputError(f"{key} = {quoted(value)}: must be a whole number, at least {at_least}")
+    return int(x)
+
+
 def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: str = "") -> float:
     """A number from SMALLEST to LARGEST.
 

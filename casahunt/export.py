@@ -114,8 +114,8 @@ def write_csv(columns: Columns, path: str | Path) -> None:
 def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
     """A mapping as the variables of a MATLAB file (version 5, which Octave and scipy read too).
 
-    Names become MATLAB's: "friction.static" is friction_static, "5%" is x5_.  A list of numbers is a row, one of equally
-    long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
+    Names become MATLAB's: "friction.static" is friction_static, "5%" is x5_.  A list of numbers is a row, one of
+    equally long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
 
     Parameters
     ----------

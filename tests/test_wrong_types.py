@@ -68,7 +68,7 @@ REFUSED = {
     "tol = '1e-8': must be a finite number": lambda: Options(tol="1e-8"),
     "unknown solver 'newtn'; did you mean 'newton'?": lambda: Options(solver="newtn"),
     "degree = 2.5: must be a whole number, at least 1": lambda: Options(degree=2.5),
-    "degree = 0: must be a whole number": lambda: Options(degree=0),
+    "degree = -1: must be a whole number": lambda: Options(degree=-1),
     "degree = '3': must be a finite number": lambda: Options(degree="3"),
     "unknown kind 'lobatto' (known: gauss, radau)": lambda: Options(kind="lobatto"),
     "half = 1 (of type int): must be a bool": lambda: Options(half=1),

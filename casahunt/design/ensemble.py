@@ -19,11 +19,10 @@ import numpy as np
 
 from ..checks import known
 from ..errors import Status
-from ..export import Columns
 from ..orbits.adapt import Options
-from ..orbits.ensemble import OrbitEnsemble, table_of, words_of
+from ..orbits.ensemble import OrbitEnsemble, table_of
 from ..orbits.ensemble import orbit_ensemble as orbits_near
-from ..results import Result
+from ..orbits.rows import Rows
 from ..servo.find_orbit import find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
@@ -35,7 +34,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FoldEnsemble(Result):
+class FoldEnsemble(Rows):
     """The folds of n servos.
 
     Attributes
@@ -59,9 +58,6 @@ class FoldEnsemble(Result):
     >>> [f"{gain:.4f}" for gain in found.gains], found.how, found.failures
     (['0.6473', '0.7212'], ('batch', 'batch'), ())
     """
-
-    _quantities = ("model", "servos = gains.size", "names")
-    _details = ("failures",)
 
     model: Model
     names: tuple[str, ...]
@@ -89,15 +85,6 @@ class FoldEnsemble(Result):
             f"<folds of {n} {self.model} servos{between}: {alone} alone, {none} that cannot hunt, "
             f"{len(self.failures)} not computed>"
         )
-
-    def _columns(self) -> Columns:
-        numbers = {
-            "gain": self.gains, "gain_error": self.gain_errors, "amplitude_rad": self.amplitudes,
-            "amplitude_error": self.amplitude_errors, "period_s": self.periods, "period_error": self.period_errors,
-        }  # fmt: skip
-        slopes = zip(self.names, self.elasticities.T, strict=False)
-        own = dict(zip(self.names, self.parameters.T, strict=True)) | numbers
-        return own | {f"elasticity of {name}": column for name, column in slopes} | words_of(self)
 
 
 def fold_ensemble(

@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..checks import known, number, of_kind, quoted, require, shown
+from ..checks import known, of_kind, require, shown, whole
 from ..collocation.admissibility import Verdict, judge
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, transfer
@@ -82,8 +82,7 @@ class Options:
         if not low <= require("tol", self.tol) <= high:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
         known("solver", self.solver, SOLVERS)
-        if self.degree is not None and (number("degree", self.degree) != int(self.degree) or self.degree < 1):
-            raise InputError(f"degree = {quoted(self.degree)}: must be a whole number, at least 1")
+        whole("degree", self.degree or 1, at_least=1)
         known("kind", self.kind or "gauss", get_args(Kind))
         of_kind("half", self.half, bool)
 

@@ -31,12 +31,11 @@ from ..collocation.ensemble_error import OF_HALVED_MESH, estimates_of_many
 from ..collocation.newton import DIVERGED
 from ..collocation.transcription import Transcription
 from ..errors import InputError, NoOrbit, Status
-from ..export import Columns
 from ..hybrid.problem import Problem
-from ..results import Result
 from .adapt import LEFT_OUT, TOLERANCE_RANGE, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
 from .orbit import Orbit, unknowns_of
+from .rows import Rows
 
 Array = np.ndarray
 
@@ -50,7 +49,7 @@ ROOM_FOR_KNOWN = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OrbitEnsemble(Result):
+class OrbitEnsemble(Rows):
     """The cycles of n problems.
 
     Attributes
@@ -75,9 +74,6 @@ class OrbitEnsemble(Result):
     (('batch', 'batch'), ['0.314159', '0.314159'])
     """
 
-    _quantities = ("problem = title", "members = periods.size", "names")
-    _details = ("failures",)
-
     title: str
     names: tuple[str, ...]
     parameters: Array
@@ -98,25 +94,6 @@ class OrbitEnsemble(Result):
         between = f", periods {found.min():.6g} to {found.max():.6g}" if found.size else ""
         alone, lost = self.how.count("alone"), len(self.failures)
         return f"<cycles of {len(self)} times {self.title}{between}: {alone} alone, {lost} not computed>"
-
-    def _columns(self) -> Columns:
-        numbers = {
-            "period": self.periods, "period_error": self.period_errors, "amplitude": self.amplitudes,
-            "amplitude_error": self.amplitude_errors,
-        }  # fmt: skip
-        leading = {"multiplier": self.multipliers} if len(self.multipliers) else {}
-        return dict(zip(self.names, self.parameters.T, strict=True)) | numbers | leading | words_of(self)
-
-
-def words_of(ensemble: Any) -> dict[str, Sequence[Any]]:
-    """The last columns of the table of an ensemble: how every member ended, and how it was computed.
-
-    Parameters
-    ----------
-    ensemble
-        with `statuses` and `how`.
-    """
-    return {"status": ensemble.statuses, "how": ensemble.how}
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from typing import IO, Any
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
 from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
-from ...design.fold_curve.points import CSV_COLUMNS, FoldCurve, FoldPoint, as_found, row_of
+from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
 from ...files import together, whole_text
 from ...interrupts import held, word
@@ -24,6 +24,19 @@ from ...tables import table as csv_table
 from .arguments import add_common, finite, models_of, picture_of, servo_of, writable
 from .console import complain, progress, say
 
+CSV_COLUMNS = (
+    "model",
+    "parameter",
+    "value",
+    "gain",
+    "amplitude_rad",
+    "period_s",
+    "slope",
+    "elasticity",
+    "error_estimate",
+    "status",
+    "special",
+)
 MOST_CURVE_POINTS = 1000
 
 
@@ -225,4 +238,10 @@ def _record(curve: FoldCurve) -> dict[str, Any]:
 def _write(points: Sequence[FoldPoint], vary: str, path: Path) -> None:
     with whole_text(path) as stream:
         write = csv_table(stream, CSV_COLUMNS)
-        write(row_of(vary, point) for point in points)
+        write(
+            [
+                p.orbit.model, vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
+                p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "",
+            ]
+            for p in points
+        )  # fmt: skip

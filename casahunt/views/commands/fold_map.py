@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +13,16 @@ import numpy as np
 from ...checks import known, quoted, to_error
 from ...design.fold_map import SIDES, FoldMap, fold_map
 from ...errors import InputError, NoOrbit, Status
+from ...files import whole_text
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
+from ...tables import table as csv_table
 from .arguments import add_common, finite, picture_of, servo_of, writable
 from .console import progress, progress_line, say, teller
 
 MAP_SIDE = 25
+CSV_COLUMNS = ("model", "first", "first_value", "second", "second_value", "gain", "status")
 
 
 def add(commands: Any) -> None:
@@ -63,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         servo, model, names, *axes, options=how, fold=fold, report=lambda i: tell(f"{i} of {total} folds computed")
     )
     if table:
-        found.to_csv(table)
+        _write(found, table)
     if plot:
         from ..pictures import fold_map as pictures_fold_map
         from ..pictures import plotting
@@ -88,6 +93,11 @@ def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tu
         names.append(name)
         axes.append(np.linspace(low, high, points))
     return (names[0], names[1]), (axes[0], axes[1])
+
+
+def _status(found: FoldMap, i: int, j: int) -> str:
+    gain = found.gains[i, j]
+    return "not computed" if math.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
 
 
 def _print(found: FoldMap) -> None:
@@ -115,7 +125,24 @@ def _extremes(found: FoldMap) -> list[tuple[tuple[int, int], str]]:
 
 
 def _record(found: FoldMap) -> dict[str, Any]:
-    record = found.to_dict(table=False)
-    failures = [{"place": place, "sentence": said} for place, said in record["failures"]]
-    keys = ("model", "values", "gains", "tolerance", "status", "wall_s")
-    return {"parameters": record["names"], "failures": failures, **{key: record[key] for key in keys}}
+    return {
+        "model": found.model,
+        "parameters": list(found.names),
+        "values": [axis.tolist() for axis in found.values],
+        "gains": [[None if math.isnan(gain) else gain for gain in row] for row in found.gains.tolist()],
+        "tolerance": found.tolerance,
+        "failures": [{"place": list(place), "sentence": said} for place, said in found.failures.items()],
+        "status": found.status.name.lower(),
+        "wall_s": found.wall_s,
+    }
+
+
+def _write(found: FoldMap, path: Path) -> None:
+    q, r = found.values
+    with whole_text(path) as stream:
+        write = csv_table(stream, CSV_COLUMNS)
+        write(
+            [found.model, found.names[0], q[i], found.names[1], r[j], found.gains[i, j], _status(found, i, j)]
+            for i in range(q.size)
+            for j in range(r.size)
+        )

@@ -11,7 +11,6 @@ from ...checks import error_text, finite_or_none, known, to_error
 from ...orbits.adapt import Options
 from ...orbits.archive import save_orbit
 from ...orbits.floquet import TRUSTED, Multipliers
-from ...orbits.orbit import multiplier_record
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
@@ -19,10 +18,6 @@ from .arguments import add_common, add_solver, finite, gain_of, picture_of, serv
 from .console import complex_text, progress, progress_line, say
 
 CHECK = "their accuracy   the one that must be 1 is off by"
-ORBIT_KEYS = (
-    "model", "gain", "amplitude", "period", "error_estimate", "status", "solver", "unknowns", "iterations", "wall_s",
-)  # fmt: skip
-"""Of an orbit, besides its multipliers, for JSON."""
 ROUTES = ("collocation", "integrator")
 """Ways to the multipliers; the second comes on top of the first."""
 
@@ -137,6 +132,10 @@ def _print_second_route(orbit: HuntingOrbit, m: Multipliers) -> None:
         print(f"    difference       {off:.1e} (of the leading one, relative where it is above 1)")
 
 
+def _log10_half(orbit: HuntingOrbit) -> float:
+    return orbit.multipliers.log10_leading / (1 if orbit.half else 2)
+
+
 def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
     """The JSON object of `casahunt orbit`.
 
@@ -151,5 +150,25 @@ def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
     -------
     None for what is not to be trusted, or not known for a full cycle.
     """
-    record = orbit.to_dict(table=False)
-    return {"branch": branch, **{key: record[key] for key in (*ORBIT_KEYS, *multiplier_record(orbit))}}
+    m = orbit.multipliers
+    return {
+        "model": orbit.model,
+        "gain": orbit.gain,
+        "branch": branch,
+        "amplitude": orbit.amplitude,
+        "period": orbit.period,
+        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
+        "log10_abs_half_multiplier": _log10_half(orbit) if m.trusted and not m.leading_floor else None,
+        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
+        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
+        "multiplier_error": finite_or_none(m.error),
+        "trivial_multiplier_error": finite_or_none(m.trivial_error),
+        "multipliers_trusted": m.trusted,
+        "stable": orbit.stable if m.trusted else None,
+        "error_estimate": orbit.error_estimate,
+        "status": orbit.status.name.lower(),
+        "solver": orbit.solver,
+        "unknowns": orbit.unknowns,
+        "iterations": orbit.iterations,
+        "wall_s": orbit.wall_s,
+    }

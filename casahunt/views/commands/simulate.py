@@ -23,13 +23,16 @@ import numpy as np
 
 from ...checks import error_text, finite_or_none, known, moderate
 from ...errors import InputError
-from ...export import write_csv
+from ...files import whole_text
 from ...servo.hunting import MODELS
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
+from ...tables import table as csv_table
 from .arguments import add_common, finite, gain_of, picture_of, positive, servo_of, writable
 from .console import complain
 
+COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
+"""Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
 MOST_ROWS = 10_000_000
 
 
@@ -177,7 +180,13 @@ def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, A
 
 def _write(found: Trajectory, path: Path, step: float | None) -> None:
     """The motion as CSV; numbers in full, so that they read back exactly."""
-    t = None
-    if step is not None:
+    if step is None:
+        t, x = found.dense()
+    else:
         t = np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
-    write_csv(found.table(t), path)
+        x = found.sample(t)
+    columns = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
+    numbers = np.vstack([t, found.set_point + x[0], x[1:], found.torque(x)]).T
+    with whole_text(path) as stream:
+        write = csv_table(stream, columns)
+        write([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))
