@@ -4,16 +4,19 @@ Limit cycles of a position servo with dry friction and integral action, computed
 boundary value problems (CasADi, Newton and IPOPT), followed in the controller gain round the fold where hunting ends.
 
     >>> from casahunt import Servo, find_orbit, find_fold
-    >>> orbit = find_orbit(Servo(), "switch", 0.04)          # Table 1 of the report, gain K = 0.04
-    >>> orbit.amplitude, orbit.period, orbit.half_multiplier
-    >>> find_fold(Servo(), "switch").gain                    # no hunting above this gain
+    >>> orbit = find_orbit(Servo(), "switch", 0.04)                     # Table 1 of the report, gain K = 0.04
+    >>> round(orbit.amplitude, 4), round(orbit.period, 3), orbit.stable  # rad, s
+    (0.05, 10.281, True)
+    >>> round(find_fold(Servo(), "switch").gain, 4)                     # no hunting above this gain
+    0.6473
 
 Eight rooms, each importing only from those to its left:
 
     hybrid < collocation < motion < orbits < continuation < servo < design < views
 
 The first five solve periodic orbits of any hybrid system and know no servo.  The public names below are looked up when
-they are first read: who uses a room loads nothing of those above it.
+they are first read: who uses a room loads nothing of those above it.  Each has an example in its docstring.  Pictures
+are drawn by `casahunt.pictures`; systems of your own take `casahunt.hybrid`, `.motion`, `.orbits` and `.continuation`.
 """
 
 from importlib import import_module
@@ -22,20 +25,41 @@ from typing import TYPE_CHECKING, Any
 from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
 
 if TYPE_CHECKING:
-    from .continuation.special_points import SpecialPoint
+    from .continuation.special_points import Missed, SpecialPoint
     from .continuation.walk import walk, walk_naturally
     from .design.diagram import collect, diagram
+    from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
+    from .design.fold_curve.curve import fold_curve
+    from .design.fold_curve.points import FoldCurve
+    from .design.fold_map import FoldMap, fold_map
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
+    from .design.sensitivity import Sensitivities, fold_sensitivities
+    from .design.tune.demands import Demands
+    from .design.tune.tuning import Tuning, tune
+    from .design.uncertainty.samples import Samples
+    from .design.uncertainty.samples import sample as sample_fold_gains
+    from .design.uncertainty.set import Uncertainty
+    from .design.uncertainty.summary import Summary
+    from .design.uncertainty.summary import summary as compare_uncertainty
+    from .design.uncertainty.toml import load_uncertainty
+    from .design.uncertainty.worst_corner import WorstCase, worst_corner
     from .errors import InputError, NoOrbit, Status
     from .orbits.adapt import Options
+    from .orbits.ensemble import OrbitEnsemble
     from .orbits.floquet import Multipliers
     from .orbits.orbit import Arc
+    from .servo.basin import Basin, basin
     from .servo.branch import Branch
     from .servo.controller import Controller, Pid
+    from .servo.delayed_loop import Margins, margins
+    from .servo.denial import no_cycle
+    from .servo.equilibria import Equilibria, equilibria
+    from .servo.event_map.fixed_points import FixedPoints, fixed_points
     from .servo.find_fold import find_fold
     from .servo.find_orbit import find_orbit
     from .servo.friction import Friction
+    from .servo.linear_loop import LinearLoop, linear_loop
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
@@ -45,29 +69,53 @@ if TYPE_CHECKING:
     from .servo.simulation.verdict import Verdict
 
 _HOMES = {
-    "continuation.special_points": ("SpecialPoint",),
+    "continuation.special_points": ("Missed", "SpecialPoint"),
     "continuation.walk": ("walk", "walk_naturally"),
     "design.diagram": ("collect", "diagram"),
+    "design.ensemble": ("FoldEnsemble", "fold_ensemble", "orbit_ensemble"),
+    "design.fold_curve.curve": ("fold_curve",),
+    "design.fold_curve.points": ("FoldCurve",),
+    "design.fold_map": ("FoldMap", "fold_map"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),
+    "design.sensitivity": ("Sensitivities", "fold_sensitivities"),
+    "design.tune.demands": ("Demands",),
+    "design.tune.tuning": ("Tuning", "tune"),
+    "design.uncertainty.samples": ("Samples", "sample_fold_gains"),
+    "design.uncertainty.set": ("Uncertainty",),
+    "design.uncertainty.summary": ("Summary", "compare_uncertainty"),
+    "design.uncertainty.toml": ("load_uncertainty",),
+    "design.uncertainty.worst_corner": ("WorstCase", "worst_corner"),
     "errors": ("InputError", "NoOrbit", "Status"),
     "orbits.adapt": ("Options",),
+    "orbits.ensemble": ("OrbitEnsemble",),
     "orbits.floquet": ("Multipliers",),
     "orbits.orbit": ("Arc",),
+    "servo.basin": ("Basin", "basin"),
     "servo.branch": ("Branch",),
+    "servo.controller": ("Controller", "Pid"),
+    "servo.delayed_loop": ("Margins", "margins"),
+    "servo.denial": ("no_cycle",),
+    "servo.equilibria": ("Equilibria", "equilibria"),
+    "servo.event_map.fixed_points": ("FixedPoints", "fixed_points"),
     "servo.find_fold": ("find_fold",),
     "servo.find_orbit": ("find_orbit",),
     "servo.friction": ("Friction",),
+    "servo.linear_loop": ("LinearLoop", "linear_loop"),
     "servo.problem": ("Fold", "Orbit"),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
-    "servo.controller": ("Controller", "Pid"),
     "servo.servo": ("Servo", "load"),
     "servo.simulation.simulate": ("simulate",),
     "servo.simulation.trajectory": ("Trajectory",),
     "servo.simulation.verdict": ("Verdict",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
-_OTHER_NAMES = {"Fold": "HuntingFold", "Orbit": "HuntingOrbit"}
+_OTHER_NAMES = {
+    "Fold": "HuntingFold",
+    "Orbit": "HuntingOrbit",
+    "compare_uncertainty": "summary",
+    "sample_fold_gains": "sample",
+}
 """What is called otherwise at home."""
 
 
@@ -93,36 +141,69 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "Arc",
+    "Basin",
     "Branch",
     "Controller",
+    "Demands",
+    "Equilibria",
+    "FixedPoints",
     "Fold",
+    "FoldCurve",
+    "FoldEnsemble",
+    "FoldMap",
     "Friction",
     "InputError",
+    "LinearLoop",
+    "Margins",
     "Measurement",
+    "Missed",
     "Multipliers",
     "NoOrbit",
     "Options",
     "Orbit",
+    "OrbitEnsemble",
     "Pid",
     "Record",
+    "Samples",
+    "Sensitivities",
     "Servo",
     "SpecialPoint",
     "Status",
+    "Summary",
     "Trajectory",
+    "Tuning",
+    "Uncertainty",
     "Verdict",
+    "WorstCase",
+    "basin",
     "collect",
+    "compare_uncertainty",
     "diagram",
+    "equilibria",
     "find_fold",
     "find_orbit",
+    "fixed_points",
+    "fold_curve",
+    "fold_ensemble",
+    "fold_map",
+    "fold_sensitivities",
+    "linear_loop",
     "load",
     "load_branch",
     "load_orbit",
+    "load_uncertainty",
+    "margins",
     "measure",
+    "no_cycle",
+    "orbit_ensemble",
     "read_record",
     "record_of",
+    "sample_fold_gains",
     "save_branch",
     "save_orbit",
     "simulate",
+    "tune",
     "walk",
     "walk_naturally",
+    "worst_corner",
 ]

@@ -42,7 +42,9 @@ def number(key: str, value: Any) -> float:
     ------
     InputError : it is none.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
+    truth = type(value).__name__ in ("bool", "bool_")  # of Python and of numpy
+    several = getattr(value, "ndim", 0) != 0  # an array of one number is none
+    if truth or several or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
         raise InputError(f"{key} = {quoted(value)}: must be a finite number")
     try:
         result = float(value)
@@ -51,6 +53,47 @@ def number(key: str, value: Any) -> float:
     if not math.isfinite(result):
         raise InputError(f"{key} = {value!r}: must be a finite number, not NaN or infinity")
     return result
+
+
+def of_kind(key: str, value: Any, kind: type[Any], hint: str = "") -> Any:
+    """A value that must be an instance of a class.
+
+    Parameters
+    ----------
+    key, value
+        what the user calls it, and what was given.
+    kind
+        the class.
+    hint
+        how such a value is made, for the message.
+
+    Returns
+    -------
+    The value.
+
+    Raises
+    ------
+    InputError : it is no such instance; says what it is.
+    """
+    if isinstance(value, kind):
+        return value
+    article = "an" if kind.__name__[0] in "AEIOU" else "a"
+    wanted = f"must be {article} {kind.__name__}{hint and ', '}{hint}"
+    what = f"the class {value.__name__} itself" if isinstance(value, type) else f"of type {type(value).__name__}"
+    raise InputError(f"{key} = {quoted(value)} ({what}): {wanted}")
+
+
+def floated(record: Any) -> None:
+    """Make the numbers of a frozen record, checked before, Python's own: a float32 would keep seven digits of all.
+
+    Parameters
+    ----------
+    record
+        the dataclass.
+    """
+    for name, value in vars(record).items():
+        if type(value) is not float and hasattr(value, "__float__"):
+            object.__setattr__(record, name, float(value))
 
 
 def given_once(start: Mapping[str, float] | None, keywords: Mapping[str, float]) -> dict[str, float]:
@@ -116,6 +159,30 @@ def require(
     if at_most is not None and not x <= at_most:
         raise InputError(f"{key} = {shown(x)}: must be at most {shown(at_most)}{named}")
     return x
+
+
+def whole(key: str, value: Any, *, at_least: int) -> int:
+    """A whole number.
+
+    Parameters
+    ----------
+    key, value
+        what the user calls it, and what was given.
+    at_least
+        the smallest one that is allowed.
+
+    Returns
+    -------
+    The number.
+
+    Raises
+    ------
+    InputError : it is none, or smaller.
+    """
+    x = number(key, value)
+    if x != int(x) or x < at_least:
+        raise InputError(f"{key} = {quoted(value)}: must be a whole number, at least {at_least}")
+    return int(x)
 
 
 def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: str = "") -> float:

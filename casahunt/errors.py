@@ -10,11 +10,28 @@ from enum import Enum
 
 
 class InputError(ValueError):
-    """The input is wrong: one sentence naming the key, the value and the allowed range."""
+    """The input is wrong: one sentence naming the key, the value and the allowed range.
+
+    Examples
+    --------
+    >>> from casahunt import InputError, Servo
+    >>> try:
+    ...     Servo(inertia="0.1")
+    ... except InputError as refusal:
+    ...     print(refusal)
+    servo.inertia = '0.1': must be a finite number
+    """
 
 
 class Status(Enum):
-    """How a solve ended; the value is the sentence of advice that belongs to it."""
+    """How a solve ended; the value is the sentence of advice that belongs to it.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit
+    >>> find_orbit(Servo(), "switch", 0.1).status.ok
+    True
+    """
 
     CONVERGED = "converged"
     NOT_CONVERGED = (
@@ -64,6 +81,15 @@ class NoOrbit(Exception):
     ----------
     status : the Status of the last solve, or None where there is no such cycle: a fold below the gain shows it, or a
         proof.
+
+    Examples
+    --------
+    >>> from casahunt import NoOrbit, Servo, find_orbit
+    >>> try:
+    ...     find_orbit(Servo(), "switch", 0.7)
+    ... except NoOrbit as refusal:
+    ...     print(str(refusal)[:58])
+    no hunting limit cycle of the switch servo at gain 0.7: it
     """
 
     def __init__(self, message: str, status: Status | None = None) -> None:

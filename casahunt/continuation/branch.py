@@ -18,11 +18,13 @@ import numpy as np
 
 from ..checks import known, number
 from ..errors import InputError, NoOrbit, Status
+from ..export import Columns
 from ..orbits.adapt import Options
 from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from ..orbits.starts import may_vanish
+from ..results import Result
 from .behind_grazing import behind_grazing, from_strongest
 from .bifurcations import monitors_of
 from .curve import parameter_value
@@ -39,8 +41,8 @@ FIRST_SHRINKS = "the first phase may be about to vanish"
 LEFT_BEHIND, NEXT_TO_NOTHING = "the plane that cuts the cycle is left behind", "the cycle has shrunk to nothing"
 
 
-@dataclass(frozen=True, eq=False)
-class Branch(Generic[AnyOrbit]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Result, Generic[AnyOrbit]):
     """Cycles along a parameter.
 
     Attributes
@@ -50,7 +52,20 @@ class Branch(Generic[AnyOrbit]):
     special : the special points that were located, in the same order.
     missed : those that the branch has, but that were not located.
     ended : one sentence that says why the branch ends where it does.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> branch = follow(orbit, "a", to=0.013)
+    >>> f"{branch.values[-1]:.4f}", branch.ended
+    ('0.0130', 'a reached 0.013, the end of the range')
     """
+
+    _quantities = ("vary", "number_of_points = orbits.size", "ended")
+    _details = ("special", "missed")
 
     vary: str
     orbits: tuple[AnyOrbit, ...]
@@ -81,6 +96,19 @@ class Branch(Generic[AnyOrbit]):
     def __str__(self) -> str:
         met = [special.meaning for special in self.special] + [missed.meaning for missed in self.missed]
         return "\n".join([f"{len(self.orbits)} cycles along {self.vary}; {self.ended}", *met])
+
+    def _columns(self) -> Columns:
+        here = {id(special.orbit): special.kind for special in self.special}
+        known = [orbit.multipliers.trusted for orbit in self.orbits]
+        return {
+            self.vary: self.values,
+            "period": self.periods,
+            "amplitude": [orbit.amplitude for orbit in self.orbits],
+            "error_estimate": [orbit.error_estimate for orbit in self.orbits],
+            "stable": [orbit.stable if trusted else None for orbit, trusted in zip(self.orbits, known, strict=True)],
+            "status": [orbit.status for orbit in self.orbits],
+            "special": [here.get(id(orbit), "") for orbit in self.orbits],
+        }
 
 
 def follow(
@@ -125,6 +153,16 @@ def follow(
     ------
     InputError : unknown parameter, or `to` and `back` on the same side of the start.
     NoOrbit : the cycle could not be computed in the scheme that is asked for.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> branch = follow(orbit, "a", to=0.05)
+    >>> [special.kind for special in branch.special]
+    ['flip']
     """
     known("parameter", vary, orbit.problem.names)
     here, to = orbit.problem.value(vary), number("to", to)

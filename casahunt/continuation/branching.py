@@ -66,6 +66,17 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
     ------
     InputError : nothing branches off at such a point.
     NoOrbit : the new cycle was not computed, or is the old one.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import branch_off, follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (flip,) = follow(orbit, "a", to=0.05).special
+    >>> twice = branch_off(flip, "a")
+    >>> round(twice.period / orbit.period, 6)
+    2.0
     """
     began = time.perf_counter()
     orbit, family = special.orbit, special.orbit.problem

@@ -56,6 +56,15 @@ def largest(
     ------
     InputError : unknown parameter, or a special point that is no fold.
     NoOrbit : the branch does not turn back before `to`, or the fold is not confirmed.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> round(largest(orbit, "g").value, 4)  # the same fold, in another parameter
+    13.751
     """
     return _extremum(start, vary, 1.0, to, options, max_points)
 
@@ -82,6 +91,15 @@ def smallest(
     Raises
     ------
     InputError, NoOrbit : as in `largest`.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import smallest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> round(smallest(orbit, "a").value, 8)  # g (1 - r) pi/((1 + r) omega^2) is exact
+    0.00856084
     """
     return _extremum(start, vary, -1.0, to, options, max_points)
 

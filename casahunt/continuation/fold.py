@@ -19,7 +19,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options, curve_border
 from ..orbits.amplitude import amplitude_off, estimated
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from ..results import Result
 from .adjoint import parameter_slopes
 from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .special_points import FOLD, SpecialPoint, locate, special_point
@@ -49,8 +50,8 @@ SECOND_PLACE = 1e-3
 OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
 
 
-@dataclass(frozen=True, eq=False)
-class Fold(Generic[AnyOrbit]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Fold(Result, Generic[AnyOrbit]):
     """A cyclic fold in a parameter.
 
     Attributes
@@ -63,7 +64,25 @@ class Fold(Generic[AnyOrbit]):
         alone.
     multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
     status, wall_s : as everywhere.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import smallest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> fold = smallest(orbit, "a")
+    >>> round(fold.value, 8), sorted(fold.sensitivities)
+    (0.00856084, ['g', 'omega', 'r'])
     """
+
+    _quantities: ClassVar[tuple[str, ...]] = (
+        "problem = orbit.problem.title", "parameter", "value +- absolute_error",
+        "period = orbit.period ~ orbit.period_error", "status",
+    )  # fmt: skip
+    _details: ClassVar[tuple[str, ...]] = (
+        "value_error", "optimised_value", "error_estimate", "sensitivities", "orbit", "wall_s",
+    )  # fmt: skip
 
     orbit: AnyOrbit
     parameter: str
@@ -93,6 +112,11 @@ class Fold(Generic[AnyOrbit]):
         moves = ", ".join(f"{name} {slope:.6g}" for name, slope in self.sensitivities.items())
         by = f"; it moves with {moves}" if moves else ""
         return f"fold of {self.orbit.problem.title} at {self.parameter} = {value}{by}"
+
+    @property
+    def absolute_error(self) -> float:
+        """Estimated error of the value, in its own unit."""
+        return float(self.value_error * abs(self.orbit.problem.unit(self.parameter)))
 
 
 def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:

@@ -42,6 +42,21 @@ def grazing(
     ------
     InputError : unknown parameter or event, or no cycle of a user's system.
     NoOrbit : the cycle touches it nowhere on the way.
+
+    Examples
+    --------
+    >>> import casadi
+    >>> from casahunt.continuation import grazing
+    >>> from casahunt.hybrid import Event, Mode, System
+    >>> from casahunt.orbits import find_cycle
+    >>> def free(x, p):
+    ...     return {"x": x.v, "v": p.A * casadi.cos(x.t) - 0.1 * x.v - 4 * x.x}
+    >>> impact = Event("impact", lambda x, p: x.x - 1, +1, to="free", reset=lambda x, p: {"v": -0.8 * x.v})
+    >>> modes, turn = (Mode("free", free, ends=(impact,)),), 2 * casadi.pi
+    >>> wall = System("oscillator beside a wall", ("x", "v"), {"A": 1.0}, modes, forcing_period=lambda p: turn)
+    >>> touching = grazing(find_cycle(wall, x=0.0, v=0.0), "A", "impact", to=5.0)
+    >>> round(touching.orbit.problem.value("A"), 6)  # the square root of 9.01
+    3.001666
     """
     if not isinstance(orbit.problem, Family):
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")

@@ -31,6 +31,7 @@ from ..errors import NoOrbit
 from ..hybrid.roots import CLOSED, Bracket, Search, boundary
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
+from ..results import Result
 from .curve import (
     Point,
     backwards,
@@ -57,8 +58,8 @@ ACCEPTED_TOLERANCES = 1e3
 order in that, within 1e-12."""
 
 
-@dataclass(frozen=True, eq=False)
-class SpecialPoint(Generic[AnyOrbit]):
+@dataclass(frozen=True, eq=False, repr=False)
+class SpecialPoint(Result, Generic[AnyOrbit]):
     """A located point of a branch.
 
     Attributes
@@ -68,7 +69,20 @@ class SpecialPoint(Generic[AnyOrbit]):
     meaning : one sentence for the user.
     at : value of the parameter, where `orbit` is the last one next to the point and not the point itself.
     vary : name of the parameter of the branch; "" for the one that the problem follows of itself.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (special,) = follow(orbit, "a", to=0.05).special
+    >>> special.kind, round(special.value, 5)
+    ('flip', 0.02626)
     """
+
+    _quantities = ("kind", "meaning")
+    _details = ("value", "vary", "orbit")
 
     kind: str
     orbit: AnyOrbit
@@ -82,15 +96,23 @@ class SpecialPoint(Generic[AnyOrbit]):
         return parameter_value(self.orbit, self.vary or self.orbit.problem.principal) if self.at is None else self.at
 
 
-@dataclass(frozen=True)
-class Missed:
+@dataclass(frozen=True, repr=False)
+class Missed(Result):
     """A special point that the branch has, but that was not located.
 
     Attributes
     ----------
     kind : as of a `SpecialPoint`.
     meaning : one sentence for the user, with the values of the parameter that it lies between.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import Missed
+    >>> Missed("fold", "a fold between 0.1 and 0.2 was not located")
+    <Missed: kind fold, meaning a fold between 0.1 and 0.2 was not located>
     """
+
+    _quantities = ("kind", "meaning")
 
     kind: str
     meaning: str
@@ -377,5 +399,16 @@ def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
     Returns
     -------
     Monitor.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, user_monitor
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> height = user_monitor("top at 0.13", lambda orbit: orbit.amplitude - 0.13)
+    >>> branch = follow(orbit, "a", to=0.02, monitors=(height,))
+    >>> [special.kind for special in branch.special]
+    ['top at 0.13']
     """
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")

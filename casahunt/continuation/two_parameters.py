@@ -17,9 +17,11 @@ import numpy as np
 from ..checks import error_text, known, number, require
 from ..collocation.joints import event_rate
 from ..errors import InputError, NoOrbit, Status
+from ..export import Columns
 from ..orbits.adapt import Options
 from ..orbits.closure import Plane
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..results import Result
 from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .curve import parameter_value
 from .plane_curve import Place, Reading, follow, root_across
@@ -39,8 +41,8 @@ HARDLY = 1e-2
 MONITORS = {monitor.kind: monitor for monitor in (FOLD, FLIP, SYMMETRY_LOST, NEIMARK_SACKER)}
 
 
-@dataclass(frozen=True, eq=False)
-class SpecialCurve:
+@dataclass(frozen=True, eq=False, repr=False)
+class SpecialCurve(Result):
     """Special points along a curve in two parameters.
 
     Attributes
@@ -54,7 +56,21 @@ class SpecialCurve:
     ended : one sentence that says why the curve ends where it does.
     complete : whether it ends at an end of the range.
     wall_s : time that it took [s].
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, special_curve
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (flip,) = follow(orbit, "a", to=0.05).special
+    >>> flips = special_curve(flip, "a", "r", to=0.78, points=2)
+    >>> flips.kind, flips.complete, flips.values.shape
+    ('flip', True, (2, 2))
     """
+
+    _quantities = ("kind", "vary", "other", "number_of_points = orbits.size", "complete")
+    _details = ("ended", "wall_s")
 
     kind: str
     vary: str
@@ -80,24 +96,15 @@ class SpecialCurve:
         lines += [f"it turns back at {self.other} = {q[k]:.8g}, {self.vary} = {x[k]:.8g}" for k in turns]
         return "\n".join([*lines, f"largest error of {self.vary}: {error_text(float(np.max(self.errors)))}"])
 
-    def plot(self, *, ax: Any, **style: Any) -> Any:
-        """Draw `vary` over `other`.
-
-        Parameters
-        ----------
-        ax
-            matplotlib axes.
-        **style
-            for `ax.plot`.
-
-        Returns
-        -------
-        The axes.
-        """
-        x, q = self.values.T
-        ax.plot(q, x, **style)
-        ax.set(xlabel=self.other, ylabel=self.vary)
-        return ax
+    def _columns(self) -> Columns:
+        return {
+            self.other: self.values[:, 1],
+            self.vary: self.values[:, 0],
+            "error": self.errors,
+            "slope": self.slopes,
+            "turns": self.turns,
+            "period": [orbit.period for orbit in self.orbits],
+        }
 
 
 def special_curve(
@@ -141,6 +148,17 @@ def special_curve(
     ------
     InputError : unknown parameter, no range, or a kind of special point that has no monitor.
     NoOrbit : at the given point there is none.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, special_curve
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> (flip,) = follow(orbit, "a", to=0.05).special
+    >>> flips = special_curve(flip, "a", "r", to=0.78, points=2)
+    >>> [round(value, 5) for value in flips.values[-1].tolist()]
+    [0.02666, 0.78]
     """
     began = time.perf_counter()
     orbit, options = special.orbit, options or Options(tol=max(special.orbit.error_estimate, 1e-8))

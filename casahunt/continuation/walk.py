@@ -99,6 +99,16 @@ def walk(
     Raises
     ------
     InputError : unknown parameter name.
+
+    Examples
+    --------
+    >>> from casahunt.continuation.walk import walk
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> start = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> orbits = list(walk(start, vary="belt", low=0.2, high=0.22))
+    >>> orbits[-1].problem.value("belt")
+    0.22
     """
     vary = _varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
@@ -231,6 +241,16 @@ def walk_naturally(
     Raises
     ------
     InputError : unknown parameter name.
+
+    Examples
+    --------
+    >>> from casahunt.continuation.walk import walk_naturally
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> start = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> orbits = list(walk_naturally(start, vary="belt", low=0.2, high=0.22))
+    >>> orbits[-1].period < start.period
+    True
     """
     vary = _varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))

@@ -16,6 +16,7 @@ from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoin
 from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
+from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST
 from ..servo.find_orbit import find_orbit
@@ -29,12 +30,19 @@ DRAWING_STEP = 0.15
 """Largest arclength between points: the solver could take three times as much, the eye could not."""
 
 
-@dataclass(frozen=True, eq=False)
-class DiagramPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class DiagramPoint(Result):
     """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
 
     `missed` are those that were not located.
     """
+
+    _quantities = (
+        "model = orbit.model", "gain = orbit.gain [V/rad] ~ orbit.parameter_error",
+        "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error", "period = orbit.period [s] ~ orbit.period_error",
+        "is_special",
+    )  # fmt: skip
+    _details = ("orbit", "special", "missed")
 
     orbit: HuntingOrbit
     special: tuple[SpecialPoint[HuntingOrbit], ...]
@@ -81,6 +89,13 @@ def diagram(
     Raises
     ------
     InputError, NoOrbit : as `find_orbit` at the gain `start`.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, diagram
+    >>> points = diagram(Servo(), "switch", start=0.6)
+    >>> next(points).orbit.gain
+    0.6
     """
     options = options or Options()
     if begun:
@@ -144,6 +159,15 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     Returns
     -------
     Branch, with the sentence that says why it ends.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> branch.ended
+    'gain reached 0.6, the end of the range'
+    >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
+    True
     """
     orbits: list[HuntingOrbit] = []
     special: list[SpecialPoint[HuntingOrbit]] = []

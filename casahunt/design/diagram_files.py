@@ -6,17 +6,16 @@ it, never read.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..continuation.special_points import FOLD, SpecialPoint
+from ..continuation.special_points import SpecialPoint
 from ..errors import InputError
 from ..files import together, whole_text
 from ..orbits.adapt import Options
-from ..servo.branch import Branch
+from ..servo.branch import CSV_COLUMNS, Branch, csv_row
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_branch, load_run, save_branch
@@ -24,20 +23,6 @@ from ..servo.servo import Servo
 from ..tables import table
 from .diagram import DiagramPoint
 
-CSV_COLUMNS = (
-    "gain",
-    "amplitude_rad",
-    "period_s",
-    "half_multiplier",
-    "log10_abs_half_multiplier",
-    "stable",
-    "trivial_multiplier_error",
-    "error_estimate",
-    "status",
-    "unknowns",
-    "iterations",
-    "special",
-)
 INTERRUPTED = "interrupted"
 """Why a branch ends that is not at its end."""
 
@@ -145,35 +130,3 @@ def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> Di
     """As it was before it was written: an orbit that is a special point is the same object."""
     same = [found.orbit for found in special if (found.orbit.gain, found.orbit.period) == (orbit.gain, orbit.period)]
     return DiagramPoint(same[0] if same else orbit, tuple(special))
-
-
-def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
-    """One row of the CSV file.
-
-    Parameters
-    ----------
-    orbit
-        of the point.
-    special
-        kind of the special point; "" for none.
-
-    Returns
-    -------
-    Values in the order of `CSV_COLUMNS`.
-    """
-    multipliers = orbit.multipliers
-    trusted = multipliers.trusted
-    return [
-        orbit.gain,
-        orbit.amplitude,
-        orbit.period,
-        orbit.half_multiplier if trusted else math.nan,
-        multipliers.log10_leading if trusted and not multipliers.leading_floor else math.nan,
-        orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
-        multipliers.trivial_error,
-        orbit.error_estimate,
-        orbit.status.name.lower(),
-        orbit.unknowns,
-        orbit.iterations,
-        special,
-    ]

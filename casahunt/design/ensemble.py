@@ -22,10 +22,11 @@ from ..errors import Status
 from ..orbits.adapt import Options
 from ..orbits.ensemble import OrbitEnsemble, table_of
 from ..orbits.ensemble import orbit_ensemble as orbits_near
+from ..orbits.rows import Rows
 from ..servo.find_orbit import find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
-from ..servo.servo import Servo
+from ..servo.servo import Servo, a_servo
 from .uncertainty.batch import Done, folds_of
 from .uncertainty.nearby import nominal_fold
 
@@ -33,7 +34,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FoldEnsemble:
+class FoldEnsemble(Rows):
     """The folds of n servos.
 
     Attributes
@@ -49,6 +50,13 @@ class FoldEnsemble:
     how : "batch"; "recut" where its cycle has other phases, or needs a mesh of its own, than that of the known fold;
         "alone" where it was looked for as `find_fold` does.
     failures : (index, sentence) of every fold that was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_ensemble
+    >>> found = fold_ensemble(Servo(), "switch", ["friction.static"], [[0.53], [0.54]])
+    >>> [f"{gain:.4f}" for gain in found.gains], found.how, found.failures
+    (['0.6473', '0.7212'], ('batch', 'batch'), ())
     """
 
     model: Model
@@ -117,7 +125,17 @@ def fold_ensemble(
     Raises
     ------
     InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Servo, fold_ensemble
+    >>> rows = np.linspace(0.52, 0.54, 5)[:, None]
+    >>> found = fold_ensemble(Servo(), "switch", ["friction.static"], rows, elasticities=True)
+    >>> bool((np.diff(found.gains) > 0).all()), found.elasticities.shape
+    (True, (5, 1))
     """
+    a_servo(servo)
     known("model", model, MODELS)
     names = tuple(names)
     table = table_of(Hunting(model, servo, 1.0), names, rows)
@@ -167,7 +185,15 @@ def orbit_ensemble(
     ------
     InputError : an unknown model or parameter, a table of another shape, or values that no servo has.
     NoOrbit : the servo itself has no such cycle.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, orbit_ensemble
+    >>> found = orbit_ensemble(Servo(), "switch", 0.1, ["friction.viscous"], [[0.1], [0.12]])
+    >>> [f"{amplitude:.5f}" for amplitude in found.amplitudes]  # rad
+    ['0.01771', '0.01724']
     """
+    a_servo(servo)
     known("model", model, MODELS)
     known_orbit = orbit if orbit is not None else find_orbit(servo, model, gain, options=options)
     return orbits_near(

@@ -18,11 +18,13 @@ import numpy as np
 
 from ..checks import known
 from ..errors import InputError, NoOrbit, Status
+from ..export import Columns
 from ..orbits.adapt import Options
+from ..results import Result
 from ..servo.find_fold import find_fold
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import HuntingFold
-from ..servo.servo import Servo, flatten
+from ..servo.servo import Servo, a_servo, flatten
 from .sensitivity import NAMES
 from .uncertainty.batch import fold_gains
 from .uncertainty.nearby import fold_beside
@@ -34,8 +36,8 @@ SIDES = (2, 200)
 NO_SERVO = "no servo has these two values"
 
 
-@dataclass(frozen=True, eq=False)
-class FoldMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class FoldMap(Result):
     """The fold gain over two parameters.
 
     Attributes
@@ -47,7 +49,18 @@ class FoldMap:
     tolerance : bound on the estimated relative error of every gain.
     failures : why there is no gain, by (i, j).
     wall_s : time that it took [s].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_map
+    >>> names, values = ("friction.static", "friction.viscous"), ([0.53, 0.54], [0.09, 0.1])
+    >>> found = fold_map(Servo(), "switch", names, *values)
+    >>> found.gains.shape, found.status.ok
+    ((2, 2), True)
     """
+
+    _quantities = ("model", "names", "size = gains.shape", "tolerance", "status")
+    _details = ("servo", "values", "gains", "failures", "wall_s [s]")
 
     servo: Servo
     model: Model
@@ -69,6 +82,33 @@ class FoldMap:
         span = f"{computed.min():.5g} to {computed.max():.5g}" if computed.size else "none"
         m, n = self.gains.shape
         return f"{self.model} servo: fold gain {span} over {m} x {n} values of {self.names[0]} and {self.names[1]}"
+
+    def status_at(self, i: int, j: int) -> str:
+        """What is known at a place of the grid.
+
+        Parameters
+        ----------
+        i, j
+            the place.
+
+        Returns
+        -------
+        "converged", "hunts at no gain", or "not computed".
+        """
+        gain = self.gains[i, j]
+        return "not computed" if np.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
+
+    def _columns(self) -> Columns:
+        i, j = (place.ravel() for place in np.indices(self.gains.shape))
+        return {
+            "model": [self.model] * i.size,
+            "first": [self.names[0]] * i.size,
+            "first_value": self.values[0][i],
+            "second": [self.names[1]] * i.size,
+            "second_value": self.values[1][j],
+            "gain": self.gains.ravel(),
+            "status": [self.status_at(*place) for place in zip(i.tolist(), j.tolist(), strict=True)],
+        }
 
 
 def fold_map(
@@ -107,7 +147,16 @@ def fold_map(
     ------
     InputError : a name, a value or an order that cannot be.
     NoOrbit : no fold was found to start from.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_map
+    >>> names, values = ("friction.static", "friction.coulomb"), ([0.53, 0.54], [0.44, 0.45])
+    >>> gains = fold_map(Servo(), "switch", names, *values).gains
+    >>> f"{gains[0, 0]:.4f}", bool(gains[1, 0] > gains[1, 1])
+    ('0.6473', True)
     """
+    a_servo(servo)
     began = time.perf_counter()
     known("model", model, MODELS)
     values = _checked(servo, names, (first, second))

@@ -7,6 +7,7 @@ vector_form.py  functions of named states and parameters as functions of vectors
 problem.py   the contract: what the engine must know of whoever poses a problem
 expressions.py  what a user's functions return, checked
 language.py  what a user writes: Event, Mode, System with names
+examples.py  two small systems, which the examples take
 roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """
 

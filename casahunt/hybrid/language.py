@@ -60,6 +60,12 @@ class Event:
         event a boundary between two phases although the mode goes on; where a function returns it, the event was
         touched only, and the phase goes on.
     reset : (x, p) -> the states that jump, by name; what is not named stays.  None where nothing jumps.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid import Event
+    >>> Event("catches up", lambda x, p: x.v - p.belt, direction=+1, to="stick").name
+    'catches up'
     """
 
     name: str
@@ -86,6 +92,12 @@ class Mode:
     feature : (x, p) -> a part of the field, of order one, that changes so suddenly that a mesh may step over it.
     sign : a number of the mode's own, p.sign in its functions and in those of its events: modes that differ in it alone
         share their functions, and what is compiled of them.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid import Mode
+    >>> Mode("turns", field=lambda x, p: {"angle": x.rate, "rate": p.torque - x.rate}).name
+    'turns'
     """
 
     name: str
@@ -119,6 +131,14 @@ class System:
     Raises
     ------
     InputError : something does not fit; the sentence names the mode, event, state or parameter.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid import Mode, System
+    >>> def runs(x, p):
+    ...     return {"x": x.v, "v": p.mu * (1 - x.x**2) * x.v - x.x}
+    >>> System("van der Pol", ("x", "v"), {"mu": 1.0}, (Mode("runs", runs),)).states
+    ('x', 'v')
     """
 
     name: str

@@ -23,9 +23,11 @@ from ..checks import given_once, require
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, scheme
 from ..errors import NoOrbit, Status
+from ..export import Columns
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
+from ..results import Result
 from .closed_forms import check_closed_forms
 from .march import MarchFailure, Segment, march
 
@@ -47,8 +49,8 @@ class Crossing(NamedTuple):
     behind: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Result):
     """A motion, as far as it was followed.
 
     Attributes
@@ -60,7 +62,18 @@ class Motion:
         duration.
     scale : (n,) sizes of the states.
     kind : collocation scheme.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import simulate
+    >>> motion = simulate(belt, "slip", x=0.0, v=0.0, duration=5.0)
+    >>> motion.duration, round(motion.end["x"], 4)
+    (5.0, 0.9719)
     """
+
+    _quantities = ("duration ~ error", "number_of_events = events.size", "end")
+    _details = ("error", "events", "p", "kind")
 
     system: System
     p: Array
@@ -100,6 +113,10 @@ class Motion:
         states : (n, m), in the order of `system.names.entries`.
         """
         return sampled(self.system.vector_form, self.phases, self.p, self.kind, per_interval)
+
+    def _columns(self) -> Columns:
+        times, states = self.sample()
+        return dict(zip(("t", *self.system.names.states), (times, *states), strict=False))
 
 
 def sampled(
@@ -177,6 +194,13 @@ def simulate(
     ------
     InputError : a name or number is wrong.
     NoOrbit : the motion cannot be followed, with the time and the reason.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import simulate
+    >>> [crossing.event for crossing in simulate(belt, "slip", x=0.0, v=0.0, duration=15.0).events]
+    ['catches up', 'breaks away', 'catches up']
     """
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)

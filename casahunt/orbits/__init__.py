@@ -15,6 +15,7 @@ orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 marched_mesh.py  the mesh of a motion that is not yet the orbit
+rows.py      an ensemble as a table
 ensemble.py  cycles of many problems near one whose cycle is known
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it

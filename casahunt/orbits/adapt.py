@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..checks import known, require, shown
+from ..checks import known, of_kind, require, shown, whole
 from ..collocation.admissibility import Verdict, judge
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
@@ -63,6 +63,12 @@ class Options:
     degree, kind : collocation scheme; None for the default of the problem.
     half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
     sketched : orbits on a way whose end is computed anew: their errors, which are not estimated, stand as infinite.
+
+    Examples
+    --------
+    >>> from casahunt.orbits import Options
+    >>> Options(tol=1e-9, solver="newton").tol
+    1e-09
     """
 
     tol: float = 1e-6
@@ -77,6 +83,9 @@ class Options:
         if not low <= require("tol", self.tol) <= high:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
         known("solver", self.solver, SOLVERS)
+        whole("degree", self.degree or 1, at_least=1)
+        known("kind", self.kind or "gauss", get_args(Kind))
+        of_kind("half", self.half, bool)
 
     def scheme_of(self, problem: Problem) -> tuple[int, Kind]:
         """(degree, kind) for a problem."""

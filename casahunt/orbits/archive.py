@@ -113,6 +113,18 @@ def save_orbit(orbit: Orbit, path: str | Path) -> None:
     ------
     InputError : there can be no file at `path`, or the orbit holds NaN or infinity.
     OSError : the disk is full.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle, load_orbit
+    >>> from casahunt.orbits.archive import save_orbit
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_orbit(find_cycle(belt, "slip", x=0.0, v=0.0), Path(folder, "orbit.npz"))
+    ...     print(round(load_orbit(Path(folder, "orbit.npz"), belt).period, 6))
+    12.001031
     """
     writer = Writer()
     write(path, "orbit", {"orbit": orbit_record(orbit, writer)}, writer)

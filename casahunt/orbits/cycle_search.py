@@ -111,6 +111,13 @@ def find_cycle(
     ------
     InputError : a name or number is wrong.
     NoOrbit : no cycle was met, or it was not computed; says how far the motion was followed.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> round(find_cycle(belt, "slip", x=0.0, v=0.0, parameters={"belt": 0.21}).period, 3)
+    11.712
     """
     began = time.perf_counter()
     names = system.names.parameters

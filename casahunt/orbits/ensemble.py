@@ -35,6 +35,7 @@ from ..hybrid.problem import Problem
 from .adapt import LEFT_OUT, TOLERANCE_RANGE, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
 from .orbit import Orbit, unknowns_of
+from .rows import Rows
 
 Array = np.ndarray
 
@@ -48,7 +49,7 @@ ROOM_FOR_KNOWN = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OrbitEnsemble:
+class OrbitEnsemble(Rows):
     """The cycles of n problems.
 
     Attributes
@@ -62,6 +63,15 @@ class OrbitEnsemble:
     how : "batch"; "recut" where its cycle has other phases, or needs a mesh of its own; "alone" where it was looked for
         without the batch.
     failures : (index, sentence) of every cycle that was not computed.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle, orbit_ensemble
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> found = orbit_ensemble(orbit, ["a", "r"], [[0.0118, 0.8], [0.012, 0.79]])
+    >>> found.how, [f"{period:.6f}" for period in found.periods]
+    (('batch', 'batch'), ['0.314159', '0.314159'])
     """
 
     title: str
@@ -146,6 +156,14 @@ def orbit_ensemble(
     ------
     InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
     NoOrbit : the known cycle is not known to the tolerance, and could not be computed to it.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle, orbit_ensemble
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> list(orbit_ensemble(orbit, ["r"], [[0.79], [0.81]]).to_dict()["table"])[:3]
+    ['r', 'period', 'period_error']
     """
     names, options = tuple(names), options or Options()
     table = table_of(orbit.problem, names, rows)

@@ -34,6 +34,7 @@ from ..collocation.transcription import Setting, Transcription
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Mode
 from ..motion.march_step import Stepper
+from ..results import Result
 from .observables import Expression, Later, Values, flow_sensitivity, kept_values
 
 Array = np.ndarray
@@ -54,19 +55,28 @@ Made = Callable[[Mode, Expression, int, int], Values]
 """Whoever compiles an expression in a mode of so many states and parameters."""
 
 
-class Extremum(NamedTuple):
-    """A value, the time at which it is taken (from the start of the first phase), and its estimated absolute error."""
-
+class _Extremum(NamedTuple):
     value: float
     time: float
     error: float
 
 
-class Extrema(NamedTuple):
-    """The smallest and the largest value."""
+class Extremum(Result, _Extremum):
+    """A value, the time at which it is taken (from the start of the first phase), and its estimated absolute error."""
 
+    _quantities = ("value +- error", "time")
+
+
+class _Extrema(NamedTuple):
     low: Extremum
     high: Extremum
+
+
+class Extrema(Result, _Extrema):
+    """The smallest and the largest value."""
+
+    _quantities = ("smallest = low.value +- low.error", "largest = high.value +- high.error")
+    _details = ("low", "high")
 
     @property
     def amplitude(self) -> float:

@@ -32,6 +32,7 @@ import numpy as np
 
 from ..collocation.linearisation import Linearisation
 from ..collocation.transcription import Setting, Transcription
+from ..results import Result
 from .graded import LARGEST_MULTIPLIER, spectrum
 from .map_chain import FACTOR_ROUNDING, MapChain, collocation_chain
 
@@ -46,8 +47,8 @@ NOT_THE_SAME = 0.1
 """Values of one multiplier on two meshes that differ by more than this, relative, are bounds of it only."""
 
 
-@dataclass(frozen=True, eq=False)
-class Multipliers:
+@dataclass(frozen=True, eq=False, repr=False)
+class Multipliers(Result):
     """Floquet multipliers of one periodic orbit.
 
     Attributes
@@ -64,7 +65,18 @@ class Multipliers:
         hides them; 0 for the others.
     repeats : how many half-period maps make up the period.
     frame : (n - 1, n - 1) transversal directions at the start, by decreasing growth.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> multipliers = find_cycle(belt, "slip", x=0.0, v=0.0).multipliers
+    >>> multipliers.stable, multipliers.trusted, multipliers.trivial_error < 1e-6
+    (True, True, True)
     """
+
+    _quantities = ("leading +- leading_error", "trivial_error", "trusted")
+    _details = ("error", "log10_leading", "half", "full", "floor", "repeats")
 
     half: Array
     full: Array
@@ -96,6 +108,11 @@ class Multipliers:
     def trusted(self) -> bool:
         """The trivial multiplier came out as 1, and the leading one the same on two meshes."""
         return self.trivial_error < TRUSTED and self.error < TRUSTED
+
+    @property
+    def leading_error(self) -> float:
+        """Estimated absolute error of `leading`."""
+        return self.error * max(1.0, abs(self.leading))
 
 
 def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from ..collocation.newton import Solution, Solver
 from ..collocation.scheme import Kind, scheme
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import Status
+from ..export import Columns
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle, Signature
+from ..results import Result
 from . import floquet, map_chain
 from .extrema import Extrema, extrema
 from .multiplier_mesh import refined_multipliers
@@ -31,8 +33,8 @@ from .observables import scalar_of
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Arc:
+@dataclass(frozen=True, eq=False, repr=False)
+class Arc(Result):
     """One phase of an orbit.
 
     Attributes
@@ -42,7 +44,17 @@ class Arc:
     breaks : (N + 1,) interval boundaries as fractions of the duration.
     states : (N, d + 1, n) start and stages of each interval; (1, 1, n) for a closed-form phase.
     end : (n,) state at the end.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> [arc.mode for arc in find_cycle(belt, "slip", x=0.0, v=0.0).arcs]
+    ['slip', 'stick']
     """
+
+    _quantities = ("mode", "event", "duration")
+    _details = ("breaks", "states", "end")
 
     mode: str
     event: str
@@ -52,8 +64,8 @@ class Arc:
     end: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Orbit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Orbit(Result):
     """A periodic orbit of a hybrid system, in physical units.
 
     Attributes
@@ -71,7 +83,23 @@ class Orbit:
     status : how the computation ended; only a CONVERGED orbit is to be trusted.
     solver, iterations, unknowns, residual : what the last solve did.
     wall_s : time from the request to the result [s].
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> round(orbit.period, 6), orbit.error_estimate < 1e-8, orbit.stable
+    (12.001031, True, True)
     """
+
+    _quantities: ClassVar[tuple[str, ...]] = (
+        "problem = problem.title", "period ~ period_error", "amplitude ~ amplitude_error", "status",
+    )  # fmt: skip
+    _details: ClassVar[tuple[str, ...]] = (
+        "error_estimate", "parameter_error", "signature", "repeats", "degree", "solver", "unknowns", "iterations",
+        "residual", "wall_s",
+    )  # fmt: skip
 
     problem: Problem
     repeats: int
@@ -190,6 +218,40 @@ class Orbit:
             t_all.append(part_times[behind:] + k * start)
             x_all.append(piece[behind:])
         return np.concatenate(t_all), np.concatenate(x_all).T
+
+    @property
+    def _state_columns(self) -> tuple[str, ...]:
+        """Names of time and states in its table."""
+        return ("t", *self.cycle.states)
+
+    def _columns(self) -> Columns:
+        times, states = self.sample()
+        return dict(zip(self._state_columns, (times, *states), strict=False))
+
+    def _more(self) -> dict[str, Any]:
+        return multiplier_record(self)
+
+
+def multiplier_record(orbit: Orbit) -> dict[str, Any]:
+    """The multipliers of an orbit by name; None for what is not to be trusted, or not known for a full cycle.
+
+    Parameters
+    ----------
+    orbit
+        the orbit.
+    """
+    m = orbit.multipliers
+    known = m.trusted and not m.leading_floor
+    return {
+        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
+        "log10_abs_half_multiplier": m.log10_leading / (1 if orbit.half else 2) if known else None,
+        "multipliers": m.full if m.trusted else None,
+        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
+        "multiplier_error": m.error,
+        "trivial_multiplier_error": m.trivial_error,
+        "multipliers_trusted": m.trusted,
+        "stable": orbit.stable if m.trusted else None,
+    }
 
 
 AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)

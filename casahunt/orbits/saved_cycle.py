@@ -77,6 +77,18 @@ def load_orbit(path: str | Path, system: System, *, measure: str | Function | No
     Raises
     ------
     InputError : it is none of this system or measure, or damaged; says what is wrong.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle, load_orbit
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     orbit.save(Path(folder, "orbit.npz"))
+    ...     load_orbit(Path(folder, "orbit.npz"), belt).period == orbit.period
+    True
     """
     metadata, numbers = archive.read(path, "orbit")
     measured = archive.checked(path, lambda: dict(metadata["orbit"]["measured"]))

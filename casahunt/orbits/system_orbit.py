@@ -11,7 +11,20 @@ from .orbit import Orbit
 
 
 class SystemOrbit(Orbit):
-    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what it holds."""
+    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what it holds.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> orbit.parameters["belt"], round(orbit.extrema("x").high.value, 4)
+    (0.2, 1.1339)
+    """
+
+    _quantities = (
+        "problem = problem.title", "parameters", "period ~ period_error", "amplitude ~ amplitude_error", "status",
+    )  # fmt: skip
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -25,13 +38,13 @@ class SystemOrbit(Orbit):
         period = to_error(self.period, self.period_error)
         return f"{self.problem.title}: period {period}, {phases}, {stability}, error {error_text(self.error_estimate)}"
 
-    def plot(self, across: str, up: str, *, ax: Any, per_interval: int = 24, **style: Any) -> Any:
+    def plot(self, across: str = "t", up: str = "", *, ax: Any, per_interval: int = 24, **style: Any) -> Any:
         """Draw one state over another, or over the time.
 
         Parameters
         ----------
         across, up
-            names of states; "t" is the time from the start of the first phase.
+            names of states; "t" is the time from the start of the first phase; default the first state over the time.
         ax
             matplotlib axes.
         per_interval
@@ -49,8 +62,7 @@ class SystemOrbit(Orbit):
         """
         times, states = self.sample(per_interval)
         curves = {**dict(zip(self.cycle.states, states, strict=True)), "t": times}
-        for name in (across, up):
-            known("state", name, curves)
+        across, up = (known("state", name, curves) for name in (across, up or self.cycle.states[0]))
         ax.plot(curves[across], curves[up], **style)
         ax.set(xlabel=across, ylabel=up)
         return ax

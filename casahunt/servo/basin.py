@@ -26,10 +26,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..checks import require
+from ..checks import of_kind, require
 from ..errors import InputError, NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
+from ..results import Result
 from .cycles import motor_torque
 from .event_map.fixed_points import map_at
 from .event_map.scan import SECTION, half_cycle
@@ -52,8 +53,8 @@ GROWN = 3.0
 """Times the border at which a motion that no stable cycle bounds has grown beyond doubt."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trial(Result):
     """A motion followed from one side of the border.
 
     Attributes
@@ -64,13 +65,16 @@ class Trial:
         next to a symmetric cycle that is not stable; "grows", where no stable cycle is known; or "undecided".
     """
 
+    _quantities = ("start [rad]", "outcome")
+    _details = ("positions",)
+
     start: float
     positions: Array
     outcome: str
 
 
-@dataclass(frozen=True, eq=False)
-class Basin:
+@dataclass(frozen=True, eq=False, repr=False)
+class Basin(Result):
     """The border between settling and hunting.
 
     Attributes
@@ -82,7 +86,17 @@ class Basin:
     outer_position : stick position of the outer cycle [rad]; nan where there is none.
     error_estimate : relative, of the unstable cycle's amplitude and period.
     inside, outside : the motions from both sides.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, basin
+    >>> found = basin(Servo(), "switch", 0.5)
+    >>> found.inside.outcome, found.outside.outcome, found.confirmed
+    ('settles', 'hunts', True)
     """
+
+    _quantities = ("border [rad] ~ error_estimate", "outer_position [rad]", "confirmed")
+    _details = ("unstable", "outer", "why_no_outer", "inside", "outside")
 
     unstable: HuntingOrbit
     outer: HuntingOrbit | None
@@ -122,10 +136,16 @@ def basin(
     ------
     InputError : a value out of range.
     NoOrbit : there is no hunting cycle (everything settles, as far as the scan shows), or it was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, basin
+    >>> round(1e3 * basin(Servo(), "switch", 0.5).border, 3)  # mrad
+    1.181
     """
     if not 1e-6 <= require("offset", offset) <= 0.5:
         raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")
-    options = options or Options()
+    options = of_kind("options", options or Options(), Options)
     unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
     outer, why = None, ""
     try:

@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..continuation.special_points import Missed, SpecialPoint
+from ..continuation.special_points import FOLD, Missed, SpecialPoint
+from ..export import Columns
+from ..results import Result
 from .hunting import Model
 from .problem import HuntingOrbit
 from .servo import Servo
 
 Array = np.ndarray
 
+CSV_COLUMNS = (
+    "gain",
+    "amplitude_rad",
+    "period_s",
+    "half_multiplier",
+    "log10_abs_half_multiplier",
+    "stable",
+    "trivial_multiplier_error",
+    "error_estimate",
+    "status",
+    "unknowns",
+    "iterations",
+    "special",
+)
+"""Columns of the table of a branch."""
 
-@dataclass(frozen=True, eq=False)
-class Branch:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Result):
     """Hunting cycles of one servo along a varied parameter.
 
     Attributes
@@ -25,7 +45,19 @@ class Branch:
     special : located special points.
     ended : one sentence that says why the branch ends where it does.
     missed : special points that were not located.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> [special.kind for special in branch.special]
+    ['superstable', 'fold']
+    >>> f"{branch.gains.max():.2f}"  # V/rad
+    '0.65'
     """
+
+    _quantities = ("model", "number_of_points = orbits.size", "ended")
+    _details = ("servo", "special", "missed")
 
     model: Model
     servo: Servo
@@ -58,3 +90,41 @@ class Branch:
     def stable(self) -> Array:
         """(m,) bool."""
         return np.array([orbit.stable for orbit in self.orbits])
+
+    def _columns(self) -> Columns:
+        kinds = {id(special.orbit): special.kind for special in self.special}
+        rows = [csv_row(orbit, kinds.get(id(orbit), "")) for orbit in self.orbits]
+        columns = dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False))
+        return columns or {name: () for name in CSV_COLUMNS}
+
+
+def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
+    """One row of the CSV file.
+
+    Parameters
+    ----------
+    orbit
+        of the point.
+    special
+        kind of the special point; "" for none.
+
+    Returns
+    -------
+    Values in the order of `CSV_COLUMNS`.
+    """
+    multipliers = orbit.multipliers
+    trusted = multipliers.trusted
+    return [
+        orbit.gain,
+        orbit.amplitude,
+        orbit.period,
+        orbit.half_multiplier if trusted else math.nan,
+        multipliers.log10_leading if trusted and not multipliers.leading_floor else math.nan,
+        orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
+        multipliers.trivial_error,
+        orbit.error_estimate,
+        orbit.status.name.lower(),
+        orbit.unknowns,
+        orbit.iterations,
+        special,
+    ]

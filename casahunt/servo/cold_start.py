@@ -29,7 +29,7 @@ from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_s
 from .hunting import MODELS, Model
 from .problem import Hunting, HuntingOrbit
 from .sequences import from_half_cycle
-from .servo import Servo
+from .servo import Servo, a_servo
 from .strategies import Strategy, first_of
 
 CLEARLY_STABLE = -0.8
@@ -280,6 +280,7 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
     InputError : unknown model, or a gain that is not a finite number > 0.
     NoOrbit : there is provably no cycle; or a scan of a bristle shows none, and none was found.
     """
+    a_servo(servo)
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     if servo.friction.static > servo.friction.coulomb:

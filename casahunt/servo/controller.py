@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import LARGEST, SMALLEST, number, sensible, shown
+from ..checks import LARGEST, SMALLEST, floated, number, sensible, shown
 from ..errors import InputError
 
 Array = np.ndarray
@@ -74,6 +74,12 @@ class Controller:
     ----------
     lead_time : tau_d [s], >= 0.
     integral_time : tau_i [s], > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Controller, Servo
+    >>> Servo(controller=Controller(lead_time=0.2, integral_time=0.5)).controller.reset_time
+    0.7
     """
 
     lead_time: float = _TABLE_1_TIME
@@ -82,6 +88,7 @@ class Controller:
     def __post_init__(self) -> None:
         sensible("controller.lead_time", self.lead_time, zero=True)
         sensible("controller.integral_time", self.integral_time)
+        floated(self)
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
         """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
@@ -139,6 +146,13 @@ class Pid:
     kp : of the error, > 0.
     ki : of its integral [1/s], > 0.
     kd : of its derivative [s], >= 0.
+
+    Examples
+    --------
+    >>> from casahunt import Pid, Servo
+    >>> controller = Servo(controller=Pid(kp=1.0, ki=4.0, kd=0.15)).controller
+    >>> [round(time, 3) for time in controller.corners], controller.reset_time  # s
+    ([0.194, 0.194], 0.25)
     """
 
     kp: float
@@ -156,6 +170,7 @@ class Pid:
                 f"controller.kp = {shown(self.kp)}, controller.ki = {shown(self.ki)}: kp/ki must be between "
                 f"{SMALLEST:g} and {LARGEST:g} s"
             )
+        floated(self)
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
         """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""

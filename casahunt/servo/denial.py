@@ -36,7 +36,7 @@ from __future__ import annotations
 import math
 
 from .hunting import Model
-from .servo import Servo
+from .servo import Servo, a_servo
 
 
 def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
@@ -52,7 +52,16 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     Returns
     -------
     A clause that says why; "" where that is not proved.
+
+    Examples
+    --------
+    >>> from casahunt import Friction, Servo, no_cycle
+    >>> no_cycle(Servo(), "switch", 0.7)  # above the fold, but not proved
+    ''
+    >>> no_cycle(Servo(friction=Friction(static=0.44)), "switch", 0.1)[:37]
+    'static equals Coulomb friction, and w'
     """
+    a_servo(servo)
     f, c = servo.friction, servo.controller
     drop, reset = f.static > f.coulomb, c.reset_time
     if model == "lugre" and (drop or f.damping > f.stiffness * reset):

@@ -46,8 +46,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks import COMPUTED, known, require, sensible
+from ..results import Result
 from .hunting import MODELS, Model
-from .servo import Servo
+from .servo import Servo, a_servo
 
 Array = np.ndarray
 
@@ -60,8 +61,8 @@ PROVES = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibria:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibria(Result):
     """The equilibria of a servo at one gain.
 
     Attributes
@@ -75,7 +76,19 @@ class Equilibria:
     q, alpha : (Q,), (A,) grid of the generalised Jacobian; empty for Switch.
     largest : (Q, A) largest real part [1/s] of the three eigenvalues of each member that are not the zero.
     threshold : members with c below it have an eigenvalue in the right half-plane; 0 where none has.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, equilibria
+    >>> found = equilibria(Servo(), "switch", 0.1)
+    >>> round(found.integral_limit, 4), found.sharp_holds  # rad s
+    (0.0527, True)
     """
+
+    _quantities = (
+        "model", "gain [V/rad]", "integral_limit [rad s]", "position_limit [rad]", "sharp_holds", "simple_holds",
+    )  # fmt: skip
+    _details = ("servo", "bristle_limit [rad]", "sharp", "simple", "threshold")
 
     model: Model
     servo: Servo
@@ -196,7 +209,15 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     Raises
     ------
     InputError : unknown model, or gain not a finite number > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, equilibria
+    >>> found = equilibria(Servo(), "lugre", 0.1)
+    >>> float(found.largest.max()) < 0  # no member of the generalised Jacobian has an eigenvalue on the right
+    True
     """
+    a_servo(servo)
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     f, reset = servo.friction, servo.controller.reset_time

@@ -22,6 +22,7 @@ from functools import partial
 import numpy as np
 
 from .. import effort
+from ..checks import of_kind
 from ..continuation.fold import WALK_TOLERANCE, confirmed, located, turns_back
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
@@ -34,7 +35,7 @@ from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_
 from .hunting import Model
 from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
-from .servo import Servo
+from .servo import Servo, a_servo
 from .strategies import Strategy, first_of
 
 SEARCH_FACTORS = 12
@@ -287,9 +288,17 @@ def find_fold(
     ------
     InputError : unknown model, or times too far apart (`check_times`).
     NoOrbit : no cycle, no fold in range, or two answers that differ.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold
+    >>> fold = find_fold(Servo(), "switch")
+    >>> round(fold.gain, 5), round(fold.orbit.period, 3)  # V/rad, s
+    (0.64734, 20.468)
     """
     began = time.perf_counter()
-    options = options or Options()
+    a_servo(servo)
+    options = of_kind("options", options or Options(), Options)
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     first = start or find_any_orbit(servo, model, options=rough)
     return first_of(WALKS, _Way(first, options, began), f"the fold of the {model} servo was not found")

@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..checks import known, to_error
+from ..checks import known, of_kind, to_error
 from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
 from ..continuation.special_points import FOLD, SpecialPoint, locate
@@ -79,9 +79,18 @@ def find_orbit(
     InputError : a value out of range.
     NoOrbit : there is no such cycle (status None, with the fold that shows it or the proof), none was found, or it
         could not be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit
+    >>> orbit = find_orbit(Servo(), "switch", 0.1)
+    >>> round(orbit.amplitude, 5), round(orbit.period, 3), orbit.error_estimate < 1e-6  # rad, s
+    (0.01771, 11.356, True)
+    >>> find_orbit(Servo(), "switch", 0.1, branch="unstable").stable
+    False
     """
     began = time.perf_counter()
-    options = options or Options()
+    options = of_kind("options", options or Options(), Options)
     check_problem(servo, model, gain)
     check_times(servo, model, gain)
     known("branch", branch, BRANCHES)

@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..checks import require, sensible
+from ..checks import floated, require, sensible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +32,12 @@ class Friction:
     stiffness : sigma0, bristle stiffness [N m/rad], > 0 (LuGre only).
     damping : sigma1, bristle damping [N m s/rad], >= 0 (LuGre only).
     stick_band, stick_rate : eta [rad/s] and alpha [1/s] of the report's regularised simulation, > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Friction, Servo
+    >>> Servo(friction=Friction(static=0.5, coulomb=0.45)).friction.static
+    0.5
     """
 
     static: float = 0.53
@@ -54,6 +60,7 @@ class Friction:
         sensible("friction.damping", self.damping, zero=True)
         sensible("friction.stick_band", self.stick_band)
         sensible("friction.stick_rate", self.stick_rate)
+        floated(self)
 
 
 def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:

@@ -35,8 +35,9 @@ import numpy as np
 
 from ..checks import COMPUTED, sensible
 from ..errors import InputError
+from ..results import Result
 from .controller import Pid
-from .servo import Servo
+from .servo import Servo, a_servo
 
 Array = np.ndarray
 
@@ -47,8 +48,8 @@ POLISH = 3
 """Newton steps that take a simple real root of numpy.roots to rounding."""
 
 
-@dataclass(frozen=True)
-class Crossover:
+@dataclass(frozen=True, repr=False)
+class Crossover(Result):
     """A frequency at which the loop crosses |L| = 1, or the negative real axis.
 
     Attributes
@@ -58,12 +59,14 @@ class Crossover:
         factor 1/|L| by which the gain would have to change to put a pole on the imaginary axis.
     """
 
+    _quantities = ("frequency [rad/s]", "margin")
+
     frequency: float
     margin: float
 
 
-@dataclass(frozen=True, eq=False)
-class LinearLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearLoop(Result):
     """The linear loop at one gain.
 
     Attributes
@@ -76,7 +79,19 @@ class LinearLoop:
     phase_crossovers : where arg L = -180 degrees, with gain factors.
     lowest_factor, highest_factor : the loop stays as it is, stable or unstable, while the gain is multiplied by
         anything between them; 0 and inf where there is no such limit.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, linear_loop
+    >>> loop = linear_loop(Servo(), 0.1)
+    >>> loop.stable, round(loop.damping_ratio, 3)
+    (True, 0.493)
     """
+
+    _quantities = ("gain [V/rad]", "stable", "poles [1/s]", "lowest_factor", "highest_factor")
+    _details = (
+        "kp [N m/rad]", "kd [N m s/rad]", "ki [N m/(rad s)]", "damping_ratio", "gain_crossovers", "phase_crossovers",
+    )  # fmt: skip
 
     gain: float
     kp: float
@@ -251,7 +266,14 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
     Raises
     ------
     InputError : gain not a finite number > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, linear_loop
+    >>> linear_loop(Servo(), 0.1).poles.round(3).tolist()
+    [(-4.424+7.817j), (-4.424-7.817j), (-4.793+0j)]
     """
+    a_servo(servo)
     chi = characteristic_polynomial(servo, gain)
     kp, kd, ki = servo.torque_gains(gain)
     poles = np.roots(chi)

@@ -29,13 +29,33 @@ Array = np.ndarray
 
 LARGEST_WALK_STEP = {"switch": 1.0, "lugre": 0.5}
 """Of a walk, in arclength."""
+STATE_COLUMNS = ("time_s", "x1_rad", "x2_rad_per_s", "x3_rad_s", "x4_rad")
+"""Columns of the table of an orbit; x4 = z of LuGre alone."""
 
 
 class HuntingOrbit(Orbit):
     """A hunting cycle; amplitude max |x1| [rad].
 
     States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit
+    >>> orbit = find_orbit(Servo(), "switch", 0.04)
+    >>> round(orbit.amplitude, 4), round(orbit.period, 3), orbit.stable  # rad, s
+    (0.05, 10.281, True)
+    >>> orbit.to_dict(table=False)["status"]
+    'converged'
     """
+
+    _quantities = (
+        "model", "gain [V/rad] ~ parameter_error", "amplitude [rad] ~ amplitude_error", "period [s] ~ period_error",
+        "status",
+    )  # fmt: skip
+    _details = (
+        "servo", "error_estimate", "signature", "repeats", "degree", "solver", "unknowns", "iterations", "residual",
+        "wall_s [s]",
+    )  # fmt: skip
 
     problem: Hunting
 
@@ -54,9 +74,27 @@ class HuntingOrbit(Orbit):
         """The controller gain K."""
         return self.problem.gain
 
+    @property
+    def _state_columns(self) -> tuple[str, ...]:
+        return STATE_COLUMNS
+
 
 class HuntingFold(Fold[HuntingOrbit]):
-    """The largest (at a second fold the smallest) gain at which a servo hunts."""
+    """The largest (at a second fold the smallest) gain at which a servo hunts.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold
+    >>> fold = find_fold(Servo(), "switch")
+    >>> round(fold.gain, 6), fold.gain_error < 1e-6
+    (0.647339, True)
+    """
+
+    _quantities = (
+        "model = orbit.model", "gain [V/rad] ~ gain_error", "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error",
+        "period = orbit.period [s] ~ orbit.period_error", "status",
+    )  # fmt: skip
+    _details = ("optimised_gain [V/rad]", "error_estimate", "servo = orbit.servo", "sensitivities", "wall_s [s]")
 
     @property
     def gain(self) -> float:

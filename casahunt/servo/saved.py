@@ -28,7 +28,19 @@ def _pose(record: Mapping[str, Any]) -> Hunting:
 
 
 def load_orbit(path: str | Path) -> HuntingOrbit:
-    """Read an orbit written by `save_orbit`.  Raises InputError for anything else, saying what is wrong."""
+    """Read an orbit written by `save_orbit`.  Raises InputError for anything else, saying what is wrong.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import Servo, find_orbit, load_orbit, save_orbit
+    >>> orbit = find_orbit(Servo(), "switch", 0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_orbit(orbit, Path(folder, "orbit.npz"))
+    ...     load_orbit(Path(folder, "orbit.npz")).period == orbit.period
+    True
+    """
     return archive.load_orbit(path, _pose)
 
 
@@ -46,6 +58,18 @@ def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | No
     ------
     InputError : there can be no file at `path`, or the branch holds NaN or infinity.
     OSError : the disk is full.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import Branch, Servo, find_orbit, load_branch, save_branch
+    >>> branch = Branch("switch", Servo(), (find_orbit(Servo(), "switch", 0.1),), "one point")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_branch(branch, Path(folder, "branch.npz"))
+    ...     again = load_branch(Path(folder, "branch.npz"))
+    >>> again.gains.tolist(), again.ended
+    ([0.1], 'one point')
     """
     writer = Writer()
     content = {
@@ -63,7 +87,20 @@ def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | No
 
 
 def load_branch(path: str | Path) -> Branch:
-    """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong."""
+    """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import Branch, Servo, find_orbit, load_branch, save_branch
+    >>> branch = Branch("switch", Servo(), (find_orbit(Servo(), "switch", 0.1),), "one point")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_branch(branch, Path(folder, "branch.npz"))
+    ...     again = load_branch(Path(folder, "branch.npz"))
+    >>> again.gains.tolist(), again.ended
+    ([0.1], 'one point')
+    """
     metadata, numbers = read(path, "branch")
     return checked(path, lambda: _branch(metadata, numbers))
 

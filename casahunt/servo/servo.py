@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import known, number, quoted, require, sensible
+from ..checks import floated, known, number, of_kind, quoted, require, sensible
 from ..errors import InputError
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .friction import Friction
@@ -63,6 +63,13 @@ class Servo:
     inertia : J [kg m2], > 0.
     motor_gain : cm [N m/V], > 0.
     controller, friction : the records of those names.
+
+    Examples
+    --------
+    >>> from casahunt import Friction, Servo
+    >>> servo = Servo(inertia=0.03, friction=Friction(static=0.5))
+    >>> servo.replace(**{"friction.viscous": 0.2}).friction.viscous
+    0.2
     """
 
     inertia: float = 0.026
@@ -73,6 +80,10 @@ class Servo:
     def __post_init__(self) -> None:
         sensible("servo.inertia", self.inertia)
         sensible("servo.motor_gain", self.motor_gain)
+        if not isinstance(self.controller, Pid):
+            of_kind("controller", self.controller, Controller, "such as Controller(lead_time=0.2), or a Pid")
+        of_kind("friction", self.friction, Friction, "such as Friction(static=0.5)")
+        floated(self)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,6 +132,17 @@ class Servo:
                 )
             own = {key: value for key, value in own.items() if not key.startswith("controller.")}
         return unflatten(own | values)
+
+
+def a_servo(value: Any) -> Servo:
+    """What must be a servo.
+
+    Raises
+    ------
+    InputError : it is none; says what it is, and how one is made.
+    """
+    servo: Servo = of_kind("servo", value, Servo, "such as Servo(inertia=0.02); load(path) reads one from a file")
+    return servo
 
 
 def _record_keys(section: str, record: type) -> list[str]:
@@ -203,6 +225,18 @@ def load(path: str | Path) -> Servo:
     Raises
     ------
     InputError : missing file, broken TOML, unknown key, a value that is not a number or out of range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import load
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "servo.toml")
+    ...     _ = path.write_text("[friction]\\nstatic = 0.5\\n")
+    ...     servo = load(path)
+    >>> servo.friction.static, servo.friction.coulomb  # what the file leaves out is Table 1
+    (0.5, 0.44)
     """
     tree = read_toml(path, f"servo file {str(path)!r}")
     try:

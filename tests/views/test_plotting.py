@@ -1,4 +1,4 @@
-"""Pictures: computing makes none, every function returns a Figure that can be saved, bad paths are refused."""
+"""Pictures: computing makes none, every function draws into axes given or into its own, bad paths are refused."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,16 +55,16 @@ def branches(switch: list[Orbit], fold: Orbit, lugre: list[Orbit]) -> list[Branc
     ]
 
 
-def check_figure(figure: Figure, folder: Path) -> None:
-    assert isinstance(figure, Figure)
+def check_figure(drawn: Any, folder: Path) -> None:
+    assert isinstance(plotting.figure_of(drawn), Figure)
     path = folder / "picture.png"
-    plotting.save(figure, path)
+    plotting.save(drawn, path)
     assert path.read_bytes().startswith(b"\x89PNG")
     assert path.stat().st_size > 10_000  # an empty page of this size takes less
 
 
-def line_styles(figure: Figure) -> set[str]:
-    return {line.get_linestyle() for line in figure.axes[0].get_lines() if line.get_linestyle() != "None"}
+def line_styles(axes: Any) -> set[str]:
+    return {line.get_linestyle() for line in axes.get_lines() if line.get_linestyle() != "None"}
 
 
 def test_computing_makes_no_figure() -> None:
@@ -86,12 +87,13 @@ def test_drawing_needs_no_pyplot() -> None:
 
 @pytest.mark.parametrize("equilibria", [True, False])
 def test_diagram(branches: list[Branch], tmp_path: Path, equilibria: bool) -> None:
-    figure = diagram(branches, equilibria=equilibria)
-    check_figure(figure, tmp_path)
-    notes = [text.get_text() for text in figure.axes[0].texts]
+    above, below = diagram(branches, equilibria=equilibria)
+    check_figure(above, tmp_path)
+    assert above.figure is below.figure
+    notes = [text.get_text() for text in above.texts]
     assert any("K = 0.647" in note for note in notes)
     assert any("equilibria" in note for note in notes) == equilibria
-    assert line_styles(figure) == {"-", "--"}
+    assert line_styles(above) == {"-", "--"}
 
 
 def test_diagram_of_one_orbit(switch: list[Orbit], tmp_path: Path) -> None:
@@ -99,9 +101,9 @@ def test_diagram_of_one_orbit(switch: list[Orbit], tmp_path: Path) -> None:
 
 
 def test_multipliers(branches: list[Branch], tmp_path: Path) -> None:
-    figure = multipliers(branches)
-    check_figure(figure, tmp_path)
-    low, high = figure.axes[0].get_ylim()
+    axes = multipliers(branches)
+    check_figure(axes, tmp_path)
+    low, high = axes.get_ylim()
     assert low < -1
     assert high > branches[0].half_multipliers.max()
 
@@ -122,10 +124,10 @@ def test_time_traces_and_phase_portrait(
 ) -> None:
     orbits = pick(switch, lugre)
     traces = time_traces(orbits)
-    assert len(traces.axes) == (4 if any(o.model == "lugre" for o in orbits) else 3)
+    assert len(traces) == (4 if any(o.model == "lugre" for o in orbits) else 3)
     check_figure(traces, tmp_path)
     portrait = phase_portrait(orbits)
-    assert len(portrait.axes) == 3
+    assert len(portrait) == 3
     check_figure(portrait, tmp_path)
 
 

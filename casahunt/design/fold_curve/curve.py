@@ -20,7 +20,7 @@ from ...errors import InputError, NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS, Model
-from ...servo.servo import Servo, flatten
+from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES
 from .charts import Chart, Problem, chart_of
 from .points import FoldCurve, FoldPoint, as_found
@@ -76,7 +76,15 @@ def fold_curve(
     ------
     InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
     NoOrbit : no fold at either end of the range.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_curve
+    >>> curve = fold_curve(Servo(), "switch", vary="friction.static", start=0.53, end=0.54, points=2)
+    >>> f"{curve.slopes[0]:.3f}"  # V/rad per N m
+    '7.428'
     """
+    a_servo(servo)
     began = time.perf_counter()
     options = options or Options()
     known("model", model, MODELS)

@@ -4,18 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...errors import Status
+from ...export import Columns
+from ...results import Result
 from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo
 
 Array = np.ndarray
 
-@dataclass(frozen=True, eq=False)
-class FoldPoint:
+CSV_COLUMNS = (
+    "model",
+    "parameter",
+    "value",
+    "gain",
+    "amplitude_rad",
+    "period_s",
+    "slope",
+    "elasticity",
+    "error_estimate",
+    "status",
+    "special",
+)
+"""Columns of the table of a fold curve."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoldPoint(Result):
     """A point of a fold curve.
 
     Attributes
@@ -30,6 +49,9 @@ class FoldPoint:
     status : as everywhere.
     turns : whether the curve turns back in q here: a cusp.
     """
+
+    _quantities = ("value", "gain [V/rad] ~ error_estimate", "slope", "turns", "status")
+    _details = ("elasticity", "curvature", "orbit")
 
     value: float
     gain: float
@@ -46,8 +68,8 @@ class FoldPoint:
         return self.value * self.slope / self.gain
 
 
-@dataclass(frozen=True, eq=False)
-class FoldCurve:
+@dataclass(frozen=True, eq=False, repr=False)
+class FoldCurve(Result):
     """The fold gain against a second parameter.
 
     Attributes
@@ -59,7 +81,19 @@ class FoldCurve:
     status : CONVERGED where the whole range, or all of it that has a fold, was covered.
     wall_s : time [s].
     vanishes : whether the curve was left where the gain tends to zero.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_curve
+    >>> curve = fold_curve(Servo(), "switch", vary="friction.static", start=0.53, end=0.54, points=2)
+    >>> len(curve.points), curve.status.ok
+    (2, True)
+    >>> [f"{gain:.4f}" for gain in curve.gains]
+    ['0.6473', '0.7212']
     """
+
+    _quantities = ("model", "vary", "number_of_points = points.size", "status", "ended")
+    _details = ("servo", "cusps", "vanishes", "wall_s [s]")
 
     model: Model
     servo: Servo
@@ -85,6 +119,30 @@ class FoldCurve:
     def slopes(self) -> Array:
         """dK/dq."""
         return np.array([point.slope for point in self.points])
+
+    def _columns(self) -> Columns:
+        rows = [row_of(self.vary, point) for point in self.points]
+        columns = dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False))
+        return columns or {name: () for name in CSV_COLUMNS}
+
+
+def row_of(vary: str, point: FoldPoint) -> list[Any]:
+    """One row of the table of a fold curve.
+
+    Parameters
+    ----------
+    vary, point
+        the second parameter, and the point.
+
+    Returns
+    -------
+    Values in the order of `CSV_COLUMNS`.
+    """
+    orbit = point.orbit
+    return [
+        orbit.model, vary, point.value, point.gain, orbit.amplitude, orbit.period, point.slope, point.elasticity,
+        point.error_estimate, point.status.name.lower(), "cusp" if point.turns else "",
+    ]  # fmt: skip
 
 
 def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:

@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...export import Columns
+from ...results import Result
 from .units import Quantity, Unit, quantity_of, split_header, stated_unit, unit_of
 
 Array = np.ndarray
@@ -81,8 +83,8 @@ class Reading:
         return "; ".join(parts)
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Result):
     """A position measured at increasing times.
 
     Attributes
@@ -91,7 +93,18 @@ class Record:
     position : (m,) [rad].
     name : where it comes from.
     reading : columns and units of the file; None for what was not read from one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record
+    >>> t = np.linspace(0.0, 1.0, 11)
+    >>> Record(t, np.sin(t))
+    <Record: name record, samples 11, duration 1 s>
     """
+
+    _quantities = ("name", "samples = times.size", "duration [s]")
+    _details = ("reading",)
 
     times: Array
     position: Array
@@ -121,6 +134,14 @@ class Record:
         kept = self.times >= start
         return Record(self.times[kept], self.position[kept], self.name, self.reading)
 
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return float(self.times[-1] - self.times[0]) if self.times.size else 0.0
+
+    def _columns(self) -> Columns:
+        return {"time_s": self.times, "position_rad": self.position}
+
 
 def read_record(path: str | Path, *, time_unit: str | None = None, position_unit: str | None = None) -> Record:
     """Read a CSV file with times and positions, and convert them to s and rad.
@@ -144,6 +165,18 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
     ------
     InputError : no such file, not text, no samples, a missing column, an unknown unit, a cell that is no finite number,
         a time that does not increase.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import read_record
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "record.csv")
+    ...     _ = path.write_text("time_ms,position_deg\\n0,0\\n10,1\\n20,2\\n")
+    ...     record = read_record(path)
+    >>> record.times.tolist(), record.position.round(4).tolist()  # s, rad
+    ([0.0, 0.01, 0.02], [0.0, 0.0175, 0.0349])
     """
     path = Path(path)
     name = f"record {str(path)!r}"

@@ -28,8 +28,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...checks import number
+from ...checks import number, of_kind
 from ...errors import InputError
+from ...export import Columns
+from ...results import Result
 from ...servo.simulation.trajectory import Trajectory
 from .file import Record
 from .marks import Marks, level_of, mark, means_between
@@ -48,8 +50,8 @@ NO_OSCILLATION = 1e-9
 """Size of an oscillation, relative to the largest |position|, that is rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement(Result):
     """What a record shows; nan where there is nothing to average.
 
     Attributes
@@ -73,7 +75,25 @@ class Measurement:
     amplitudes, periods : (k,) one by one.
     level : (m,) level at the samples [rad].
     phase, shape : (GRID + 1,) phase 0..1 from a crossing, and position - level there [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record, measure
+    >>> t = np.linspace(0.0, 10.0, 2001)
+    >>> found = measure(Record(t, 0.2 + 0.3 * np.sin(2 * np.pi * t)))
+    >>> found.kind, round(found.mean_level, 3), round(found.frequency, 3)  # rad, Hz
+    ('hunting', 0.2, 1.0)
     """
+
+    _quantities = (
+        "kind", "amplitude [rad] +- amplitude_error", "frequency [Hz] +- frequency_error", "period [s] +- period_error",
+        "whole_periods = periods.size",
+    )  # fmt: skip
+    _details = (
+        "reason", "amplitude_scatter [rad]", "frequency_scatter [Hz]", "period_scatter [s]", "mean_level [rad]",
+        "drift [rad/s]", "noise [rad]", "quantum [rad]", "above", "rising", "left_out", "missing [s]",
+    )  # fmt: skip
 
     kind: Kind
     reason: str
@@ -124,9 +144,19 @@ class Measurement:
         """The record shows a limit cycle."""
         return self.kind == "hunting"
 
+    def _columns(self) -> Columns:
+        return {"start_s": self.starts, "period_s": self.periods, "amplitude_rad": self.amplitudes}
+
 
 def record_of(trajectory: Trajectory) -> Record:
-    """The position theta of a simulated motion as a record."""
+    """The position theta of a simulated motion as a record.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, record_of, simulate
+    >>> record_of(simulate(Servo(), "switch", 0.04, time=20.0)).times.size
+    20001
+    """
     t = np.linspace(0, float(trajectory.times[-1]), MOTION_SAMPLES)
     return Record(t, trajectory.set_point + trajectory.sample(t)[0], "simulation")
 
@@ -148,7 +178,17 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
     Raises
     ------
     InputError : too few samples, or fewer than `FEWEST_PERIODS` whole periods of an oscillation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record, measure
+    >>> t = np.linspace(0.0, 10.0, 2001)
+    >>> found = measure(Record(t, 0.3 * np.sin(2 * np.pi * t)))
+    >>> found.kind, round(found.amplitude, 3), round(found.period, 4)
+    ('hunting', 0.3, 1.0)
     """
+    of_kind("record", record, Record, "such as Record(times, position); read_record(path) reads one from a file")
     if start is not None:
         record = record.after(number("start", start))
     t, y = record.times, record.position

@@ -25,6 +25,7 @@ import numpy as np
 from ... import effort
 from ...errors import InputError, NoOrbit
 from ...orbits.adapt import Options
+from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.scan import scan
@@ -74,8 +75,8 @@ class SetCheck:
     open: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Verification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification(Result):
     """What supports a tuning.
 
     Attributes
@@ -94,6 +95,9 @@ class Verification:
     against : sentences that speak against the tuning.
     unverified : what could not be verified, in sentences.
     """
+
+    _quantities = ("ok", "margin", "margin_kept", "loops_kept", "against", "unverified")
+    _details = ("fold", "nominal_fold", "scan_sentence", "loops", "loop_corners", "loops_checked")
 
     fold: HuntingFold | None
     nominal_fold: HuntingFold | None

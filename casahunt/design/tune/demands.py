@@ -50,6 +50,12 @@ class Demands:
     phase_margin : [deg], 0 to 180.
     gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; 1 to 1e6.
     delay, sample_time : of the loop [s]; >= 0.
+
+    Examples
+    --------
+    >>> from casahunt import Demands
+    >>> Demands(margin=0.2, delay=0.001).lag  # [s]
+    0.001
     """
 
     margin: float = 0.1

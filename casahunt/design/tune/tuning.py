@@ -21,11 +21,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ...checks import known
+from ...checks import known, of_kind
 from ...errors import InputError, Status
 from ...orbits.adapt import Options
+from ...results import Result
 from ...servo.hunting import MODELS, Model
-from ...servo.servo import Servo, flatten
+from ...servo.servo import Servo, a_servo, flatten
 from ..uncertainty.set import Uncertainty, check_box
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
@@ -36,8 +37,8 @@ REPAIRS = 3
 """Most times that the check may find servos worse than the worst."""
 
 
-@dataclass(frozen=True, eq=False)
-class Tuning:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuning(Result):
     """A tuned servo.
 
     Attributes
@@ -56,7 +57,22 @@ class Tuning:
     verification : see there.
     rounds, evaluations : problems solved, folds computed by the searches for the worst servo.
     wall_s : time taken [s].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, tune
+    >>> tuning = tune(Servo(), "switch")
+    >>> tuning.status.ok, round(tuning.gain / tuning.fold_gain, 3)
+    (True, 1.1)
     """
+
+    _quantities = (
+        "model", "gain [V/rad]", "cost", "cost_value", "fold_gain [V/rad]", "binding", "status",
+    )  # fmt: skip
+    _details = (
+        "servo", "before", "gain_only", "demands", "free", "bounds", "corner", "worst", "verification", "rounds",
+        "evaluations", "wall_s [s]",
+    )  # fmt: skip
 
     model: Model
     before: Servo
@@ -124,12 +140,21 @@ def tune(
     ------
     InputError : a value out of range, or an unknown name.
     NoOrbit : the task cannot be met, and what is in the way; or a fold was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, tune
+    >>> tuning = tune(Servo(), "switch")
+    >>> round(tuning.gain, 3), tuning.binding  # V/rad
+    (0.712, ('hunting margin',))
     """
     began = time.perf_counter()
+    a_servo(servo)
     known("model", model, MODELS)
     known("cost", cost, COSTS)
-    demands, options = demands or Demands(), options or Options()
-    free = tuple(dict.fromkeys(free))
+    demands = of_kind("demands", demands or Demands(), Demands)
+    options = of_kind("options", options or Options(), Options)
+    free = tuple(dict.fromkeys(free if not isinstance(free, str) else [free]))
     limits = check_bounds(servo, free, bounds or {})
     _check_set(servo, uncertainty, free)
     given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
@@ -176,6 +201,8 @@ def _tuning(search: Search, answer: Answer, verification: Verification, began: f
 
 
 def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
+    if uncertainty is not None:
+        of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
     for name in servo.controller_names:
         if flatten(servo)[name] == 0:
             raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")

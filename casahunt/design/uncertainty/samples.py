@@ -13,9 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import known, quoted
+from ...checks import known, of_kind, quoted
 from ...errors import InputError
+from ...export import Columns
 from ...orbits.adapt import Options
+from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
@@ -29,8 +31,8 @@ QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%"
 """Quantiles of the sampled fold gains."""
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Result):
     """Solved samples.
 
     Attributes
@@ -39,7 +41,17 @@ class Samples:
     parameters : (n, k) their values.
     gains : (n,) fold gains; 0 where a proof shows that no gain hunts, nan where the fold was not computed.
     failures : (index, sentence) of every sample that was not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, sample_fold_gains
+    >>> samples = sample_fold_gains(Servo(), "switch", Uncertainty({"friction.static": (0.52, 0.54)}), 8)
+    >>> int(samples.computed.sum()), list(samples.quantiles())[:3]
+    (8, ['min', '5%', '25%'])
     """
+
+    _quantities = ("names", "samples = gains.size", "quantiles")
+    _details = ("failures",)
 
     names: tuple[str, ...]
     parameters: Array
@@ -60,6 +72,9 @@ class Samples:
         """Quantiles (`QUANTILES`) of the fold gains that were computed; empty where none was."""
         gains = self.gains[self.computed]
         return {key: float(np.quantile(gains, level)) for key, level in QUANTILES.items()} if gains.size else {}
+
+    def _columns(self) -> Columns:
+        return {**dict(zip(self.names, self.parameters.T, strict=True)), "gain": self.gains}
 
 
 def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
@@ -149,10 +164,18 @@ def sample(
     Raises
     ------
     InputError : a sample out of range.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, sample_fold_gains
+    >>> uncertainty = Uncertainty({"friction.static": (0.52, 0.54)})
+    >>> gains = sample_fold_gains(Servo(), "switch", uncertainty, 8, seed=1).gains
+    >>> bool(((0.57 < gains) & (gains < 0.73)).all())
+    True
     """
     known("model", model, MODELS)
     check_box(servo, uncertainty)
-    options = options or Options()
+    options = of_kind("options", options or Options(), Options)
     names = uncertainty.parameters
     rows = draw(servo, uncertainty, n, seed=seed)
     done = folds_of(

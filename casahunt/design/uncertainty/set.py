@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import LARGEST, SMALLEST, known, number, quoted, require, shown
+from ...checks import LARGEST, SMALLEST, known, number, of_kind, quoted, require, shown
 from ...errors import InputError
-from ...servo.servo import Servo, flatten
+from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES
 
 Array = np.ndarray
@@ -42,6 +42,14 @@ class Uncertainty:
     Raises
     ------
     InputError : nothing or both given, an unknown name, low > high, or a matrix that is no covariance.
+
+    Examples
+    --------
+    >>> from casahunt import Uncertainty
+    >>> Uncertainty({"friction.static": (0.52, 0.54), "friction.viscous": (0.09, 0.11)}).parameters
+    ('friction.static', 'friction.viscous')
+    >>> Uncertainty(names=("friction.static",), covariance=[[1e-4]]).std.tolist()
+    [0.01]
     """
 
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -50,6 +58,9 @@ class Uncertainty:
     sigmas: float = SIGMAS
 
     def __post_init__(self) -> None:
+        of_kind("intervals", self.intervals, Mapping, 'such as {"friction.static": (0.52, 0.54)}')
+        if isinstance(self.names, str):
+            raise InputError(f"names = {self.names!r}: must be a list of parameters, such as [{self.names!r}]")
         given = len(self.intervals) > 0
         if given == (self.covariance is not None):
             raise InputError("uncertainty: must be either intervals (at least one) or names with a covariance")
@@ -148,6 +159,8 @@ def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
     ------
     InputError : a bound is out of its parameter's range, or static < Coulomb friction all over the box.
     """
+    a_servo(servo)
+    of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
     names = uncertainty.parameters
     low, high = uncertainty.box(servo)
     # Each bound on its own, with the friction that leaves it the most room: static high, Coulomb low.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...results import Result
 from ...servo.problem import HuntingFold
 from .linear import linear_gains, linear_moments, linear_range
 from .samples import Samples
@@ -21,8 +22,8 @@ MISLEADS = 0.02
 """Relative error of a fold gain from which the linear answer is said to mislead."""
 
 
-@dataclass(frozen=True)
-class Summary:
+@dataclass(frozen=True, repr=False)
+class Summary(Result):
     """Linear and solved answers side by side.
 
     Attributes
@@ -33,7 +34,21 @@ class Summary:
     range_name : what `linear` is, "interval" or so many standard deviations.
     relative_error : by place ("worst corner", "5%", "95%"), how far the linear answer is off, relative to the solved.
     misleading : whether, and where, the linear answer misleads.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, compare_uncertainty, find_fold, sample_fold_gains, worst_corner
+    >>> servo, uncertainty = Servo(), Uncertainty({"friction.static": (0.525, 0.535)})
+    >>> fold = find_fold(servo, "switch")
+    >>> given = servo, "switch", uncertainty
+    >>> samples, worst = sample_fold_gains(*given, 8, fold=fold), worst_corner(*given, fold=fold)
+    >>> seen = compare_uncertainty(fold, uncertainty, samples, worst)
+    >>> [round(gain, 3) for gain in seen.linear]
+    [0.61, 0.684]
     """
+
+    _quantities = ("linear [V/rad]", "mean [V/rad]", "std [V/rad]", "misleading")
+    _details = ("range_name", "quantiles", "linear_quantiles", "relative_error")
 
     linear: tuple[float, float]
     mean: float
@@ -60,6 +75,16 @@ def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst
     Returns
     -------
     Summary, with a sentence that says whether the linear answer misleads.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, compare_uncertainty, find_fold, sample_fold_gains, worst_corner
+    >>> servo, uncertainty = Servo(), Uncertainty({"friction.static": (0.525, 0.535)})
+    >>> fold = find_fold(servo, "switch")
+    >>> given = servo, "switch", uncertainty
+    >>> samples, worst = sample_fold_gains(*given, 8, fold=fold), worst_corner(*given, fold=fold)
+    >>> compare_uncertainty(fold, uncertainty, samples, worst).relative_error["worst corner"] < 0.01
+    True
     """
     names = uncertainty.parameters
     ok = samples.computed

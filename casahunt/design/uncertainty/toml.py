@@ -39,6 +39,19 @@ def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
     Raises
     ------
     InputError : missing file, broken TOML, unknown key, or what `Uncertainty` refuses.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import Servo, load_uncertainty
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "friction.toml")
+    ...     _ = path.write_text('[interval]\\n"friction.static" = [0.52, 0.54]\\n"friction.viscous" = "10%"\\n')
+    ...     uncertainty = load_uncertainty(path, Servo())
+    >>> low, high = uncertainty.box(Servo())
+    >>> low.round(3).tolist(), high.round(3).tolist()
+    ([0.52, 0.09], [0.54, 0.11])
     """
     what = f"uncertainty file {str(path)!r}"
     tree = read_toml(path, what)

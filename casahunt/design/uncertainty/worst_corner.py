@@ -22,6 +22,7 @@ from ...checks import known
 from ...errors import InputError, NoOrbit, Status
 from ...hybrid.roots import Bracket
 from ...orbits.adapt import Options
+from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
@@ -35,8 +36,8 @@ MOST_FOLDS_ALONG = 25
 """Folds per search for a worst corner, and per search along one coordinate."""
 
 
-@dataclass(frozen=True, eq=False)
-class WorstCase:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorstCase(Result):
     """The largest fold gain found in a box.
 
     Attributes
@@ -46,7 +47,17 @@ class WorstCase:
     corner : the values of the uncertain parameters there.
     evaluations : folds computed.
     failures : what went wrong at points that were not computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, worst_corner
+    >>> worst = worst_corner(Servo(), "switch", Uncertainty({"friction.static": (0.52, 0.54)}))
+    >>> worst.corner, round(worst.gain, 3)
+    ({'friction.static': 0.54}, 0.721)
     """
+
+    _quantities = ("gain [V/rad] ~ fold.gain_error", "corner", "evaluations")
+    _details = ("servo", "failures", "fold")
 
     servo: Servo
     fold: HuntingFold | None
@@ -212,6 +223,13 @@ def worst_corner(
     ------
     InputError : the box is no servo's.
     NoOrbit : no point of the box could be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, worst_corner
+    >>> uncertainty = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.43, 0.45)})
+    >>> worst_corner(Servo(), "switch", uncertainty).corner
+    {'friction.static': 0.54, 'friction.coulomb': 0.43}
     """
     known("model", model, MODELS)
     check_box(servo, uncertainty)

@@ -19,9 +19,11 @@ import numpy as np
 
 from ...checks import COMPUTED, sensible
 from ...errors import InputError
+from ...export import Columns
 from ...hybrid.roots import Bracket
 from ...motion.march import MarchFailure
-from ..servo import Servo
+from ...results import Result, columns_of
+from ..servo import Servo, a_servo
 from .cubics import STEEP, cubic_is_good, nothing_between
 from .scan import SCAN_HIGH, SCAN_LOW
 from .slopes import EPS, MapPoint, map_at, map_error, rounding
@@ -42,8 +44,8 @@ MOST_BRACKET_STEPS = 400
 """Newton steps and halvings after which a bracket is left as it is."""
 
 
-@dataclass(frozen=True, eq=False)
-class FixedPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class FixedPoint(Result):
     """P(a) = a: a symmetric hunting cycle.
 
     Attributes
@@ -54,6 +56,8 @@ class FixedPoint:
     error : estimated relative error of the amplitude.
     period_error : of the period: |dT/da| times the rounding of a, many times that of a on steep pieces.
     """
+
+    _quantities = ("amplitude [rad] ~ error", "multiplier", "period [s] ~ period_error", "stable")
 
     amplitude: float
     multiplier: float
@@ -84,8 +88,8 @@ class Jump:
     crosses: bool
 
 
-@dataclass(frozen=True, eq=False)
-class FixedPoints:
+@dataclass(frozen=True, eq=False, repr=False)
+class FixedPoints(Result):
     """Everything that a scan of the event map saw.
 
     Attributes
@@ -96,7 +100,17 @@ class FixedPoints:
     jumps : the discontinuities met, by increasing a.
     unresolved : (a, b) intervals [rad] in which the subdivision ended without telling.
     failures : stick positions [rad] at which the motion could not be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fixed_points
+    >>> seen = fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)  # stick positions [rad]
+    >>> [point.stable for point in seen.fixed], seen.conclusive
+    ([False, True], True)
     """
+
+    _quantities = ("gain [V/rad]", "low [rad]", "high [rad]", "found = fixed.size", "conclusive")
+    _details = ("jumps", "unresolved", "failures", "evidence = sentence", "motions = points.size", "servo")
 
     servo: Servo
     gain: float
@@ -136,6 +150,9 @@ class FixedPoints:
             )
         return text
 
+    def _columns(self) -> Columns:
+        return columns_of(FixedPoint, self.fixed)
+
 
 def default_range(servo: Servo, gain: float) -> tuple[float, float]:
     """The stick positions that a scan looks at by default: 1e-4 to 20 times Fs/kp.
@@ -149,7 +166,7 @@ def default_range(servo: Servo, gain: float) -> tuple[float, float]:
     -------
     Lowest and highest stick position [rad].
     """
-    kp, _, _ = servo.torque_gains(gain)
+    kp, _, _ = a_servo(servo).torque_gains(gain)
     unit = servo.friction.static / kp
     return SCAN_LOW * unit, SCAN_HIGH * unit
 
@@ -218,6 +235,13 @@ def fixed_points(
     Raises
     ------
     InputError : a value out of range, or high not above low.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fixed_points
+    >>> seen = fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)
+    >>> [round(1e3 * point.amplitude, 3) for point in seen.fixed]  # mrad
+    [1.413, 1.778]
     """
     sensible("gain", gain, power=COMPUTED)
     default = default_range(servo, gain)

@@ -38,7 +38,7 @@ from .. import stick_band as band
 from ..cycles import SCHEMES, automaton, names_of
 from ..event_map.scan import state_scale
 from ..hunting import MODELS, Model
-from ..servo import Servo
+from ..servo import Servo, a_servo
 from .prospect import escapes
 from .trajectory import Happening, Trajectory
 from .verdict import SPAN, unit_of
@@ -111,8 +111,16 @@ def simulate(
     ------
     InputError : a value out of range.
     NoOrbit : the motion could not be computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate
+    >>> motion = simulate(Servo(), "switch", 0.04, time=60.0)
+    >>> motion.verdict.kind, motion.status.ok
+    ('hunting', True)
     """
     began = clock.perf_counter()
+    a_servo(servo)
     known("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     sensible("time", time, power=COMPUTED)

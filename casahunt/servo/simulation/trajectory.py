@@ -15,6 +15,8 @@ import numpy as np
 
 from ...collocation.scheme import Scheme, scheme
 from ...errors import InputError, Status
+from ...export import Columns
+from ...results import Result
 from ..cycles import SCHEMES, motor_torque
 from ..hunting import Model
 from ..servo import Servo
@@ -22,8 +24,12 @@ from .verdict import Verdict, judge
 
 Array = np.ndarray
 
-@dataclass(frozen=True)
-class Happening:
+COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
+"""Columns of the table of a motion; for LuGre bristle_rad stands before the torque."""
+
+
+@dataclass(frozen=True, repr=False)
+class Happening(Result):
     """An event of a motion.
 
     Attributes
@@ -35,6 +41,8 @@ class Happening:
     error : estimated error of the time [s]; nan where the coarser motion did not have the same events.
     """
 
+    _quantities = ("name", "time [s] +- error", "before", "after")
+
     time: float
     name: str
     before: str
@@ -42,8 +50,8 @@ class Happening:
     error: float
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Result):
     """A simulated motion.
 
     Attributes
@@ -61,7 +69,22 @@ class Trajectory:
     status : CONVERGED where time_error and end_error are at most `tol`.
     ended : why the motion was not followed to the time asked for; "" where it was.
     wall_s : time to compute it [s].
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate
+    >>> motion = simulate(Servo(), "switch", 0.04, time=20.0)
+    >>> motion.events[0].name, round(motion.events[0].time, 3)  # s
+    ('stop', 0.566)
+    >>> motion.sample([10.0]).shape
+    (3, 1)
     """
+
+    _quantities = (
+        "model", "gain [V/rad]", "set_point [rad]", "duration [s]", "number_of_events = events.size", "time_error [s]",
+        "end_error", "status",
+    )  # fmt: skip
+    _details = ("servo", "regularised", "tol", "events", "end", "state_errors", "verdict", "ended", "wall_s [s]")
 
     model: Model
     servo: Servo
@@ -171,3 +194,24 @@ class Trajectory:
     def verdict(self) -> Verdict:
         """What the end of the motion shows: hunting, decaying, growing, at rest or undecided."""
         return judge(self)
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+        return float(self.times[-1])
+
+    def table(self, times: Array | None = None) -> Columns:
+        """The motion as columns: `COLUMNS`; for LuGre bristle_rad stands before the torque.
+
+        Parameters
+        ----------
+        times
+            (m,) [s]; default: dense where the motion is fast.
+        """
+        t, x = self.dense() if times is None else (times, self.sample(times))
+        numbers = (t, self.set_point + x[0], *x[1:], self.torque(x))
+        names = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
+        return dict(zip(names, (*numbers, self.mode_at(t)), strict=True))
+
+    def _columns(self) -> Columns:
+        return self.table()

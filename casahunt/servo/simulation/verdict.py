@@ -27,6 +27,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from ...motion.march import MarchFailure, march
+from ...results import Result
 from ..cycles import SCHEMES, automaton, motor_torque
 from ..event_map.fixed_points import map_at
 from ..event_map.scan import patience, state_scale
@@ -57,8 +58,8 @@ CARRIED = 8
 Kind = Literal["hunting", "decaying", "growing", "at rest", "undecided"]
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, repr=False)
+class Verdict(Result):
     """What the end of a motion shows.
 
     Attributes
@@ -76,7 +77,17 @@ class Verdict:
     multiplier : the factor by which the distance from the limit changes each swing; nan where it was not computed.
     floor : what a position must differ by to be judged [rad].
     motions : motions of the event map computed beyond the motion judged.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate
+    >>> verdict = simulate(Servo(), "switch", 1.0, position=0.99, time=40.0).verdict
+    >>> verdict.kind
+    'at rest'
     """
+
+    _quantities = ("kind", "amplitude [rad]", "period [s]", "swings")
+    _details = ("sentence", "judged", "since [s]", "limit [rad]", "ratios", "multiplier", "floor [rad]", "motions")
 
     kind: Kind
     sentence: str

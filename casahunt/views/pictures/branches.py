@@ -24,14 +24,14 @@ from .plotting import (
     SMALL,
     Array,
     Axes,
-    Figure,
     FixedLocator,
     FuncFormatter,
     Line2D,
     Look,
     NullLocator,
     at_least_one,
-    new_figure,
+    legend,
+    panels,
 )
 
 SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "grazing": "v", "superstable": "*"}
@@ -45,7 +45,7 @@ EXCHANGING = ("fold", "symmetry breaking")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
-def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
+def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = None) -> Array:
     """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
 
     Parameters
@@ -55,25 +55,36 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
     equilibria
         say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis.
 
+    axes
+        two axes, for amplitude and period, to draw into; default: those of a new figure.
+
     Returns
     -------
-    Figure of two panels, amplitude above period.
+    The two axes, amplitude above period.
 
     Raises
     ------
     InputError : no branch, or a branch without orbits.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram, pictures
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> above, below = pictures.diagram([branch])
+    >>> above.get_ylabel(), below.get_ylabel()
+    ('amplitude max |x$_1$| [rad]', 'period [s]')
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
-    figure = new_figure()
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.35, 1))
-    for axes, quantity in ((above, "amplitude"), (below, "period")):
+    figure, both = panels(axes, 2, sharex=True, height_ratios=(1.35, 1))
+    above, below = both
+    for ax, quantity in ((above, "amplitude"), (below, "period")):
         for curve in curves:
             values = np.array([getattr(orbit, quantity) for orbit in curve.orbits])
-            _draw_curve(axes, curve, values, markers)
-        axes.set_ylabel({"amplitude": "amplitude max |x$_1$| [rad]", "period": "period [s]"}[quantity])
-        axes.grid(True, which="major", color="0.88", linewidth=0.6)
-        axes.margins(x=0.04, y=0.08)
+            _draw_curve(ax, curve, values, markers)
+        ax.set_ylabel({"amplitude": "amplitude max |x$_1$| [rad]", "period": "period [s]"}[quantity])
+        ax.grid(True, which="major", color="0.88", linewidth=0.6)
+        ax.margins(x=0.04, y=0.08)
     above.set_yscale("log")
     low, high = below.dataLim.intervaly
     if high > 10 * low:
@@ -82,11 +93,11 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True) -> Figure:
     if equilibria:
         _draw_equilibria(above)
     _label_folds(above, curves)
-    figure.legend(handles=_legend(curves, markers), loc="outside upper center", fontsize=SMALL, ncols=5)
-    return figure
+    legend(figure, below, _legend(curves, markers), ncols=5)
+    return both
 
 
-def multipliers(branches: Sequence[Branch]) -> Figure:
+def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
     """Leading half multiplier mu against the controller gain, linear between -1 and 1, logarithmic beyond.
 
     Orbits that were not computed on the half cycle have no mu and leave a gap.
@@ -95,15 +106,27 @@ def multipliers(branches: Sequence[Branch]) -> Figure:
     ----------
     branches
         one per model, as a rule.
+    ax
+        axes to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The axes.
 
     Raises
     ------
     InputError : no branch, or a branch without orbits.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram, pictures
+    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> pictures.multipliers([branch]).get_ylabel()
+    'leading half multiplier μ [–]'
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
-    figure = new_figure()
-    axes = figure.subplots()
+    figure, (axes,) = panels(ax, 1)
     axes.axhspan(-1, 1, color="0.93", zorder=0)
     everything = [-1.0, 1.0]
     for curve in curves:
@@ -120,8 +143,8 @@ def multipliers(branches: Sequence[Branch]) -> Figure:
     axes.set_xlabel(GAIN_LABEL)
     axes.set_ylabel("leading half multiplier μ [–]")
     axes.grid(True, which="major", color="0.85", linewidth=0.6)
-    figure.legend(handles=_legend(curves, markers), loc="outside upper center", fontsize=SMALL, ncols=5)
-    return figure
+    legend(figure, axes, _legend(curves, markers), ncols=5)
+    return axes
 
 
 class _Curve(NamedTuple):

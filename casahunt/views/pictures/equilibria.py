@@ -2,29 +2,43 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...servo.equilibria import Equilibria, cubic
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, panels
 
 LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
 
 
-def picture(found: Equilibria) -> Figure:
+def picture(found: Equilibria, *, axes: Any = None) -> Array:
     """Stick region and equilibria of Switch in the plane (x1, x3), or the eigenvalues of LuGre.
 
     Parameters
     ----------
     found
         the equilibria.
+    axes
+        one (Switch) or two axes (LuGre) to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The axes (1,), or (2,): the largest real part, and the eigenvalues.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, equilibria, pictures
+    >>> (axes,) = pictures.equilibria(equilibria(Servo(), "switch", 0.1))
+    >>> axes.get_title()
+    'stick region of the Switch servo, K = 0.1'
     """
-    return _strip(found) if found.model == "switch" else _eigenvalues(found)
+    return _strip(found, axes) if found.model == "switch" else _eigenvalues(found, axes)
 
 
-def _strip(found: Equilibria) -> Figure:
-    figure = new_figure()
-    axes = figure.subplots()
+def _strip(found: Equilibria, given: Any) -> Array:
+    _, (axes,) = panels(given, 1)
     a, b = found.position_limit, found.integral_limit
     x1 = np.linspace(-3, 3, 121)
     axes.fill_between(x1, -1 - x1, 1 - x1, color="0.9", label="stick: |kp x1 + ki x3| ≤ Fs, x2 = 0")
@@ -46,12 +60,12 @@ def _strip(found: Equilibria) -> Figure:
     axes.set_title(f"stick region of the Switch servo, K = {found.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.95", linewidth=0.6)
     axes.legend(fontsize=SMALL, loc="upper right")
-    return figure
+    return np.array([axes], dtype=object)
 
 
-def _eigenvalues(found: Equilibria) -> Figure:
-    figure = new_figure()
-    left, right = figure.subplots(1, 2)
+def _eigenvalues(found: Equilibria, given: Any) -> Array:
+    figure, both = panels(given, 1, 2)
+    left, right = both
     c = np.geomspace(1e-7, 2, 300)
     largest = [float(np.max(np.roots(row).real)) for row in cubic(found.servo, found.gain, c)]
     left.plot(c, largest, color=LOOKS["switch"].colour, linewidth=1.8)
@@ -75,5 +89,6 @@ def _eigenvalues(found: Equilibria) -> Figure:
     right.set_title("c = 1 − (2α − 1) σ$_0$z/Fs", fontsize=10)
     right.grid(True, color="0.9", linewidth=0.6)
     right.legend(fontsize=SMALL)
-    figure.suptitle(f"generalised Jacobian of the LuGre servo, K = {found.gain:.6g}", fontsize=10)
-    return figure
+    if figure is not None:
+        figure.suptitle(f"generalised Jacobian of the LuGre servo, K = {found.gain:.6g}", fontsize=10)
+    return both

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...motion.march import MarchFailure
 from ...servo.event_map.fixed_points import FixedPoints, map_at
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Figure, new_figure
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, legend, panels
 
 DRAWN_SWINGS = 12
 """Half periods drawn of each motion."""
@@ -14,16 +14,27 @@ ASIDE = 0.02
 """A motion starts this part above and below the unstable fixed point."""
 
 
-def cobweb(seen: FixedPoints) -> Figure:
+def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     """P(a) against a, both logarithmic, gaps at jumps, with two motions from beside the innermost fixed point.
 
     Parameters
     ----------
     seen
         a scan of the map.
+    ax
+        axes to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The axes.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fixed_points, pictures
+    >>> pictures.cobweb(fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)).get_xscale()
+    'log'
     """
-    figure = new_figure()
-    axes = figure.subplots()
+    figure, (axes,) = panels(ax, 1)
     a = np.array([p.start for p in seen.points])
     P = np.array([abs(p.position) for p in seen.points])
     back = np.array([p.position < 0 for p in seen.points])
@@ -57,8 +68,8 @@ def cobweb(seen: FixedPoints) -> Figure:
     axes.set_ylabel("next stick position P(a) [rad]")
     axes.set_title(f"event map of the Switch servo, K = {seen.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.9", linewidth=0.6)
-    figure.legend(fontsize=SMALL, loc="outside upper center", frameon=False, ncols=2)
-    return figure
+    legend(figure, axes, frameon=False, ncols=2)
+    return axes
 
 
 def _web(seen: FixedPoints, a: float) -> tuple[list[float], list[float]]:

@@ -9,31 +9,39 @@ import numpy as np
 from ...design.sensitivity import NAMES, Sensitivities
 from ...errors import InputError
 from ...servo.problem import HuntingFold
-from .plotting import LOOKS, Figure, new_figure
+from .plotting import LOOKS, Axes, panels
 
 MINUS = "\N{MINUS SIGN}"
 
 
-def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) -> Figure:
+def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities], *, ax: Axes | None = None) -> Axes:
     """Per cent of the fold gain for one per cent of each parameter, the largest on top.
 
     Parameters
     ----------
     folds, slopes
         folds and their sensitivities, one of each model at most.
+    ax
+        axes to draw into; default: those of a new figure.
 
     Returns
     -------
-    Figure.
+    The axes.
 
     Raises
     ------
     InputError : none, or not as many sensitivities as folds.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_fold, fold_sensitivities, pictures
+    >>> fold = find_fold(Servo(), "switch")
+    >>> pictures.elasticities([fold], [fold_sensitivities(fold)]).get_title()
+    'What moves the gain at which hunting ends'
     """
     if not folds or len(folds) != len(slopes):
         raise InputError(f"{len(folds)} folds with {len(slopes)} sensitivities: must be as many, at least one")
-    figure = new_figure()
-    axes = figure.subplots()
+    _, (axes,) = panels(ax, 1)
     largest = {name: max(abs(s.elasticities.get(name, 0.0)) for s in slopes) for name in NAMES}
     names = sorted((name for name in NAMES if largest[name] > 0), key=lambda name: largest[name])
     place = np.arange(len(names))
@@ -52,4 +60,4 @@ def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities]) 
     axes.set_xlabel("per cent of the fold gain for one per cent more of the parameter")
     axes.set_title("What moves the gain at which hunting ends")
     axes.legend(loc="lower right")
-    return figure
+    return axes

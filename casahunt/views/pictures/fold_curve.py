@@ -9,7 +9,7 @@ import numpy as np
 
 from ...design.fold_curve.points import FoldCurve, hermite
 from ...errors import InputError
-from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Figure, new_figure
+from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, panels
 
 LABELS = {
     "servo.inertia": "inertia J [kg m$^2$]",
@@ -34,7 +34,7 @@ HEADROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
 
-def regions(curves: Sequence[FoldCurve]) -> Figure:
+def regions(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     """The fold gain against a parameter of the servo, the gains with hunting shaded.
 
     The line is the cubic through the computed points with their exact slopes.  A curve that turns back in a cusp is
@@ -44,16 +44,28 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
     ----------
     curves
         fold curves in the same parameter, one of each model at most.
+    ax
+        axes to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The axes.
 
     Raises
     ------
     InputError : none, or curves in different parameters.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_curve, pictures
+    >>> curve = fold_curve(Servo(), "switch", vary="friction.static", start=0.53, end=0.54, points=2)
+    >>> pictures.fold_curves([curve]).get_xlabel()
+    'static friction F$_s$ [N m]'
     """
     if not curves or len({curve.vary for curve in curves}) != 1:
         raise InputError(f"{len(curves)} fold curves: must be at least one, all in the same parameter")
     vary = curves[0].vary
-    figure = new_figure()
-    axes = figure.subplots()
+    _, (axes,) = panels(ax, 1)
     highest = max(float(curve.gains.max()) for curve in curves)
     lowest = min(float(curve.gains.min()) for curve in curves)
     wide = highest > WIDE * lowest and not any(curve.vanishes for curve in curves)
@@ -87,7 +99,7 @@ def regions(curves: Sequence[FoldCurve]) -> Figure:
     axes.grid(True, which="major", color="0.88", linewidth=0.6)
     axes.legend(loc="best", fontsize=SMALL)
     axes.set_title("The largest gain at which the servo can hunt")
-    return figure
+    return axes
 
 
 def _words(axes: Any, curves: Sequence[FoldCurve], wide: bool) -> None:

@@ -8,14 +8,14 @@ from ...design.fold_map import FoldMap
 from ...errors import InputError
 from ...servo.servo import flatten
 from .fold_curve import LABELS, WIDE
-from .plotting import NAMES, SMALL, Axes, Figure, MaxNLocator, new_figure
+from .plotting import NAMES, SMALL, Axes, MaxNLocator, panels
 
 CONTOURS = 9
 NEVER = "#d9d9d9"
 """Colour where no gain hunts."""
 
 
-def contours(folds: FoldMap, ax: Axes | None = None) -> Figure:
+def contours(folds: FoldMap, ax: Axes | None = None) -> Axes:
     """The fold gain as contours over two parameters; above a contour's gain the servo on it does not hunt.
 
     Parameters
@@ -27,18 +27,24 @@ def contours(folds: FoldMap, ax: Axes | None = None) -> Figure:
 
     Returns
     -------
-    Figure.
+    The axes; the colour bar beside them has its own.
 
     Raises
     ------
     InputError : no fold was computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, fold_map, pictures
+    >>> names, values = ("friction.static", "friction.viscous"), ([0.53, 0.54], [0.09, 0.1])
+    >>> pictures.fold_map(fold_map(Servo(), "switch", names, *values)).get_ylabel()
+    'viscous friction σ$_2$ [N m s/rad]'
     """
     gains = folds.gains.T
     positive = gains[gains > 0]
     if not positive.size:
         raise InputError("fold map: at least one fold must be computed to draw")
-    figure = new_figure() if ax is None else ax.figure
-    axes = figure.subplots() if ax is None else ax
+    _, (axes,) = panels(ax, 1)
     low, high = float(positive.min()), float(positive.max())
     q, r = folds.values
     seen = np.ma.masked_where(~(gains > 0), gains)
@@ -59,12 +65,12 @@ def contours(folds: FoldMap, ax: Axes | None = None) -> Figure:
         axes.plot(*here, marker="o", color="white", markeredgecolor="black", linestyle="none", label="servo as given")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best", fontsize=SMALL)
-    bar = figure.colorbar(filled, ax=axes)
+    bar = axes.figure.colorbar(filled, ax=axes)
     bar.set_label("fold gain K [V/rad]: above it the servo does not hunt")
     axes.set_xlabel(LABELS[folds.names[0]])
     axes.set_ylabel(LABELS[folds.names[1]])
     axes.set_title(f"The largest gain at which the servo can hunt, {NAMES[folds.model]} friction")
-    return figure
+    return axes
 
 
 def _levels(low: float, high: float) -> np.ndarray:

@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
+from ...errors import InputError
 from ...servo.problem import HuntingOrbit
 from .plotting import (
     ALONE,
@@ -18,15 +20,17 @@ from .plotting import (
     MORE_LOOKS,
     NAMES,
     NEUTRAL,
-    SMALL,
     Array,
     Axes,
     Figure,
     Line2D,
     Look,
     MaxNLocator,
+    align,
     at_least_one,
+    legend,
     new_figure,
+    panels,
 )
 
 LONG = 24
@@ -37,7 +41,7 @@ DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
-def time_traces(orbits: Sequence[HuntingOrbit]) -> Figure:
+def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
     The window opens a quarter of a period before that, so that no slip is cut in two.
@@ -46,40 +50,54 @@ def time_traces(orbits: Sequence[HuntingOrbit]) -> Figure:
     ----------
     orbits
         one or two, for instance both models at the same gain.
+    axes
+        as many axes as there are states, to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The axes, one for every state.
 
     Raises
     ------
     InputError : no orbit.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from casahunt import Servo, find_orbit, pictures
+    >>> three = Figure().subplots(3)
+    >>> drawn = pictures.time_traces([find_orbit(Servo(), "switch", 0.1)], axes=three)
+    >>> drawn[0] is three[0], len(drawn)
+    (True, 3)
     """
     at_least_one("orbits", orbits)
     traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
-    figure = new_figure()
-    panels = figure.subplots(n, 1, sharex=True)
+    figure, all_of_them = panels(axes, n, sharex=True)
     names = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"), ("z", "rad"))
-    for i, (axes, (name, unit)) in enumerate(zip(panels, names, strict=False)):
+    for i, (ax, (name, unit)) in enumerate(zip(all_of_them, names, strict=False)):
         peak = max(float(np.max(np.abs(states[i]))) for _, states in traces if i < len(states))
         factor, label = _scaled(name, unit, peak)
         shown = [(*t, look) for t, look in zip(traces, _looks(orbits), strict=True) if i < len(t[1])]
         for times, states, look in shown:
             width = look.width if len(shown) > 1 else ALONE
-            axes.plot(
+            ax.plot(
                 times, states[i] / factor, color=look.colour, linewidth=width, linestyle=look.dashes,
                 zorder=look.zorder,
             )  # fmt: skip
-        axes.set_ylabel(label)
-        axes.axhline(0, color="0.6", linewidth=0.7, zorder=1)
-        axes.axvline(0, color="0.6", linewidth=0.7, zorder=1)
-        axes.grid(True, color="0.9", linewidth=0.6)
-        axes.margins(x=0.01, y=0.1)
-    panels[-1].set_xlabel("time from the rise of x$_1$ through zero [s]")
-    figure.align_ylabels(panels)
+        ax.set_ylabel(label)
+        ax.axhline(0, color="0.6", linewidth=0.7, zorder=1)
+        ax.axvline(0, color="0.6", linewidth=0.7, zorder=1)
+        ax.grid(True, color="0.9", linewidth=0.6)
+        ax.margins(x=0.01, y=0.1)
+    all_of_them[-1].set_xlabel("time from the rise of x$_1$ through zero [s]")
+    align(figure, all_of_them)
     labels = [f"{_name(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
-    figure.legend(handles=_orbit_handles(orbits, labels), loc="outside upper center", fontsize=SMALL, frameon=False)
-    return figure
+    legend(figure, all_of_them[0], _orbit_handles(orbits, labels), frameon=False)
+    return all_of_them
 
 
-def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
+def phase_portrait(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
     Stick, |x2| < STUCK max |x2|, is drawn thick.
@@ -88,10 +106,23 @@ def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
     ----------
     orbits
         one or more.
+    axes
+        three axes to draw into, the first one in three dimensions; default: those of a new figure.
+
+    Returns
+    -------
+    The three axes: space, and the planes (x1, x2) and (x1, x3).
 
     Raises
     ------
-    InputError : no orbit.
+    InputError : no orbit, or a first axes without a third dimension.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit, pictures
+    >>> space, upper, lower = pictures.phase_portrait([find_orbit(Servo(), "switch", 0.1)])
+    >>> space.name, upper.name
+    ('3d', 'rectilinear')
     """
     at_least_one("orbits", orbits)
     samples = [orbit.sample(DRAWN_POINTS)[1][:3] for orbit in orbits]
@@ -99,16 +130,14 @@ def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
     units = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"))
     scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]
     labels = [label for _, label in scales]
-    figure = new_figure()
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
-    space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
-    planes = ((figure.add_subplot(grid[0, 1]), 1), (figure.add_subplot(grid[1, 1]), 2))
+    figure, three = _space_and_planes(axes)
+    space, planes = three[0], ((three[1], 1), (three[2], 2))
     for look, states in zip(_looks(orbits), samples, strict=True):
         x = states / np.array([factor for factor, _ in scales])[:, None]
         stuck = np.abs(x[1]) < STUCK * np.max(np.abs(x[1]))
         _draw_orbit(space, x, stuck, look)
-        for axes, row in planes:
-            _draw_orbit(axes, x[[0, row]], stuck, look)
+        for plane, row in planes:
+            _draw_orbit(plane, x[[0, row]], stuck, look)
     for axis, label in zip((space.xaxis, space.yaxis, space.zaxis), labels, strict=True):
         axis.set_label_text(label)
         axis.labelpad = 7
@@ -116,17 +145,30 @@ def phase_portrait(orbits: Sequence[HuntingOrbit]) -> Figure:
     space.margins(x=0.15, y=0.15, z=0.03)  # keeps the last tick labels of neighbouring axes apart
     space.view_init(elev=20, azim=-55)
     space.set_box_aspect((1, 1, 1.5), zoom=0.95)
-    for axes, row in planes:
-        axes.set(xlabel=labels[0], ylabel=labels[row])
-        axes.grid(True, color="0.9", linewidth=0.6)
-        axes.margins(0.08)
+    for plane, row in planes:
+        plane.set(xlabel=labels[0], ylabel=labels[row])
+        plane.grid(True, color="0.9", linewidth=0.6)
+        plane.margins(0.08)
     names = _distinct_names(orbits)
     handles = _orbit_handles(orbits, names)
     handles += [Line2D([], [], color=NEUTRAL, linewidth=1.3, label="slip (thin)")]
     handles += [Line2D([], [], color=NEUTRAL, linewidth=4.5, label="stick (thick)")]
     columns = min(len(handles), 4) if all(len(name) < LONG for name in names) else 2
-    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False, ncols=columns)
-    return figure
+    legend(figure, three[1], handles, frameon=False, ncols=columns)
+    return three
+
+
+def _space_and_planes(given: Any) -> tuple[Figure | None, Array]:
+    if given is not None:
+        _, three = panels(given, 3)
+        if not hasattr(three[0], "zaxis"):
+            raise InputError('axes: the first one must have three dimensions (projection="3d")')
+        return None, three
+    figure = new_figure()
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
+    space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
+    planes = (figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1]))
+    return figure, np.array([space, *planes], dtype=object)
 
 
 def _looks(orbits: Sequence[HuntingOrbit]) -> list[Look]:

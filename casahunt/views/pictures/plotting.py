@@ -1,7 +1,8 @@
 """What all pictures share: the only import of matplotlib, figures, looks and files.
 
-Results carry data, plotting takes results.  Every picture is a `matplotlib.figure.Figure` on an Agg canvas of its own:
-no display, no pyplot, no global state.  `save` writes it.
+Results carry data, plotting takes results.  A picture is drawn into the axes that it is given, and else into a new
+`matplotlib.figure.Figure` on an Agg canvas of its own: no display, no pyplot, no global state.  It returns the axes,
+and `save` writes their figure.
 
 A colour never says anything alone, so that the pictures survive grey printing: the Switch model is thin, dark
 and square, the LuGre model wide, light and triangular; along a branch stable is solid, unstable is dashed.
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
+from ...checks import quoted
 from ...errors import InputError
 from ...files import whole
 
@@ -63,13 +65,13 @@ NEUTRAL = "#444444"
 """Colour of what belongs to no model."""
 
 
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure.
+def save(drawn: Any, path: str | Path) -> None:
+    """Write a picture.
 
     Parameters
     ----------
-    figure
-        the figure.
+    drawn
+        a figure, or the axes that a picture was drawn into, whose whole figure is written.
     path
         the file; its suffix decides on the format, PNG has 150 dpi.
 
@@ -77,18 +79,34 @@ def save(figure: Figure, path: str | Path) -> None:
     ------
     InputError : the folder is missing or cannot be written to, or the suffix is unknown.
     OSError : the disk is full.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit, pictures
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> axes = pictures.time_traces([find_orbit(Servo(), "switch", 0.1)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pictures.save(axes, Path(folder, "orbit.png"))
+    ...     Path(folder, "orbit.png").read_bytes()[1:4]
+    b'PNG'
     """
-    path = Path(path)
+    path, figure = Path(path), figure_of(drawn)
     suffixes = sorted(figure.canvas.get_supported_filetypes())
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in suffixes:
         raise InputError(f"figure {str(path)!r}: the suffix must be one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
-    drawn = io.BytesIO()
-    figure.savefig(drawn, dpi=DPI, format=suffix)
+    written = io.BytesIO()
+    figure.savefig(written, dpi=DPI, format=suffix)
     with whole(path) as stream:
-        stream.write(drawn.getvalue())
+        stream.write(written.getvalue())
+
+
+def figure_of(drawn: Any) -> Figure:
+    """The figure that axes, or an array of them, stand in; a figure's own is itself."""
+    return drawn if isinstance(drawn, Figure) else np.ravel(np.asarray(drawn, dtype=object))[0].get_figure(root=True)
 
 
 def at_least_one(what: str, items: Sequence[Any]) -> None:
@@ -116,6 +134,67 @@ def new_figure() -> Figure:
     return figure
 
 
+def panels(given: Any, rows: int, columns: int = 1, **how: Any) -> tuple[Figure | None, Array]:
+    """Where a picture is drawn: the axes that were given, or those of a new figure.
+
+    Parameters
+    ----------
+    given
+        axes, one or several, or None.
+    rows, columns
+        panels of the picture.
+    **how
+        for `Figure.subplots`, of a new figure.
+
+    Returns
+    -------
+    The figure where it is a new one, else None; and the axes (rows * columns,), row by row.
+
+    Raises
+    ------
+    InputError : other things than axes were given, or not as many as the picture has panels.
+    """
+    if given is None:
+        figure = new_figure()
+        return figure, np.ravel(np.asarray(figure.subplots(rows, columns, **how), dtype=object))
+    axes = np.ravel(np.asarray(given, dtype=object))
+    if axes.size != rows * columns or not all(hasattr(one, "plot") and hasattr(one, "transAxes") for one in axes):
+        wanted = "matplotlib axes" if rows * columns == 1 else f"{rows * columns} matplotlib axes"
+        raise InputError(f"axes = {quoted(given)}: must be {wanted}")
+    return None, axes
+
+
+def align(figure: Figure | None, axes: Sequence[Axes] | Array) -> None:
+    """Bring the labels of panels one below the other into line, where the figure is a new one.
+
+    Parameters
+    ----------
+    figure, axes
+        the new figure or None, and its panels.
+    """
+    if figure is not None:
+        figure.align_ylabels(axes)
+
+
+def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = None, **how: Any) -> None:
+    """The legend of a picture: outside of the panels of a new figure, inside of axes that were given.
+
+    Parameters
+    ----------
+    figure, axes
+        the new figure or None, and the panel that has room otherwise.
+    handles
+        what it says; default: all that has a label.
+    **how
+        for `Figure.legend`.
+    """
+    said = {} if handles is None else {"handles": handles}
+    if figure is not None:
+        figure.legend(**said, **{"loc": "outside upper center", "fontsize": SMALL, **how})
+    else:
+        axes.legend(**said, fontsize=SMALL)
+
+
 __all__ = [
     "ALONE",
     "DPI",
@@ -135,8 +214,12 @@ __all__ = [
     "Look",
     "MaxNLocator",
     "NullLocator",
+    "align",
     "at_least_one",
+    "figure_of",
+    "legend",
     "new_figure",
+    "panels",
     "save",
 ]
 """What the pictures take from here, matplotlib's own among it."""

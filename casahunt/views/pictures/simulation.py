@@ -5,6 +5,8 @@ Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s]
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...design.record.file import Record
@@ -12,7 +14,7 @@ from ...design.record.measure import Measurement
 from ...servo.problem import HuntingOrbit
 from ...servo.simulation.trajectory import Trajectory
 from .orbits import rolled
-from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Figure, Line2D, new_figure
+from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
 
 PER_INTERVAL = 8
 MOST_DOTS = 20_000
@@ -22,34 +24,51 @@ SHADE = "0.9"
 LEVEL_COLOUR = "#b03020"
 
 
-def motion(trajectory: Trajectory) -> Figure:
+def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     """Position, velocity and motor torque of a simulated motion against time [s].
 
     Where the Switch servo sticks the background is grey; the torque is shown with the static friction +-Fs.
+
+    Parameters
+    ----------
+    trajectory
+        the motion.
+    axes
+        three axes to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The three axes.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, simulate, pictures
+    >>> axes = pictures.motion(simulate(Servo(), "switch", 0.04, time=60.0))
+    >>> axes[2].get_xlabel()
+    'time [s]'
     """
     t, x = trajectory.dense(PER_INTERVAL)
     look, static = LOOKS[trajectory.model], trajectory.servo.friction.static
-    figure = new_figure()
-    panels = figure.subplots(3, 1, sharex=True, height_ratios=(1.4, 1, 1))
+    figure, three = panels(axes, 3, sharex=True, height_ratios=(1.4, 1, 1))
     curves = (
         (trajectory.set_point + x[0], "position θ [rad]"),
         (x[1], "velocity θ' [rad/s]"),
         (trajectory.torque(x), "motor torque m [N m]"),
     )
     sticks = [i for i, mode in enumerate(trajectory.modes) if mode == "stick"]
-    for axes, (values, label) in zip(panels, curves, strict=True):
+    for ax, (values, label) in zip(three, curves, strict=True):
         for i in sticks:
-            axes.axvspan(trajectory.times[i], trajectory.times[i + 1], color=SHADE, linewidth=0, zorder=0)
-        axes.plot(t, values, color=look.colour, linewidth=ALONE, zorder=4)
-        axes.set_ylabel(label)
-        axes.grid(True, color="0.85", linewidth=0.6)
-        axes.margins(x=0, y=0.08)
+            ax.axvspan(trajectory.times[i], trajectory.times[i + 1], color=SHADE, linewidth=0, zorder=0)
+        ax.plot(t, values, color=look.colour, linewidth=ALONE, zorder=4)
+        ax.set_ylabel(label)
+        ax.grid(True, color="0.85", linewidth=0.6)
+        ax.margins(x=0, y=0.08)
     dashed = {"color": NEUTRAL, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 3}
-    panels[0].axhline(trajectory.set_point, **dashed)
+    three[0].axhline(trajectory.set_point, **dashed)
     for level in (-static, static):
-        panels[2].axhline(level, **dashed)
-    panels[2].set_xlabel("time [s]")
-    figure.align_ylabels(panels)
+        three[2].axhline(level, **dashed)
+    three[2].set_xlabel("time [s]")
+    align(figure, three)
     verdict = trajectory.verdict
     name = f"{NAMES[trajectory.model]}{' with stick band' if trajectory.regularised else ''}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}"
@@ -58,14 +77,14 @@ def motion(trajectory: Trajectory) -> Figure:
     handles = [
         Line2D([], [], label="set point; static friction ±F$_s$", **dashed),
     ]
-    panels[0].set_title(name, fontsize="medium")
+    three[0].set_title(name, fontsize="medium")
     if sticks:
         handles.append(Line2D([], [], color=SHADE, linewidth=8, label="stick"))
-    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False, ncols=len(handles))
-    return figure
+    legend(figure, three[0], handles, frameon=False, ncols=len(handles))
+    return three
 
 
-def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None) -> Figure:
+def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, axes: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters
@@ -76,13 +95,23 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None)
         of a record with whole periods (record.measure).
     orbit
         the prediction, or None.
+    axes
+        two axes to draw into; default: those of a new figure.
 
     Returns
     -------
-    Figure of two panels.
+    The two axes.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, find_orbit, measure, record_of, simulate, pictures
+    >>> record = record_of(simulate(Servo(), "switch", 0.04, time=60.0))
+    >>> axes = pictures.folded_record(record, measure(record), find_orbit(Servo(), "switch", 0.04))
+    >>> axes[0].get_ylabel()
+    'position [rad]'
     """
-    figure = new_figure()
-    above, below = figure.subplots(2, 1, height_ratios=(1, 1.6))
+    figure, both = panels(axes, 2, height_ratios=(1, 1.6))
+    above, below = both
     every = max(1, record.times.size // MOST_DOTS)
     t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
     gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap
@@ -120,6 +149,6 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None)
     below.set(xlabel=f"time from the {rise} through the level [s]", ylabel="position − level [rad]")
     below.grid(True, color="0.9", linewidth=0.6)
     below.margins(x=0.01, y=0.1)
-    figure.legend(handles=handles, loc="outside upper center", fontsize=SMALL, frameon=False)
-    figure.align_ylabels([above, below])
-    return figure
+    legend(figure, below, handles, frameon=False)
+    align(figure, both)
+    return both

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities
-from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
+from .plotting import ALONE, DPI, NEUTRAL, SMALL, Array, Line2D, figure_of, panels
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
@@ -25,7 +26,7 @@ TASK_SWINGS = 6
 BEFORE, AFTER = "#b03020", "#1d6b3f"
 
 
-def operating_point(tuning: Tuning, branch: Branch) -> Figure:
+def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Array:
     """The diagram of the worst servo with the recommended gain and the fold gain plus margin.
 
     Parameters
@@ -34,31 +35,42 @@ def operating_point(tuning: Tuning, branch: Branch) -> Figure:
         the tuning.
     branch
         of its worst servo.
+    axes
+        two axes to draw into; default: those of a new figure.
 
     Returns
     -------
-    Figure.
+    The two axes, amplitude above period.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, collect, diagram, tune, pictures
+    >>> tuning = tune(Servo(), "switch")
+    >>> branch = collect(tuning.worst, "switch", diagram(tuning.worst, "switch", start=0.6))
+    >>> axes = pictures.operating_point(tuning, branch)
+    >>> axes.shape
+    (2,)
     """
-    figure = drawn_diagram([branch], equilibria=False)
-    for axes in figure.axes:
-        low, high = axes.get_xlim()
+    both = drawn_diagram([branch], equilibria=False, axes=axes)
+    for ax in both:
+        low, high = ax.get_xlim()
         reach = max(high, tuning.gain + 0.06 * (tuning.gain - low))
         if tuning.fold_gain:
-            axes.axvspan(tuning.fold_gain, (1 + tuning.demands.margin) * tuning.fold_gain, color="0.9", zorder=0)
-        axes.axvline(tuning.gain, color=AFTER, linewidth=2.0, zorder=3)
-        axes.set_xlim(low, reach)
-    for text in list(figure.axes[0].texts):  # the label of the fold would stand where the line of the gain is
+            ax.axvspan(tuning.fold_gain, (1 + tuning.demands.margin) * tuning.fold_gain, color="0.9", zorder=0)
+        ax.axvline(tuning.gain, color=AFTER, linewidth=2.0, zorder=3)
+        ax.set_xlim(low, reach)
+    for text in list(both[0].texts):  # the label of the fold would stand where the line of the gain is
         text.remove()
     handles = [
         Line2D([], [], color=NEUTRAL, linestyle="", marker="o", label=f"hunting up to {tuning.fold_gain:.4g}"),
         Line2D([], [], color=AFTER, linewidth=2.0, label=f"recommended gain {tuning.gain:.4g}"),
         Line2D([], [], color="0.85", linewidth=8, label="margin"),
     ]
-    figure.axes[0].legend(handles=handles, loc="lower center", fontsize=SMALL)
-    return figure
+    both[0].legend(handles=handles, loc="lower center", fontsize=SMALL)
+    return both
 
 
-def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Figure:
+def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, axes: Any = None) -> Array:
     """The same tasks before and after: distance from the set point [rad] against time [s].
 
     Parameters
@@ -67,44 +79,53 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Fi
         gain and tasks.
     after
         tasks with the tuned controller.
+    axes
+        axes for every task, to draw into; default: those of a new figure.
 
     Returns
     -------
-    Figure, a panel for every task.
+    The axes, one for every task.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, tune, pictures
+    >>> tuning = tune(Servo(), "switch")
+    >>> tasks = tuning.verification.tasks
+    >>> pictures.tasks((tuning.gain, tasks), tasks).size
+    3
     """
     tasks = [task for task in after if task.friction == "nominal"]
     pairs = list(zip(before[1], tasks, strict=True))
     swings = [old.motion.verdict.period for old, _ in pairs if old.motion.verdict.kind == "hunting"]
     whole = min(float(task.motion.times[-1]) for pair in pairs for task in pair)
     shown = min(whole, TASK_SWINGS * max(swings)) if swings else whole
-    figure = new_figure()
-    panels = np.atleast_1d(figure.subplots(len(pairs), 1, sharex=True))
-    for axes, (old, new) in zip(panels, pairs, strict=True):
+    _, rows = panels(axes, len(pairs), sharex=True)
+    for ax, (old, new) in zip(rows, pairs, strict=True):
         for task, colour, width, dashes in ((old, BEFORE, ALONE, "-"), (new, AFTER, 2.2, (0, (5, 2)))):
             t, x = task.motion.dense(8)
             label = f"K = {task.motion.gain:.4g}: {task.motion.verdict.kind}"
-            axes.plot(t, x[0], color=colour, linewidth=width, linestyle=dashes, label=label)
+            ax.plot(t, x[0], color=colour, linewidth=width, linestyle=dashes, label=label)
         t, x = old.motion.dense(8)
         size = 4 * float(np.max(np.abs(x[0, t >= t[-1] / 2])))
         if 0 < size < 0.5 * float(np.max(np.abs(old.motion.states[0]))):
-            axes.set_ylim(-size, size)  # hunting is small beside the step
-        axes.set_title(old.start, fontsize=SMALL + 1, loc="left")
-        axes.axhline(0, color=NEUTRAL, linewidth=0.8)
-        axes.grid(True, color="0.88", linewidth=0.6)
-        axes.margins(x=0)
-        axes.set_xlim(0, shown)
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.3 * (high - low))  # room for the legend
-        axes.legend(loc="upper right", fontsize=SMALL, ncols=2)
-        axes.set_ylabel("θ - θ$_d$ [rad]".replace("-", "\N{MINUS SIGN}"))
-    panels[-1].set_xlabel("time [s]")
-    return figure
+            ax.set_ylim(-size, size)  # hunting is small beside the step
+        ax.set_title(old.start, fontsize=SMALL + 1, loc="left")
+        ax.axhline(0, color=NEUTRAL, linewidth=0.8)
+        ax.grid(True, color="0.88", linewidth=0.6)
+        ax.margins(x=0)
+        ax.set_xlim(0, shown)
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend
+        ax.legend(loc="upper right", fontsize=SMALL, ncols=2)
+        ax.set_ylabel("θ - θ$_d$ [rad]".replace("-", "\N{MINUS SIGN}"))
+    rows[-1].set_xlabel("time [s]")
+    return rows
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as the bytes of a PNG file."""
+def png(drawn: Any) -> bytes:
+    """The figure of axes as the bytes of a PNG file."""
     stream = io.BytesIO()
-    figure.savefig(stream, dpi=DPI * 2 // 3, format="png")
+    figure_of(drawn).savefig(stream, dpi=DPI * 2 // 3, format="png")
     return stream.getvalue()
 
 

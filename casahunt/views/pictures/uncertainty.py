@@ -9,12 +9,12 @@ from ...design.uncertainty.summary import Summary
 from ...design.uncertainty.worst_corner import WorstCase
 from ...errors import InputError
 from ...servo.problem import HuntingFold
-from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, SMALL, Figure, new_figure
+from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, legend, panels
 
 MOST_BINS = 40
 
 
-def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary) -> Figure:
+def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, *, ax: Axes | None = None) -> Axes:
     """Fold gains of the samples, with the servo's own, the linear interval and the worst corner.
 
     Parameters
@@ -23,20 +23,33 @@ def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summa
         what `find_fold`, `sample` and `worst_corner` returned.
     seen
         their `summary`.
+    ax
+        axes to draw into; default: those of a new figure.
 
     Returns
     -------
-    Figure.
+    The axes.
 
     Raises
     ------
     InputError : no sample was computed.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, Uncertainty, compare_uncertainty, find_fold
+    >>> from casahunt import pictures, sample_fold_gains, worst_corner
+    >>> servo, uncertainty = Servo(), Uncertainty({"friction.static": (0.525, 0.535)})
+    >>> fold = find_fold(servo, "switch")
+    >>> given = servo, "switch", uncertainty
+    >>> samples, worst = sample_fold_gains(*given, 8, fold=fold), worst_corner(*given, fold=fold)
+    >>> seen = compare_uncertainty(fold, uncertainty, samples, worst)
+    >>> pictures.histogram(fold, samples, worst, seen).get_ylabel()
+    'samples'
     """
     gains = samples.gains[samples.computed]
     if not gains.size:
         raise InputError("samples: at least one must be computed to draw")
-    figure = new_figure()
-    axes = figure.subplots()
+    figure, (axes,) = panels(ax, 1)
     bins = int(np.clip(1.3 * np.sqrt(gains.size), 5, MOST_BINS))
     look = LOOKS[fold.orbit.model]
     alive = int((gains > 0).sum())
@@ -59,5 +72,5 @@ def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summa
     axes.set_ylabel("samples")
     axes.yaxis.get_major_locator().set_params(integer=True)
     axes.set_title("Up to which gain the servo may hunt")
-    figure.legend(loc="outside lower center", ncols=2, fontsize=SMALL)
-    return figure
+    legend(figure, axes, loc="outside lower center", ncols=2)
+    return axes

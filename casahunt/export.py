@@ -1,0 +1,196 @@
+"""What a result becomes outside: plain Python for JSON, CSV, MATLAB and pandas.
+
+    number, truth value, text    themselves; of numpy, the plain one
+    nan, inf                     None in JSON, which has neither; themselves in CSV, MATLAB and pandas
+    complex                      [real part, imaginary part]
+    Status                       its name in small letters
+    array, tuple, list           a list; of a table, a column
+    mapping                      a mapping with texts as keys; where the keys are no texts, a list of [key, value]
+    another result               its mapping, without its table
+
+pandas and scipy are extras: they are imported when they are first asked for.  A file is written whole or not at all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from .checks import finite_or_none
+from .errors import InputError
+from .files import whole, whole_text
+from .tables import table
+
+Columns = Mapping[str, Sequence[Any] | np.ndarray]
+"""A table: its columns by name, all of one length."""
+JSON_SPACES = 1
+"""Indentation of a JSON file."""
+
+
+def plain(value: Any, *, strict: bool = True) -> Any:
+    """A value in plain Python.
+
+    Parameters
+    ----------
+    value
+        of a result.
+    strict
+        as JSON has it: None for numbers that are not finite.
+
+    Returns
+    -------
+    Numbers, truth values, texts, None, and lists and mappings of them.
+
+    Raises
+    ------
+    TypeError : a value of another kind, a mistake of the program.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return finite_or_none(value) if strict else value
+    if isinstance(value, complex):
+        return [plain(value.real, strict=strict), plain(value.imag, strict=strict)]
+    if isinstance(value, Enum):
+        return value.name.lower()
+    if hasattr(value, "to_dict"):
+        return plain(value.to_dict(table=False, strict=False), strict=strict)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        if all(isinstance(key, str) for key in value):
+            return {key: plain(item, strict=strict) for key, item in value.items()}
+        return [[plain(key, strict=strict), plain(item, strict=strict)] for key, item in value.items()]
+    if isinstance(value, Sequence):
+        return [plain(item, strict=strict) for item in value]
+    raise TypeError(f"{type(value).__name__}: cannot be exported")
+
+
+def write_json(content: Mapping[str, Any], path: str | Path) -> None:
+    """A mapping of plain Python as a JSON file.
+
+    Parameters
+    ----------
+    content, path
+        the mapping, and the file.
+
+    Raises
+    ------
+    InputError, OSError : as `files.whole`.
+    """
+    text = json.dumps(content, indent=JSON_SPACES, allow_nan=False, ensure_ascii=False)
+    with whole_text(path) as stream:
+        stream.write(text + "\n")
+
+
+def write_csv(columns: Columns, path: str | Path) -> None:
+    """A table as a CSV file (tables.py).
+
+    Parameters
+    ----------
+    columns, path
+        the table, and the file.
+
+    Raises
+    ------
+    InputError, OSError : as `files.whole`.
+    """
+    lists = [plain(column, strict=False) for column in columns.values()]
+    with whole_text(path) as stream:
+        table(stream, list(columns))(zip(*lists, strict=True))
+
+
+def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
+    """A mapping as the variables of a MATLAB file (version 5, which Octave and scipy read too).
+
+    Names become MATLAB's: "friction.static" is friction_static, "5%" is x5_.  A list of numbers is a row, one of
+    equally long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
+
+    Parameters
+    ----------
+    content, path
+        the mapping, numbers that are not finite among its values; and the file.
+
+    Raises
+    ------
+    InputError : scipy is not installed, or as `files.whole`.
+    OSError : as `files.whole`.
+    """
+    savemat, written = extra("scipy.io", "mat", "to_mat").savemat, io.BytesIO()
+    savemat(written, {_word(name): _matlab(value) for name, value in content.items()}, long_field_names=True)
+    with whole(path) as stream:
+        stream.write(written.getvalue())
+
+
+def dataframe(columns: Columns) -> Any:
+    """A table as a pandas.DataFrame.
+
+    Raises
+    ------
+    InputError : pandas is not installed.
+    """
+    lists = {name: plain(column, strict=False) for name, column in columns.items()}
+    return extra("pandas", "pandas", "to_dataframe").DataFrame(lists)
+
+
+def extra(module: str, name: str, method: str) -> ModuleType:
+    """A module that comes with an extra.
+
+    Parameters
+    ----------
+    module, name
+        the module, and the extra that brings it.
+    method
+        what needs it.
+
+    Returns
+    -------
+    The module.
+
+    Raises
+    ------
+    InputError : it is not installed; says how to install it.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        package = module.split(".")[0]
+        install = f'python -m pip install "casahunt[{name}]"'
+        raise InputError(f"{method}: needs {package}, which is not installed; install it with {install}") from None
+
+
+def _word(name: str) -> str:
+    """A name that MATLAB takes for a variable."""
+    word = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
+    return word if word[:1].isalpha() else f"x{word}"
+
+
+def _matlab(value: Any) -> Any:
+    if value is None:
+        return np.nan
+    if isinstance(value, Mapping):
+        return {_word(name): _matlab(item) for name, item in value.items()}
+    if not isinstance(value, list):
+        return value
+    items = [_matlab(item) for item in value]
+    try:
+        numbers = np.array(items, dtype=float) if not any(isinstance(item, str | dict) for item in items) else None
+    except (TypeError, ValueError):  # lists of different lengths, or of texts
+        numbers = None
+    if numbers is not None:
+        return numbers
+    cells = np.empty(len(items), dtype=object)
+    for i, item in enumerate(items):
+        cells[i] = item
+    return cells

@@ -1,0 +1,289 @@
+"""Results as a person meets them: one line, a table in a notebook, a mapping, a file.
+
+A result says what it holds in a few words, and everything else follows from them:
+
+    "period [s] ~ period_error"             an attribute, its unit, its estimated relative error
+    "time_error [s]"                        without an error of its own
+    "amplitude [rad] +- amplitude_error"    an absolute error, in the same unit
+    "amplitude = orbit.amplitude [rad]"     a name for what is reached on a longer way; None where that breaks off
+    "number_of_points = orbits.size"        how many there are; a method is called
+
+The same attributes under the same names are in its line and in its mapping.  A number is shown to the digits that its
+error vouches for (checks.to_error); where the error is 0 the number was given, where there is none to six digits.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from .checks import error_text, known, shortened, to_error
+from .export import Columns, dataframe, plain, write_csv, write_json, write_mat
+
+_SAID = re.compile(
+    r"(?P<name>\w+)(?: = (?P<path>[\w.]+))?(?: \[(?P<unit>[^\]]+)\])?(?: (?P<sign>~|\+-) (?P<error>[\w.]+))?"
+)
+UNESTIMATED_DIGITS, UNKNOWN_DIGITS = 6, 3
+"""Digits of a number without an estimate of its error, and of one whose estimate is not finite."""
+MOST_SHOWN = 7
+"""Entries of a list that are shown; of a longer one, their number."""
+
+
+class Quantity(NamedTuple):
+    """One number or word of a result: name, value, unit, and absolute error (None: there is no estimate of one)."""
+
+    name: str
+    value: Any
+    unit: str = ""
+    error: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The value for a person."""
+        value = self.value
+        if isinstance(value, complex) and self.error is not None:
+            parts = [Quantity(self.name, part, error=self.error).text for part in (value.real, value.imag)]
+            return parts[0] if parts[1] == "0" else f"{parts[0]}{'' if parts[1][0] == '-' else '+'}{parts[1]}j"
+        if isinstance(value, float | np.floating):
+            return self._number(float(value))
+        return _text(value)
+
+    def _number(self, x: float) -> str:
+        if self.error is None or not math.isfinite(x):
+            return f"{x:.{UNESTIMATED_DIGITS}g}"
+        if not math.isfinite(self.error):
+            return f"{x:.{UNKNOWN_DIGITS}g}"
+        if self.error > abs(x):
+            return "0"
+        return to_error(x, self.error / abs(x) if x else 0.0)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Enum):
+        return value.name.lower().replace("_", " ")
+    if isinstance(value, Mapping):
+        words = [f"{key} {_text(item)}" for key, item in value.items()]
+        return f"({', '.join(words)})" if len(words) <= MOST_SHOWN else f"{len(words)} values"
+    if isinstance(value, np.ndarray | tuple | list):
+        short = len(value) <= MOST_SHOWN
+        return f"({', '.join(_text(item) for item in value)})" if short else f"{len(value)} values"
+    if isinstance(value, float | complex | np.inexact):
+        return f"{value:.{UNESTIMATED_DIGITS}g}"
+    return str(value)
+
+
+class Result:
+    """What every result can do; which attributes it shows and exports, its class says."""
+
+    _quantities: ClassVar[tuple[str, ...]] = ()
+    """What stands in the one line, too."""
+    _details: ClassVar[tuple[str, ...]] = ()
+    """What stands only in the mapping, and where it is a number or a word in the notebook's table."""
+
+    def _columns(self) -> Columns:
+        """The table of a result that is one; without columns where it is none."""
+        return {}
+
+    def _more(self) -> dict[str, Any]:
+        """What else the mapping holds."""
+        return {}
+
+    def quantities(self, details: bool = True) -> tuple[Quantity, ...]:
+        """The numbers and words of the result.
+
+        Parameters
+        ----------
+        details
+            also those that its line leaves out.
+
+        Returns
+        -------
+        Name, value, unit and estimated absolute error of each.
+        """
+        return tuple(_quantity(self, said) for said in self._quantities + (self._details if details else ()))
+
+    def __repr__(self) -> str:
+        said = [f"{q.name.replace('_', ' ')} {q.text}{q.unit and ' '}{q.unit}" for q in self.quantities(details=False)]
+        return f"<{type(self).__name__}: {', '.join(said)}>".replace("\n", " ")
+
+    def _repr_html_(self) -> str:
+        """The result as a table, for notebooks."""
+        rows = [(q.name.replace("_", " "), q.text, _error_text(q.error), q.unit) for q in _words(self.quantities())]
+        head = "".join(f"<th>{word}</th>" for word in ("", "value", "error", "unit"))
+        cells = ["".join(f"<td>{html.escape(shortened(cell))}</td>" for cell in row) for row in rows]
+        body = "".join(f"<tr>{row}</tr>" for row in cells)
+        caption = html.escape(type(self).__name__)
+        return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+    def to_dict(self, *, table: bool = True, strict: bool = True) -> dict[str, Any]:
+        """The result in plain Python, as json.dumps takes it.
+
+        Parameters
+        ----------
+        table
+            with its table under "table", column by column, where it has one.
+        strict
+            None for nan and infinity, which JSON does not have; False leaves them.
+
+        Returns
+        -------
+        Mapping from the names of attributes, "type" first; a Status is its name in small letters, a complex number a
+        pair.
+        """
+        found: dict[str, Any] = {"type": type(self).__name__}
+        for said in self._quantities + self._details:
+            name, path, _, _, error = _parts(said)
+            found[name] = _reached(self, path)
+            if error:
+                found[error.split(".")[-1] if path == name else f"{name}_error"] = _reached(self, error)
+        found |= self._more()
+        columns = self._columns() if table else {}
+        if columns:
+            found["table"] = columns
+        return {key: plain(value, strict=strict) for key, value in found.items()}
+
+    def plot(self, across: str = "", up: str = "", *, ax: Any, **style: Any) -> Any:
+        """Draw one column of its table over another.
+
+        Parameters
+        ----------
+        across, up
+            names of columns of numbers; default: the first two.
+        ax
+            matplotlib axes.
+        **style
+            for `ax.plot`.
+
+        Returns
+        -------
+        The axes.
+
+        Raises
+        ------
+        InputError : there is no such column.
+        """
+        columns = {name: column for name, column in self._columns().items() if _of_numbers(column)}
+        first, second, *_ = [*columns, "", ""]
+        across, up = known("column", across or first, columns), known("column", up or second, columns)
+        ax.plot(*(np.array(columns[name], dtype=float) for name in (across, up)), **style)
+        ax.set(xlabel=across, ylabel=up)
+        return ax
+
+    def _table(self) -> Columns:
+        """Its table; where it has none, its numbers and words in rows."""
+        columns = self._columns()
+        if columns:
+            return columns
+        listed = list(_words(self.quantities()))
+        return {
+            "quantity": [q.name for q in listed],
+            "value": [_text(q.value) if isinstance(q.value, Enum) else q.value for q in listed],
+            "error": [math.nan if q.error is None else q.error for q in listed],
+            "unit": [q.unit for q in listed],
+        }
+
+    def to_dataframe(self) -> Any:
+        """The table of the result as a pandas.DataFrame; where it has none, name, value, error and unit in rows.
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        return dataframe(self._table())
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table of `to_dataframe` to a CSV file, all digits of every number; nothing of pandas is needed.
+
+        Raises
+        ------
+        InputError, OSError : it cannot be written there, or the disk is full.
+        """
+        write_csv(self._table(), path)
+
+    def to_json(self, path: str | Path) -> None:
+        """Write `to_dict` to a JSON file.
+
+        Raises
+        ------
+        InputError, OSError : it cannot be written there, or the disk is full.
+        """
+        write_json(self.to_dict(), path)
+
+    def to_mat(self, path: str | Path) -> None:
+        """Write `to_dict` to a MATLAB file: a variable each, mappings as structs, None as nan.
+
+        Raises
+        ------
+        InputError : scipy is not installed, or it cannot be written there.
+        OSError : the disk is full.
+        """
+        write_mat(self.to_dict(strict=False), path)
+
+
+def columns_of(kind: type[Result], items: Iterable[Result]) -> Columns:
+    """A table of results of one kind, a row each: their quantities with the units in the names, and the errors.
+
+    Parameters
+    ----------
+    kind, items
+        the class, and its results.
+
+    Returns
+    -------
+    Columns.
+    """
+    columns: dict[str, list[Any]] = {}
+    rows = list(items)
+    for said in kind._quantities:
+        name, path, unit, _, error = _parts(said)
+        columns[f"{name}{unit and '_'}{unit}"] = [_reached(item, path) for item in rows]
+        if error:
+            columns[error.split(".")[-1]] = [_reached(item, error) for item in rows]
+    return columns
+
+
+def _parts(said: str) -> tuple[str, str, str, str, str]:
+    """(name, path, unit, sign of the error, path of the error) of an attribute as a class says it."""
+    match = _SAID.fullmatch(said)
+    assert match is not None, said
+    name, path, unit, sign, error = (part or "" for part in match.group("name", "path", "unit", "sign", "error"))
+    return name, path or name, unit, sign, error
+
+
+def _reached(result: Any, path: str) -> Any:
+    for name in path.split("."):
+        if name == "size" and isinstance(result, tuple):
+            result = len(result)
+        elif result is not None:
+            result = getattr(result, name)
+    return result() if callable(result) else result
+
+
+def _quantity(result: Any, said: str) -> Quantity:
+    name, path, unit, sign, error = _parts(said)
+    value, size = _reached(result, path), _reached(result, error) if error else None
+    if size is not None and sign == "~" and value is not None:
+        size = size * abs(value)
+    return Quantity(name, value, "" if value is None else unit, None if size is None else float(size))
+
+
+def _words(quantities: tuple[Quantity, ...]) -> Iterator[Quantity]:
+    """Those that are a number, a word or a truth value."""
+    for q in quantities:
+        if isinstance(q.value, str | int | float | Enum | np.generic) or q.value is None:
+            yield q
+
+
+def _of_numbers(column: Any) -> bool:
+    return not any(isinstance(value, str | Enum) for value in column)
+
+
+def _error_text(error: float | None) -> str:
+    return "" if error is None else "0" if error == 0 else error_text(error)

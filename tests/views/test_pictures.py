@@ -1,0 +1,156 @@
+"""Every picture joins a user's figure: it draws into the axes that it is given, into nothing else, and returns them."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import casahunt
+from casahunt import InputError, Servo, pictures
+
+SERVO = Servo()
+
+
+@cache
+def fold() -> casahunt.Fold:
+    return casahunt.find_fold(SERVO, "switch")
+
+
+@cache
+def branch() -> casahunt.Branch:
+    return casahunt.collect(SERVO, "switch", casahunt.diagram(SERVO, "switch", start=0.6))
+
+
+@cache
+def motion() -> casahunt.Trajectory:
+    return casahunt.simulate(SERVO, "switch", 0.04, time=60.0)
+
+
+@cache
+def record() -> casahunt.Record:
+    return casahunt.record_of(motion())
+
+
+@cache
+def tuning() -> casahunt.Tuning:
+    return casahunt.tune(SERVO, "switch")
+
+
+@cache
+def histogram_of() -> tuple[Any, ...]:
+    uncertainty = casahunt.Uncertainty({"friction.static": (0.525, 0.535)})
+    given = SERVO, "switch", uncertainty
+    samples = casahunt.sample_fold_gains(*given, 6, fold=fold())
+    worst = casahunt.worst_corner(*given, fold=fold())
+    return fold(), samples, worst, casahunt.compare_uncertainty(fold(), uncertainty, samples, worst)
+
+
+def folds() -> casahunt.FoldMap:
+    values = np.array([0.53, 0.535]), np.array([0.1, 0.11])
+    return casahunt.fold_map(SERVO, "switch", ("friction.static", "friction.viscous"), *values, fold=fold())
+
+
+DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
+    "bode": (4, lambda: (SERVO, [casahunt.linear_loop(SERVO, gain) for gain in (0.1, 0.4)])),
+    "cobweb": (1, lambda: (casahunt.fixed_points(SERVO, 0.6, 1e-3, 3e-3, points=10),)),
+    "diagram": (2, lambda: ([branch()],)),
+    "elasticities": (1, lambda: ([fold()], [casahunt.fold_sensitivities(fold())])),
+    "equilibria": (1, lambda: (casahunt.equilibria(SERVO, "switch", 0.1),)),
+    "fold_curves": (1, lambda: ([casahunt.fold_curve(
+        SERVO, "switch", vary="friction.static", start=0.53, end=0.54, points=2)],)),
+    "fold_map": (1, lambda: (folds(),)),
+    "folded_record": (2, lambda: (record(), casahunt.measure(record()), casahunt.find_orbit(SERVO, "switch", 0.04))),
+    "histogram": (1, histogram_of),
+    "motion": (3, lambda: (motion(),)),
+    "multipliers": (1, lambda: ([branch()],)),
+    "operating_point": (2, lambda: (tuning(), branch())),
+    "phase_portrait": (3, lambda: ([branch().orbits[0]],)),
+    "tasks": (3, lambda: ((0.3, tuning().verification.tasks), tuning().verification.tasks)),
+    "time_traces": (3, lambda: ([branch().orbits[0]],)),
+}  # fmt: skip
+"""By name: panels, and what is drawn."""
+
+
+def figure_for(name: str, panels: int) -> tuple[Figure, np.ndarray]:
+    """A figure of the user's with the panels and one more."""
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    space = {"projection": "3d"} if name == "phase_portrait" else {}
+    first = figure.add_subplot(1, panels + 1, 1, **space)
+    rest = [figure.add_subplot(1, panels + 1, i) for i in range(2, panels + 2)]
+    return figure, np.array([first, *rest], dtype=object)
+
+
+def content(axes: Axes) -> list[tuple[str, Any]]:
+    """What has been drawn: the data of every line, and how many things of other kinds there are."""
+    points = [line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data() for line in axes.get_lines()]
+    lines = [("line", np.array([np.asarray(x, float) for x in line]).tolist()) for line in points]
+    return [*lines, ("others", len(axes.collections) + len(axes.patches)), ("label", axes.get_ylabel())]
+
+
+def test_every_picture_is_tested():
+    assert sorted([*DRAWN, "save"]) == pictures.__all__
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_picture_is_drawn_into_the_axes_given(name):
+    panels, what = DRAWN[name]
+    draw, given = getattr(pictures, name), what()
+    keyword = "ax" if "ax" in inspect.signature(draw).parameters else "axes"
+    figure, all_of_them = figure_for(name, panels)
+    mine, other = all_of_them[:panels], all_of_them[panels]
+    drawn = draw(*given, **{keyword: mine[0] if keyword == "ax" else mine})
+    assert (drawn is mine[0]) if keyword == "ax" else (list(drawn) == list(mine))
+    assert not other.has_data() and other.get_legend() is None and not figure.legends
+    assert set(figure.axes) - set(all_of_them) == ({figure.axes[-1]} if name == "fold_map" else set())
+    figure.canvas.draw()  # whatever was given can be drawn
+
+    own = draw(*given)
+    alone = np.ravel(np.asarray(own, dtype=object))[0].get_figure()
+    assert alone is not figure and isinstance(alone, Figure)
+    for a, b in zip(np.ravel(own), np.ravel(drawn), strict=True):
+        assert str(content(a)) == str(content(b))
+        assert a.has_data() or name == "phase_portrait"
+
+
+@pytest.mark.parametrize("name", [name for name in DRAWN if DRAWN[name][0] > 1])
+def test_too_few_axes_are_refused(name):
+    panels, what = DRAWN[name]
+    _, axes = figure_for(name, panels)
+    with pytest.raises(InputError, match=f"must be {panels} matplotlib axes"):
+        getattr(pictures, name)(*what(), axes=axes[: panels - 1])
+
+
+def test_what_are_no_axes_is_refused():
+    with pytest.raises(InputError, match="axes = 'here': must be matplotlib axes"):
+        pictures.multipliers([branch()], ax="here")
+    with pytest.raises(InputError, match="three dimensions"):
+        pictures.phase_portrait([branch().orbits[0]], axes=Figure().subplots(3))
+
+
+def test_the_jacobian_takes_two_axes():
+    pair = Figure().subplots(1, 2)
+    drawn = pictures.equilibria(casahunt.equilibria(SERVO, "lugre", 0.1), axes=pair)
+    assert list(drawn) == list(pair) and all(ax.has_data() for ax in pair)
+
+
+def test_subfigures_are_written_with_their_figure(tmp_path):
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    ax = figure.subfigures(1, 2)[0].subplots()
+    pictures.save(pictures.multipliers([branch()], ax=ax), tmp_path / "both.png")
+    assert (tmp_path / "both.png").stat().st_size > 1000
+
+
+def test_there_is_nothing_else_in_the_module():
+    with pytest.raises(AttributeError, match="no attribute 'draw'"):
+        pictures.draw  # noqa: B018
+    assert set(pictures.__all__) <= set(dir(pictures))
