@@ -143,7 +143,7 @@ def test_there_are_commands():
 
 
 def test_every_command_that_is_named_stands_in_a_block():
-    """What a page shows inside a sentence is a word of it, `casahunt COMMAND`, not a line to be typed unseen by tests."""
+    """What stands inside a sentence is a word of it, `casahunt COMMAND`, not a line to be typed unseen by tests."""
     for text in PAGES:
         prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
         for said in re.findall(r"`casahunt ([^`]+)`", prose):
