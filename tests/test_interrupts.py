@@ -19,8 +19,9 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 COMMAND_LINE = """
 import os, signal, sys, time
-sys.argv = ["casahunt", "loop"]
+sys.argv = ["casahunt", "loop", "--gain", "1"]
 from casahunt import NoOrbit, cli, interrupts
+from casahunt.views.commands import loop
 
 def wait(seconds=120.0, said=[]):
     if not said:
@@ -36,7 +37,7 @@ def swallow(work=wait):
     except KeyboardInterrupt:
         pass
 
-cli.command_loop.run = lambda options: work(options)
+loop.run = lambda options: work(options)
 """
 
 

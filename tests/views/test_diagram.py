@@ -59,7 +59,7 @@ def test_diagram(capsys, tmp_path):
     assert len(lines) == len(rows)
     for special in branch.special:
         assert f"switch  {special.meaning}" in lines and special.meaning in " ".join(text.split())
-    assert text.startswith(f"switch: {len(points)} points; ") and text.endswith(f"written to {out}\n")
+    assert text.startswith(f"switch: {len(points)} points; ") and " ".join(text.split()).endswith(f"written to {out}")
 
     files, gains = set(contents(out)), [float(row["gain"]) for row in rows]
     code, text, err = run(capsys, *command, "--quiet", "--json")

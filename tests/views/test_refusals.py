@@ -191,7 +191,7 @@ def test_no_fold_without_hunting(capsys):
 
 
 def test_words_of_an_error_are_explained_below_it_once(capsys):
-    cases = ((["--gain", "0.8"], "fold: ", "bristle"), (["--gain", "1", *NO_DROP], "stick", "fold: "))
+    cases = (["--gain", "0.8"], "fold: ", "bristle"), (["--gain", "1", *NO_DROP], "stick position: ", "fold: ")
     for words, told, untold in cases:
         code, out, err = run(capsys, "orbit", *words)
         complaint, _, explained = err.partition(MEANINGS)
