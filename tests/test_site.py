@@ -67,6 +67,12 @@ def test_tustins_law(capsys):
     assert scope["orbit"].stable
 
 
+def test_results_as_they_are_shown(capsys):
+    scope = run("python.md")
+    printed = capsys.readouterr().out
+    assert "0.0500469727" in printed and "amplitude" in printed and len(scope["axes"]) == 3
+
+
 def test_many_servos(capsys):
     scope = run("uncertainty.md")
     folds = scope["folds"]

@@ -44,7 +44,8 @@ def motion(model, gain):
     return [m.sample([1.0, 5.0, 10.0]), friction_torque(m, [1.0, 5.0, 9.0])]
 
 def points(gain):
-    return [fixed_points(servo, gain, 0.02, 0.06, points=4)]
+    seen = fixed_points(servo, gain, 0.02, 0.06, points=4)
+    return [seen.to_dict(), *seen.points]
 
 def bits(job):
     function, *given = job

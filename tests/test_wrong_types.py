@@ -10,6 +10,9 @@ import pytest
 
 import casahunt
 from casahunt import Controller, Friction, InputError, Options, Pid, Servo, Uncertainty
+from casahunt.continuation import follow
+from casahunt.motion import simulate as simulate_system
+from casahunt.orbits import find_cycle
 from casahunt.servo.linear_loop import linear_loop
 
 SERVO = Servo()
@@ -70,7 +73,6 @@ REFUSED = {
     "degree = 2.5: must be a whole number, at least 1": lambda: Options(degree=2.5),
     "degree = -1: must be a whole number": lambda: Options(degree=-1),
     "degree = '3': must be a finite number": lambda: Options(degree="3"),
-    "unknown kind 'lobatto' (known: gauss, radau)": lambda: Options(kind="lobatto"),
     "half = 1 (of type int): must be a bool": lambda: Options(half=1),
     "intervals = [('friction.static', (0.5, 0.6))] (of type list)": lambda: Uncertainty(
         [("friction.static", (0.5, 0.6))]
@@ -90,6 +92,9 @@ REFUSED = {
     "uncertainty = 'friction.toml' (of type str)": lambda: casahunt.worst_corner(SERVO, "switch", "friction.toml"),
     "demands = 0.2 (of type float): must be a Demands": lambda: casahunt.tune(SERVO, "switch", demands=0.2),
     "unknown free 'lead'": lambda: casahunt.tune(SERVO, "switch", free="lead"),
+    "system = 'belt' (of type str): must be a System": lambda: find_cycle("belt", x=0.0),
+    "system = None (of type NoneType)": lambda: simulate_system(None, duration=1.0, x=0.0),
+    "orbit = 'orbit.npz' (of type str): must be an Orbit": lambda: follow("orbit.npz", "belt", to=1.0),
     "record = 'record.csv' (of type str): must be a Record": lambda: casahunt.measure("record.csv"),
 }
 

@@ -16,7 +16,7 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
-from ..checks import known, number
+from ..checks import known, number, of_kind
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..orbits.adapt import Options
@@ -164,6 +164,7 @@ def follow(
     >>> [special.kind for special in branch.special]
     ['flip']
     """
+    of_kind("orbit", orbit, Orbit)
     known("parameter", vary, orbit.problem.names)
     here, to = orbit.problem.value(vary), number("to", to)
     back = here if back is None else number("back", back)

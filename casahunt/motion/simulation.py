@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import given_once, require
+from ..checks import given_once, of_kind, require
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, scheme
 from ..errors import NoOrbit, Status
@@ -202,6 +202,7 @@ def simulate(
     >>> [crossing.event for crossing in simulate(belt, "slip", x=0.0, v=0.0, duration=15.0).events]
     ['catches up', 'breaks away', 'catches up']
     """
+    of_kind("system", system, System)
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)
     p, x = system.values(parameters), system.state(given_once(start, states), parameters)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -84,7 +84,6 @@ class Options:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
         known("solver", self.solver, SOLVERS)
         whole("degree", self.degree or 1, at_least=1)
-        known("kind", self.kind or "gauss", get_args(Kind))
         of_kind("half", self.half, bool)
 
     def scheme_of(self, problem: Problem) -> tuple[int, Kind]:

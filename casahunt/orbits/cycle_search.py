@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..checks import given_once, known
+from ..checks import given_once, known, of_kind
 from ..collocation.interval import field_at
 from ..collocation.scheme import scheme
 from ..errors import NoOrbit, Status
@@ -120,7 +120,7 @@ def find_cycle(
     11.712
     """
     began = time.perf_counter()
-    names = system.names.parameters
+    names = of_kind("system", system, System).names.parameters
     search = _Search(
         system=system,
         p=system.values(parameters),

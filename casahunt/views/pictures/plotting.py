@@ -65,12 +65,12 @@ NEUTRAL = "#444444"
 """Colour of what belongs to no model."""
 
 
-def save(drawn: Any, path: str | Path) -> None:
+def save(picture: Any, path: str | Path) -> None:
     """Write a picture.
 
     Parameters
     ----------
-    drawn
+    picture
         a figure, or the axes that a picture was drawn into, whose whole figure is written.
     path
         the file; its suffix decides on the format, PNG has 150 dpi.
@@ -91,17 +91,17 @@ def save(drawn: Any, path: str | Path) -> None:
     ...     Path(folder, "orbit.png").read_bytes()[1:4]
     b'PNG'
     """
-    path, figure = Path(path), figure_of(drawn)
+    path, figure = Path(path), figure_of(picture)
     suffixes = sorted(figure.canvas.get_supported_filetypes())
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in suffixes:
         raise InputError(f"figure {str(path)!r}: the suffix must be one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
-    written = io.BytesIO()
-    figure.savefig(written, dpi=DPI, format=suffix)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=DPI, format=suffix)
     with whole(path) as stream:
-        stream.write(written.getvalue())
+        stream.write(drawn.getvalue())
 
 
 def figure_of(drawn: Any) -> Figure:
