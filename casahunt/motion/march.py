@@ -26,7 +26,7 @@ from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
 from .march_series import Reached, StepVanished, follow, intervals_of
 from .march_step import Stepper, last_mode, predict, reaches
-from .series import Step, expansion
+from .series import Step, TooMany, series_of
 
 Array = np.ndarray
 
@@ -285,7 +285,7 @@ def _followed(
 
     stretches: list[list[Step]] = []
     reached = Reached(0.0, x / scale, None, False, 0.0)
-    series = None if mode.stiff else expansion(mode.field, mode.sign, p, scale)
+    series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
         try:
             stretches, reached = follow(
@@ -293,7 +293,12 @@ def _followed(
             )
         except StepVanished as vanished:
             raise MarchFailure(f"mode {name!r}: {VANISHED} at {vanished.time:.6g} s") from None
-    lengths, pieces = intervals_of(mode, stepper, stretches, tol, ACCEPTED_ERROR * tol)
+    try:
+        lengths, pieces = intervals_of(mode, stepper, stretches, tol, ACCEPTED_ERROR * tol, max_intervals)
+    except TooMany:
+        raise MarchFailure(
+            f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals"
+        ) from None
     if not reached.over:
         reached = _collocated(mode, exits, stepper, reached, tol, max_time, max_intervals, passes, lengths, pieces)
     breaks = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -319,7 +324,7 @@ def _collocated(
     d = stepper.scheme.degree
     t, start, h = begun.time, begun.x, begun.length
     slope: Array | None = None  # where the interval does not start on an event
-    if t == 0:
+    if h == 0:
         slope = stepper.slope(start)
         h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: tuple[Array, float] | None = None

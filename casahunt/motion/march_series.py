@@ -24,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import effort
-from ..collocation.admissibility import hides
+from ..collocation.admissibility import LARGEST_JUMP, hides
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
 from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
 from .march_step import Stepper, last_mode
-from .series import LOOKS, ORDER, Expansion, Step, at, meshed, powers, reach, stretched
+from .series import LOOKS, ORDER, TOGETHER, Series, Step, Steps, at, cut_off, looked_at, meshed
 
 Array = np.ndarray
 
@@ -38,11 +38,11 @@ SERIES_TOLERANCE, LEAST_TERM = 1e-4, 1e-17
 MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
 """Difference of the slopes where two steps meet, times the step, in units of the bound of the last terms; and at least,
 in units of the states."""
-LONGER_STEP = 100.0
-"""A step in units of the one before, at most."""
+LONGEST_TIME = 1e300
+"""A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
-FIRST_TRIAL, STIFF = 8, 8.0
+FIRST_TRIAL, STIFF = 8, 40.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
 _AHEAD = JUST_BEHIND ** np.arange(ORDER + 1.0)
@@ -66,6 +66,14 @@ class Reached(NamedTuple):
     length: float
 
 
+class NotLocated(Exception):
+    """An event that is crossed in a step, whose number this is, and vanishes nowhere in it."""
+
+    def __init__(self, step: int) -> None:
+        super().__init__(step)
+        self.step = step
+
+
 class StepVanished(Exception):
     """A step that is too short, at this time."""
 
@@ -78,7 +86,7 @@ def follow(
     mode: Mode,
     exits: tuple[Exit, ...],
     stepper: Stepper,
-    series: Expansion,
+    series: Series,
     x: Array,
     tol: float,
     max_time: float,
@@ -113,102 +121,122 @@ def follow(
     """
     theta = max(SERIES_TOLERANCE * tol, LEAST_TERM)
     stretches: list[list[Step]] = [[]]
-    t, taken, fresh, h = 0.0, 0, True, 1.0
-    C = series(x, h)
-    while True:
-        if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
-            return stretches, Reached(t, x, None, True, h)
-        s = reach(C, theta)
-        if np.isnan(s) or taken >= most or _is_stiff(stepper, x, h * s, tol, taken):
-            return stretches, Reached(t, x, None, False, h if np.isnan(s) else h * s)
+    t, h, taken, trial = 0.0, 1.0, 0, FIRST_TRIAL
+    longest, fresh = np.inf, True
+    while t < max_time * (1 - 1e-15):  # beyond, it is at rest for ever, or as good as; the rest is rounding
+        if taken >= trial:
+            if taken >= most or _is_stiff(stepper, x, h, tol):
+                return stretches, Reached(t, x, None, False, h)
+            trial *= 2
         effort.interval()
-        longest = min(max_time - t, LONGER_STEP * h if taken else np.inf, 1e300)
-        C, h = (stretched(C, longest / h), longest) if h * s > longest else (stretched(C, s), h * s)
-        while True:
-            if h < vanishing * max(t, 1.0):
-                raise StepVanished(t)
-            points = powers(LOOKS) @ C
-            way_out, s = first_exit(exits, stepper, C, points, fresh)
-            end = points[-1] if way_out is None else at(C, s)
-            ahead = series(end, h * s)
-            if _as_foretold(mode, stepper, C, points, s, end, ahead, theta, way_out is not None):
-                break
-            C, h = stretched(C, 0.5), 0.5 * h
-        h *= s
-        stretches[-1].append(Step(t, h, C if s == 1.0 else stretched(C, s)))
-        t, x, C, taken, fresh = t + h, end, ahead, taken + 1, way_out is not None
+        steps = series(x, h, longest, min(max_time - t, LONGEST_TIME), theta)
+        began = t + np.concatenate([[0.0], np.cumsum(steps.h)])
+        known, right = _numbers(steps, began, max_time), 0
+        if known:
+            points = looked_at(steps, known)
+            right = _right(mode, stepper, steps, points, known, theta)
+        j, s, way_out = right, 1.0, None
+        lost = False
+        if right and exits:
+            try:
+                j, s, way_out = first_exit(exits, stepper, steps.C, points[: right * LOOKS + 1], fresh)
+            except NotLocated as refusal:
+                j, lost = refusal.step, True
+        stretches[-1] += [Step(float(began[i]), float(steps.h[i]), steps.C[i]) for i in range(j)]
+        taken += j
         if way_out is not None:
+            C, h = cut_off(steps.C[j], s), s * float(steps.h[j])
+            stretches[-1].append(Step(float(began[j]), h, C))
+            t, x, longest, fresh = float(began[j]) + h, C.sum(axis=0), np.inf, True
             if not passes(way_out, x):
                 return stretches, Reached(t, x, way_out, True, h)
             stretches.append([])
+            continue
+        if j:
+            t, x, h, fresh = float(began[j]), steps.ends[j - 1], float(steps.h[j - 1]), False
+        longest = np.inf
+        if lost:
+            return stretches, Reached(t, x, None, False, h)
+        if j < known:  # hides something: it is taken again, and shorter
+            h = longest = 0.5 * float(steps.h[j])
+            if h < vanishing * max(t, 1.0):
+                raise StepVanished(t)
+        elif j < TOGETHER and t < max_time * (1 - 1e-15):
+            return stretches, Reached(t, x, None, False, h if j or taken else 0.0)
+    return stretches, Reached(t, x, None, True, h)
 
 
-def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float, taken: int) -> bool:
-    """Whether an interval of so many steps is resolved, looked at now and then."""
-    if taken < FIRST_TRIAL or taken & (taken - 1):
-        return False
+def _numbers(steps: Steps, began: Array, max_time: float) -> int:
+    """How many steps are numbers, in the time that there is."""
+    bad = ~np.isfinite(steps.ends).all(axis=1) | ~np.isfinite(steps.C).all(axis=(1, 2)) | ~(steps.h > 0)
+    bad |= began[:-1] >= max_time * (1 - 1e-15)
+    return int(np.argmax(bad)) if bad.any() else TOGETHER
+
+
+def _right(mode: Mode, stepper: Stepper, steps: Steps, points: Array, known: int, theta: float) -> int:
+    """How many steps have hidden nothing: their slope at the end is that of the field there, no feature jumps."""
+    size = np.maximum(1.0, np.max(np.abs(steps.ends[:known]), axis=1))
+    bad = steps.off[:known] > MISMATCH * theta + LEAST_MISMATCH * size
+    if mode.feature is not None:
+        values = np.asarray(mode.feature(points.T * stepper.scale[:, None], stepper.p), float)
+        bad |= np.max(np.abs(np.diff(values)).reshape(known, LOOKS), axis=1) > LARGEST_JUMP
+    return int(np.argmax(bad)) if bad.any() else known
+
+
+def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
+    """Whether an interval of so many steps is resolved."""
     solved = stepper(x, np.tile(x, stepper.scheme.degree), STIFF * h, tol)
     return solved is not None and last_mode(stepper.scheme, x, solved[0]) <= tol
 
 
-def _as_foretold(
-    mode: Mode, stepper: Stepper, C: Array, points: Array, s: float, end: Array, ahead: Array, theta: float, exits: bool
-) -> bool:
-    """Whether a step up to s has hidden nothing: its slope at the end is that of the field there."""
-    slope = (np.arange(1.0, ORDER + 1) * s ** np.arange(1.0, ORDER + 1)) @ C[1:]
-    off = float(np.max(np.abs(slope - ahead[1])))
-    if not (off <= MISMATCH * theta + LEAST_MISMATCH * max(1.0, float(np.max(np.abs(end)))) or np.isnan(off)):
-        return False
-    if mode.feature is None:
-        return True
-    if exits:
-        places = np.linspace(0, s, LOOKS)
-        points = np.vander(places, ORDER + 1, increasing=True) @ C
-    return not bool(hides(mode.feature, points[None] * stepper.scale, stepper.p)[0])
-
-
 def first_exit(
     exits: tuple[Exit, ...], stepper: Stepper, C: Array, points: Array, fresh: bool
-) -> tuple[Exit | None, float]:
-    """The first exit of a step.
+) -> tuple[int, float, Exit | None]:
+    """The first exit of steps in a row.
 
     Parameters
     ----------
     exits, stepper
         of the mode.
     C, points
-        (P + 1, n) coefficients of the step, (`LOOKS`, n) states along it.
+        (K, P + 1, n) coefficients of the steps; states at which they are looked at.
     fresh
-        the step may begin on an event, of which is seen to which side it is left.
+        the first step may begin on an event, of which is seen to which side it is left.
 
     Returns
     -------
-    Exit and place 0 < s <= 1; None and 1 where there is none.
+    Number of the step, place 0 < s <= 1 in it, and exit; the number of steps, 1 and None where there is none.
+
+    Raises
+    ------
+    NotLocated : an event is crossed, and vanishes nowhere.
     """
-    if not exits:
-        return None, 1.0
+    looks = len(points)
     if fresh:
-        points = np.vstack([points, _AHEAD @ C])
+        points = np.vstack([points, _AHEAD @ C[0]])
     states = points.T * stepper.scale[:, None]
     best: Exit | None = None
-    first, place = LOOKS, 1.0
+    first, place = looks - 1, 1.0
     for way_out in exits:
         h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, stepper.p), float)
-        inside = h[: LOOKS - 1] < 0
+        inside = h[: looks - 1] < 0
         if fresh and abs(h[0]) <= ON_EVENT:
-            begins = float(h[LOOKS]) - h[0]
+            begins = float(h[looks]) - h[0]
             inside[0] = begins < 0 if begins != 0 else h[1] < 0
-        crossed = np.flatnonzero(inside & (h[1:LOOKS] > 0))
+        crossed = np.flatnonzero(inside & (h[1:looks] >= 0))
         if not crossed.size or crossed[0] > first:
             continue
         k = int(crossed[0])
-        s = _root(way_out, stepper, C, k, float(h[k]), float(h[k + 1]))
-        if s is not None and (k < first or s < place):
+        low = (k % LOOKS) / LOOKS
+        s = _root(way_out, stepper, C[k // LOOKS], low, float(h[k]), float(h[k + 1]))
+        if s is None:
+            raise NotLocated(k // LOOKS)
+        if k < first or best is None or s < place:
             best, first, place = way_out, k, s
-    return best, place
+    return (first // LOOKS, place, best) if best is not None else ((looks - 1) // LOOKS, 1.0, None)
 
 
-def _root(way_out: Exit, stepper: Stepper, C: Array, k: int, f_low: float, f_high: float) -> float | None:
+def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f_high: float) -> float | None:
     """The place between two looks where an event vanishes; None where it does not, as one that is no number."""
 
     def value(s: float) -> float:
@@ -217,24 +245,27 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, k: int, f_low: float, f_hig
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    low, high = k / (LOOKS - 1), (k + 1) / (LOOKS - 1)
+    high = low + 1 / LOOKS
+    if f_high == 0:
+        return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)
-    s = bracket.illinois
-    near = False
+    s, best, left, near = bracket.illinois, high, np.inf, False
     for _ in range(EXIT_ROUNDS):
         f = value(s)
         if np.isnan(f):
             return None
+        if abs(f) < left:
+            best, left = s, abs(f)
         if f == 0 or near or bracket.width < 1e-15:
             break
-        near = abs(f) <= tolerance  # one step more leaves rounding
+        near = left <= tolerance  # one step more leaves rounding
         bracket = bracket.told(s, f)
         s = bracket.illinois
-    return s if abs(f) <= EVENT_LIMIT else None
+    return best if left <= EVENT_LIMIT else None
 
 
 def intervals_of(
-    mode: Mode, stepper: Stepper, stretches: list[list[Step]], tol: float, accepted: float
+    mode: Mode, stepper: Stepper, stretches: list[list[Step]], tol: float, accepted: float, most: int
 ) -> tuple[list[float], list[Array]]:
     """The intervals of a motion that was followed by series.
 
@@ -244,12 +275,16 @@ def intervals_of(
         the mode and its intervals.
     stretches
         what was followed; a node stands where one ends.
-    tol, accepted
-        last Legendre coefficient that intervals are chosen for; the largest that one may have.
+    tol, accepted, most
+        last Legendre coefficient that intervals are chosen for; the largest that one may have; how many there may be.
 
     Returns
     -------
     Lengths, and (R,) start and stages of each, scaled.
+
+    Raises
+    ------
+    TooMany : more than `most` are needed.
     """
 
     def hidden(states: Array) -> Array:
@@ -261,7 +296,7 @@ def intervals_of(
     pieces: list[Array] = []
     for steps in stretches:
         if steps:
-            breaks, w = meshed(steps, stepper.scheme, tol, accepted, hidden)
+            breaks, w = meshed(steps, stepper.scheme, tol, accepted, hidden, most - len(lengths))
             lengths += [float(h) for h in np.diff(breaks)]
             pieces += list(w)
     return lengths, pieces

@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from ..collocation.scheme import Scheme
@@ -30,14 +31,25 @@ from .recursion import coefficients
 Array = np.ndarray
 
 ORDER = 24
-LOOKS = 25
-"""Places of a step, both ends among them, at which it is looked at."""
-WITHIN_TOLERANCE = 0.9
-"""Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance."""
+TOGETHER = 8
+"""Steps that are taken before they are looked at: what leads beyond an event costs less than looking at each."""
+LOOKS = 16
+"""Parts of a step between which it is looked at."""
+LONGER = 100.0
+"""A step in units of the one before, at most."""
+LONGEST, SHORTEST = 700.0, 1e-300
+"""Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
+WITHIN_TOLERANCE, MOST_STEPS = 0.75, 2.0
+"""Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance; and at most, in steps:
+these are short where neighbouring motions part or meet fast, which the motion itself does not show."""
 MONITORED = 9
 """Places of a step, both ends among them, at which the lengths of intervals are chosen."""
 MOST_HALVINGS = 40
 _POWERS = np.arange(ORDER + 1.0)
+
+
+class TooMany(Exception):
+    """A mesh needs more intervals than there may be."""
 
 
 class Step(NamedTuple):
@@ -48,31 +60,109 @@ class Step(NamedTuple):
     C: Array
 
 
-class Expansion:
-    """The series of one mode at any state, compiled."""
+class Steps(NamedTuple):
+    """Steps in a row.
+
+    Attributes
+    ----------
+    h : (K,) lengths.
+    C : (K, P + 1, n) coefficients of powers of s, scaled.
+    ends : (K, n) states at their ends.
+    off : (K,) by how much the slope of a series at the end of its step is not that of the field there, times h.
+    """
+
+    h: Array
+    C: Array
+    ends: Array
+    off: Array
+
+
+class Series:
+    """The steps of one mode from any state, compiled: `TOGETHER` in a row."""
 
     def __init__(self, function: Caller, sign: float, p: Array, scale: Array) -> None:
-        self._trigger = function.buffers.trigger
-        self._x, signs, parameters, scales, self._unit = function.buffers.inputs
-        self._out = function.buffers.outputs[0]
+        buffers = function.buffers
+        self._trigger, self._out = buffers.trigger, buffers.outputs
+        self._x, self._first, signs, parameters, scales = buffers.inputs
         self._fixed = ((signs, sign), (parameters, p), (scales, scale))
 
-    def __call__(self, x: Array, unit: float) -> Array:
-        """(P + 1, n) coefficients at a scaled state, of powers of t/unit."""
+    def __call__(self, x: Array, unit: float, longest: float, left: float, theta: float) -> Steps:
+        """The next steps.
+
+        Parameters
+        ----------
+        x
+            (n,) scaled state.
+        unit
+            a time that is neither much longer nor much shorter than a step.
+        longest, left
+            longest that the first one may be, and all of them together.
+        theta
+            bound of the last terms.
+
+        Returns
+        -------
+        Steps; no number from where on a coefficient is none, of length 0 when the time is over.
+        """
         for store, value in self._fixed:
             store[:] = value
-        self._x[:], self._unit[0] = x, unit
+        self._x[:], self._first[:] = x, (unit, longest, left, theta)
         self._trigger()
-        return self._out.copy()
+        h, C, ends, off = (out.copy() for out in self._out)
+        return Steps(h, C, ends, off)
+
+
+def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
+    """(x, unit, longest, left, theta, sign, p, scale) -> (h, C, end, off) of one step; None without a series."""
+    function = coefficients(field, n, parameters, ORDER)
+    if function is None:
+        return None
+    x, unit, longest, left, theta = (ca.SX.sym(name, rows) for name, rows in zip(
+        ("x", "unit", "longest", "left", "theta"), (n, 1, 1, 1, 1), strict=True))  # fmt: skip
+    sign, p, scale = ca.SX.sym("sign"), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    c = function(x, sign, p, scale, unit)
+    sizes = ca.fmax(1, ca.fabs(x))
+    largest = [ca.mmax(ca.fabs(c[:, k]) / sizes) for k in range(1, ORDER + 1)]
+    bounds = [1.0] * (ORDER - 2) + [theta / ca.mmax(sizes)] * 2
+    logarithm = ca.SX(LONGEST)
+    for k, (size, bound) in enumerate(zip(largest, bounds, strict=True), 1):
+        logarithm = ca.fmin(logarithm, (ca.log(bound) - ca.log(size)) / k)
+    h = ca.fmin(ca.fmin(unit * ca.exp(logarithm), longest), left)
+    factor, columns = h / unit, [x]
+    power = ca.SX(1)
+    for k in range(1, ORDER + 1):
+        power = power * factor
+        columns.append(c[:, k] * power)
+    C = ca.horzcat(*columns)
+    end = ca.mtimes(C, ca.DM.ones(ORDER + 1))
+    slope = ca.SX(field(scale * end, p, sign)) / scale
+    off = ca.mmax(ca.fabs(ca.mtimes(C, ca.DM(_POWERS)) - h * slope))
+    return ca.Function(
+        "step", [x, unit, longest, left, theta, sign, p, scale], [h, ca.densify(C), ca.densify(end), off]
+    )
 
 
 @kept(maxsize=64)
 def _compiled(field: Field, n: int, parameters: int) -> Caller | None:
-    function = coefficients(field, n, parameters, ORDER)
-    return None if function is None else caller(function, [n, 1, parameters, n, 1], [(ORDER + 1, n)])
+    """`TOGETHER` steps in a row."""
+    step = _one_step(field, n, parameters)
+    if step is None:
+        return None
+    x, first = ca.MX.sym("x", n), ca.MX.sym("first", 4)
+    sign, p, scale = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n)
+    end, (unit, longest, left, theta) = x, ca.vertsplit(first)
+    found: list[tuple[ca.MX, ...]] = []
+    for _ in range(TOGETHER):
+        h, C, end, off = step(end, unit, longest, left, theta, sign, p, scale)
+        found.append((h, C, end, off))
+        left, unit, longest = left - h, ca.fmax(h, SHORTEST), LONGER * h
+    outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
+    function = ca.Function("steps", [x, first, sign, p, scale], outputs)
+    shapes = [TOGETHER, (TOGETHER, ORDER + 1, n), (TOGETHER, n), TOGETHER]
+    return caller(function, [n, 4, 1, parameters, n], shapes)
 
 
-def expansion(field: Field, sign: float, p: Array, scale: Array) -> Expansion | None:
+def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | None:
     """The series along a field.
 
     Parameters
@@ -84,50 +174,27 @@ def expansion(field: Field, sign: float, p: Array, scale: Array) -> Expansion | 
 
     Returns
     -------
-    Expansion; None where the field has no series.
+    Series; None where the field has none.
     """
     function = _compiled(field, scale.size, p.size)
-    return None if function is None else Expansion(function, sign, p, scale)
+    return None if function is None else Series(function, sign, p, scale)
 
 
-def reach(C: Array, theta: float) -> float:
-    """How far a series may be used.
-
-    Parameters
-    ----------
-    C
-        (P + 1, n) coefficients of powers of s.
-    theta
-        bound of the last terms.
-
-    Returns
-    -------
-    The largest s; infinite where nothing moves, nan where a coefficient is no number.
-    """
-    size = np.max(np.abs(C) / np.maximum(1.0, np.abs(C[0])), axis=1)
-    size[0] = 0.0
-    bound = np.ones(ORDER + 1)
-    bound[-2:] = theta / np.maximum(1.0, np.max(np.abs(C[0])))
-    with np.errstate(divide="ignore"):
-        logarithms = (np.log(bound[1:]) - np.log(size[1:])) / _POWERS[1:]
-    return float(np.exp(min(np.min(logarithms), 700.0)))
-
-
-def stretched(C: Array, factor: float) -> Array:
-    """Coefficients of powers of s/factor from those of powers of s.
+def cut_off(C: Array, s: float) -> Array:
+    """Coefficients of a step that ends at s of the longer one.
 
     Parameters
     ----------
     C
         (P + 1, n) coefficients.
-    factor
-        the part of s that becomes one.
+    s
+        the place in the step that becomes its end.
 
     Returns
     -------
     (P + 1, n).
     """
-    return C * (factor**_POWERS)[:, None]
+    return C * (s**_POWERS)[:, None]
 
 
 def at(C: Array, s: float) -> Array:
@@ -135,10 +202,23 @@ def at(C: Array, s: float) -> Array:
     return (s**_POWERS) @ C
 
 
-@lru_cache(maxsize=8)
-def powers(count: int) -> Array:
-    """(count, P + 1) powers of so many places of a step."""
-    return np.vander(np.linspace(0, 1, count), ORDER + 1, increasing=True)
+_LOOKED_AT = np.vander(np.arange(LOOKS) / LOOKS, ORDER + 1, increasing=True)
+
+
+def looked_at(steps: Steps, count: int) -> Array:
+    """The states at which steps are looked at.
+
+    Parameters
+    ----------
+    steps, count
+        the steps, and how many of them.
+
+    Returns
+    -------
+    (count LOOKS + 1, n) scaled states, the end of the last one among them.
+    """
+    inner = np.matmul(_LOOKED_AT, steps.C[:count])
+    return np.vstack([inner.reshape(-1, inner.shape[2]), steps.ends[count - 1]])
 
 
 @lru_cache(maxsize=16)
@@ -173,7 +253,7 @@ def values_at(steps: Sequence[Step], times: Array) -> Array:
 
 
 def meshed(
-    steps: Sequence[Step], s: Scheme, tol: float, accepted: float, hidden: Callable[[Array], Array]
+    steps: Sequence[Step], s: Scheme, tol: float, accepted: float, hidden: Callable[[Array], Array], most: int
 ) -> tuple[Array, Array]:
     """A mesh for a motion, with its stages.
 
@@ -187,18 +267,27 @@ def meshed(
         last Legendre coefficient that intervals are chosen for; the largest that one may have.
     hidden
         (N, d + 2, n) scaled points of intervals to (N,) those that hide something of the field.
+    most
+        intervals that there may be.
 
     Returns
     -------
     (N + 1,) breaks from the first to the last time, and (N, R) start and stages of each interval.
+
+    Raises
+    ------
+    TooMany : more than `most` are needed.
     """
     d = s.degree
     lengths = np.array([step.length for step in steps])
     kappa = math.factorial(d) ** 2 / math.factorial(2 * d)
     top = np.max(np.abs(_derivative(d) @ np.array([step.C for step in steps])), axis=2)
-    density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE  # intervals in a step, were it like this all along
+    density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE
+    density = np.maximum(density, 1 / MOST_STEPS)  # intervals in a step, were it like this all along
     parts = (np.maximum(density[:, :-1], density[:, 1:]) / (MONITORED - 1)).ravel()
-    count = np.concatenate([[0.0], np.cumsum(parts + 1e-9 * lengths.repeat(MONITORED - 1) / lengths.sum())])
+    count = np.concatenate([[0.0], np.cumsum(parts)])
+    if not count[-1] <= most:
+        raise TooMany
     grid = [step.began + step.length * np.linspace(0, 1, MONITORED)[:-1] for step in steps]
     end = steps[-1].began + steps[-1].length
     breaks = np.interp(
