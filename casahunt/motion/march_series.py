@@ -42,9 +42,10 @@ LONGEST_TIME = 1e300
 """A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
-FIRST_TRIAL, STIFF = 8, 40.0
+FIRST_TRIAL, STIFF = 16, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
+_LOOKED_AT = np.vander(np.linspace(0, 1, LOOKS + 1), ORDER + 1, increasing=True)
 _AHEAD = JUST_BEHIND ** np.arange(ORDER + 1.0)
 
 
@@ -144,17 +145,18 @@ def follow(
                 j, lost = refusal.step, True
         stretches[-1] += [Step(float(began[i]), float(steps.h[i]), steps.C[i]) for i in range(j)]
         taken += j
-        if way_out is not None:
-            C, h = cut_off(steps.C[j], s), s * float(steps.h[j])
-            stretches[-1].append(Step(float(began[j]), h, C))
-            t, x, longest, fresh = float(began[j]) + h, C.sum(axis=0), np.inf, True
-            if not passes(way_out, x):
-                return stretches, Reached(t, x, way_out, True, h)
-            stretches.append([])
-            continue
         if j:
             t, x, h, fresh = float(began[j]), steps.ends[j - 1], float(steps.h[j - 1]), False
         longest = np.inf
+        if way_out is not None:
+            C, cut = cut_off(steps.C[j], s), s * float(steps.h[j])
+            if _ends_right(mode, stepper, series, C, cut, theta):
+                stretches[-1].append(Step(t, cut, C))
+                t, x, h, fresh = t + cut, C.sum(axis=0), cut, True
+                if not passes(way_out, x):
+                    return stretches, Reached(t, x, way_out, True, h)
+                stretches.append([])
+                continue
         if lost:
             return stretches, Reached(t, x, None, False, h)
         if j < known:  # hides something: it is taken again, and shorter
@@ -181,6 +183,14 @@ def _right(mode: Mode, stepper: Stepper, steps: Steps, points: Array, known: int
         values = np.asarray(mode.feature(points.T * stepper.scale[:, None], stepper.p), float)
         bad |= np.max(np.abs(np.diff(values)).reshape(known, LOOKS), axis=1) > LARGEST_JUMP
     return int(np.argmax(bad)) if bad.any() else known
+
+
+def _ends_right(mode: Mode, stepper: Stepper, series: Series, C: Array, h: float, theta: float) -> bool:
+    """The same of a step that ends on an event."""
+    states = _LOOKED_AT @ C
+    if series.mismatch(C, h) > MISMATCH * theta + LEAST_MISMATCH * max(1.0, float(np.max(np.abs(states[-1])))):
+        return False
+    return mode.feature is None or not bool(hides(mode.feature, states[None] * stepper.scale, stepper.p)[0])
 
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:

@@ -18,13 +18,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from ..collocation.interval import point_function
 from ..collocation.scheme import Scheme
-from ..compiled import Caller, caller, kept
+from ..compiled import Buffers, Caller, caller, kept
 from ..hybrid.system import Field
 from .recursion import coefficients
 
@@ -39,7 +40,7 @@ LONGER = 100.0
 """A step in units of the one before, at most."""
 LONGEST, SHORTEST = 700.0, 1e-300
 """Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
-WITHIN_TOLERANCE, MOST_STEPS = 0.75, 2.0
+WITHIN_TOLERANCE, MOST_STEPS = 0.75, 3.0
 """Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance; and at most, in steps:
 these are short where neighbouring motions part or meet fast, which the motion itself does not show."""
 MONITORED = 9
@@ -80,11 +81,8 @@ class Steps(NamedTuple):
 class Series:
     """The steps of one mode from any state, compiled: `TOGETHER` in a row."""
 
-    def __init__(self, function: Caller, sign: float, p: Array, scale: Array) -> None:
-        buffers = function.buffers
-        self._trigger, self._out = buffers.trigger, buffers.outputs
-        self._x, self._first, signs, parameters, scales = buffers.inputs
-        self._fixed = ((signs, sign), (parameters, p), (scales, scale))
+    def __init__(self, function: Caller, field: Caller, sign: float, p: Array, scale: Array) -> None:
+        self._steps, self._field, self._fixed = function.buffers, field.buffers, (sign, p, scale)
 
     def __call__(self, x: Array, unit: float, longest: float, left: float, theta: float) -> Steps:
         """The next steps.
@@ -104,12 +102,31 @@ class Series:
         -------
         Steps; no number from where on a coefficient is none, of length 0 when the time is over.
         """
-        for store, value in self._fixed:
-            store[:] = value
-        self._x[:], self._first[:] = x, (unit, longest, left, theta)
-        self._trigger()
-        h, C, ends, off = (out.copy() for out in self._out)
+        _fill(self._steps, x, (unit, longest, left, theta), *self._fixed)
+        h, C, ends, off = (out.copy() for out in self._steps.outputs)
         return Steps(h, C, ends, off)
+
+    def mismatch(self, C: Array, h: float) -> float:
+        """By how much the slope of a series at the end of its step is not that of the field there, times h.
+
+        Parameters
+        ----------
+        C, h
+            (P + 1, n) coefficients and length of the step.
+
+        Returns
+        -------
+        The largest difference.
+        """
+        _fill(self._field, C.sum(axis=0), *self._fixed)
+        return float(np.max(np.abs(_POWERS @ C - h * self._field.outputs[0])))
+
+
+def _fill(buffers: Buffers, *values: Any) -> None:
+    """Call a compiled function."""
+    for store, value in zip(buffers.inputs, values, strict=True):
+        store[:] = value
+    buffers.trigger()
 
 
 def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
@@ -143,8 +160,8 @@ def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
 
 
 @kept(maxsize=64)
-def _compiled(field: Field, n: int, parameters: int) -> Caller | None:
-    """`TOGETHER` steps in a row."""
+def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller] | None:
+    """`TOGETHER` steps in a row, and the field."""
     step = _one_step(field, n, parameters)
     if step is None:
         return None
@@ -159,7 +176,8 @@ def _compiled(field: Field, n: int, parameters: int) -> Caller | None:
     outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
     function = ca.Function("steps", [x, first, sign, p, scale], outputs)
     shapes = [TOGETHER, (TOGETHER, ORDER + 1, n), (TOGETHER, n), TOGETHER]
-    return caller(function, [n, 4, 1, parameters, n], shapes)
+    at_point = caller(point_function(field, n, parameters), [n, 1, parameters, n], [n])
+    return caller(function, [n, 4, 1, parameters, n], shapes), at_point
 
 
 def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | None:
@@ -177,7 +195,7 @@ def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | Non
     Series; None where the field has none.
     """
     function = _compiled(field, scale.size, p.size)
-    return None if function is None else Series(function, sign, p, scale)
+    return None if function is None else Series(*function, sign, p, scale)
 
 
 def cut_off(C: Array, s: float) -> Array:
