@@ -140,7 +140,8 @@ def follow(
         lost = False
         if right and exits:
             try:
-                j, s, way_out = first_exit(exits, stepper, steps.C, points[: right * LOOKS + 1], fresh)
+                over = began[right] >= max_time * (1 - 1e-15)
+                j, s, way_out = first_exit(exits, stepper, steps.C, points[: right * LOOKS + 1], fresh, over)
             except NotLocated as refusal:
                 j, lost = refusal.step, True
         stretches[-1] += [Step(float(began[i]), float(steps.h[i]), steps.C[i]) for i in range(j)]
@@ -200,7 +201,7 @@ def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
 
 
 def first_exit(
-    exits: tuple[Exit, ...], stepper: Stepper, C: Array, points: Array, fresh: bool
+    exits: tuple[Exit, ...], stepper: Stepper, C: Array, points: Array, fresh: bool, over: bool
 ) -> tuple[int, float, Exit | None]:
     """The first exit of steps in a row.
 
@@ -210,8 +211,9 @@ def first_exit(
         of the mode.
     C, points
         (K, P + 1, n) coefficients of the steps; states at which they are looked at.
-    fresh
-        the first step may begin on an event, of which is seen to which side it is left.
+    fresh, over
+        the first step may begin on an event, of which is seen to which side it is left; at the end of the last one the
+        time is over, and an event is met that the motion comes to there but for rounding.
 
     Returns
     -------
@@ -233,6 +235,8 @@ def first_exit(
         if fresh and abs(h[0]) <= ON_EVENT:
             begins = float(h[looks]) - h[0]
             inside[0] = begins < 0 if begins != 0 else h[1] < 0
+        if over and -ON_EVENT <= h[looks - 1] < 0 and h[looks - 2] < h[looks - 1]:
+            h[looks - 1] = 0.0
         crossed = np.flatnonzero(inside & (h[1:looks] >= 0))
         if not crossed.size or crossed[0] > first:
             continue
