@@ -26,7 +26,7 @@ from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
 from .march_series import Reached, StepVanished, follow, intervals_of
 from .march_step import Stepper, last_mode, predict, reaches
-from .series import Step, TooMany, series_of
+from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
 
@@ -283,7 +283,7 @@ def _followed(
         behind_it = jumped, successor
         return successor == name and not way_out.mark and mode.flow is None
 
-    stretches: list[list[Step]] = []
+    stretches: list[list[Piece]] = []
     reached = Reached(0.0, x / scale, None, False, 0.0)
     series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
     if series is not None:

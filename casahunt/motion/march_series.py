@@ -29,7 +29,7 @@ from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
 from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
 from .march_step import Stepper, last_mode
-from .series import LOOKS, ORDER, TOGETHER, Series, Step, Steps, at, cut_off, looked_at, meshed
+from .series import LOOKS, ORDER, TOGETHER, Piece, Series, Steps, at, cut_off, looked_at, meshed
 
 Array = np.ndarray
 
@@ -42,7 +42,7 @@ LONGEST_TIME = 1e300
 """A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
-FIRST_TRIAL, STIFF = 16, 100.0
+FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
 _LOOKED_AT = np.vander(np.linspace(0, 1, LOOKS + 1), ORDER + 1, increasing=True)
@@ -94,7 +94,7 @@ def follow(
     most: int,
     passes: Callable[[Exit, Array], bool],
     vanishing: float,
-) -> tuple[list[list[Step]], Reached]:
+) -> tuple[list[list[Piece]], Reached]:
     """A mode from a state to its exit, or as far as series lead.
 
     Parameters
@@ -121,7 +121,7 @@ def follow(
     StepVanished : a step is too short.
     """
     theta = max(SERIES_TOLERANCE * tol, LEAST_TERM)
-    stretches: list[list[Step]] = [[]]
+    stretches: list[list[Piece]] = [[]]
     t, h, taken, trial = 0.0, 1.0, 0, FIRST_TRIAL
     longest, fresh = np.inf, True
     while t < max_time * (1 - 1e-15):  # beyond, it is at rest for ever, or as good as; the rest is rounding
@@ -144,15 +144,15 @@ def follow(
                 j, s, way_out = first_exit(exits, stepper, steps.C, points[: right * LOOKS + 1], fresh, over)
             except NotLocated as refusal:
                 j, lost = refusal.step, True
-        stretches[-1] += [Step(float(began[i]), float(steps.h[i]), steps.C[i]) for i in range(j)]
-        taken += j
         if j:
+            stretches[-1].append(Piece(began[:j], steps.h[:j], steps.C[:j]))
+            taken += j
             t, x, h, fresh = float(began[j]), steps.ends[j - 1], float(steps.h[j - 1]), False
         longest = np.inf
         if way_out is not None:
             C, cut = cut_off(steps.C[j], s), s * float(steps.h[j])
             if _ends_right(mode, stepper, series, C, cut, theta):
-                stretches[-1].append(Step(t, cut, C))
+                stretches[-1].append(Piece(np.array([t]), np.array([cut]), C[None]))
                 t, x, h, fresh = t + cut, C.sum(axis=0), cut, True
                 if not passes(way_out, x):
                     return stretches, Reached(t, x, way_out, True, h)
@@ -279,7 +279,7 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
 
 def intervals_of(
-    mode: Mode, stepper: Stepper, stretches: list[list[Step]], tol: float, accepted: float, most: int
+    mode: Mode, stepper: Stepper, stretches: list[list[Piece]], tol: float, accepted: float, most: int
 ) -> tuple[list[float], list[Array]]:
     """The intervals of a motion that was followed by series.
 
@@ -308,9 +308,9 @@ def intervals_of(
 
     lengths: list[float] = []
     pieces: list[Array] = []
-    for steps in stretches:
-        if steps:
-            breaks, w = meshed(steps, stepper.scheme, tol, accepted, hidden, most - len(lengths))
+    for stretch in stretches:
+        if stretch:
+            breaks, w = meshed(stretch, stepper.scheme, tol, accepted, hidden, most - len(lengths))
             lengths += [float(h) for h in np.diff(breaks)]
             pieces += list(w)
     return lengths, pieces

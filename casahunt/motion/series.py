@@ -46,6 +46,8 @@ these are short where neighbouring motions part or meet fast, which the motion i
 MONITORED = 9
 """Places of a step, both ends among them, at which the lengths of intervals are chosen."""
 MOST_HALVINGS = 40
+TIMES_AT_ONCE = 4096
+_PLACES = np.linspace(0, 1, MONITORED)
 _POWERS = np.arange(ORDER + 1.0)
 
 
@@ -53,11 +55,11 @@ class TooMany(Exception):
     """A mesh needs more intervals than there may be."""
 
 
-class Step(NamedTuple):
-    """Where it begins, how long it is, and (P + 1, n) coefficients C, scaled."""
+class Piece(NamedTuple):
+    """Steps of a motion: (K,) times at which they begin, (K,) lengths, (K, P + 1, n) coefficients C, scaled."""
 
-    began: float
-    length: float
+    began: Array
+    lengths: Array
     C: Array
 
 
@@ -242,20 +244,19 @@ def looked_at(steps: Steps, count: int) -> Array:
 @lru_cache(maxsize=16)
 def _derivative(d: int) -> Array:
     """(MONITORED, P + 1): x^(d)/d! at places of a step from its coefficients."""
-    s = np.linspace(0, 1, MONITORED)
     out = np.zeros((MONITORED, ORDER + 1))
     for k in range(d, ORDER + 1):
-        out[:, k] = math.comb(k, d) * s ** (k - d)
+        out[:, k] = math.comb(k, d) * _PLACES ** (k - d)
     return out
 
 
-def values_at(steps: Sequence[Step], times: Array) -> Array:
+def values_at(motion: Piece, times: Array) -> Array:
     """The motion at times.
 
     Parameters
     ----------
-    steps
-        one after the other.
+    motion
+        its steps.
     times
         (m,).
 
@@ -263,21 +264,24 @@ def values_at(steps: Sequence[Step], times: Array) -> Array:
     -------
     (m, n) scaled states.
     """
-    began = np.array([step.began for step in steps])
-    k = np.clip(np.searchsorted(began, times, side="right") - 1, 0, len(steps) - 1)
-    s = (times - began[k]) / np.array([step.length for step in steps])[k]
-    C = np.array([step.C for step in steps])[k]
-    return np.matmul(np.vander(s, ORDER + 1, increasing=True)[:, None], C)[:, 0]
+    k = np.clip(np.searchsorted(motion.began, times, side="right") - 1, 0, len(motion.began) - 1)
+    s = (times - motion.began[k]) / motion.lengths[k]
+    out = np.empty((times.size, motion.C.shape[2]))
+    for first in range(0, times.size, TIMES_AT_ONCE):
+        some = slice(first, first + TIMES_AT_ONCE)
+        powers = np.vander(s[some], ORDER + 1, increasing=True)
+        out[some] = np.matmul(powers[:, None], motion.C[k[some]])[:, 0]
+    return out
 
 
 def meshed(
-    steps: Sequence[Step], s: Scheme, tol: float, accepted: float, hidden: Callable[[Array], Array], most: int
+    pieces: Sequence[Piece], s: Scheme, tol: float, accepted: float, hidden: Callable[[Array], Array], most: int
 ) -> tuple[Array, Array]:
     """A mesh for a motion, with its stages.
 
     Parameters
     ----------
-    steps
+    pieces
         of the motion, one after the other.
     s
         the scheme.
@@ -297,25 +301,23 @@ def meshed(
     TooMany : more than `most` are needed.
     """
     d = s.degree
-    lengths = np.array([step.length for step in steps])
+    motion = Piece(*map(np.concatenate, zip(*pieces, strict=True)))
     kappa = math.factorial(d) ** 2 / math.factorial(2 * d)
-    top = np.max(np.abs(_derivative(d) @ np.array([step.C for step in steps])), axis=2)
+    top = np.max(np.abs(_derivative(d) @ motion.C), axis=2)
     density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE
     density = np.maximum(density, 1 / MOST_STEPS)  # intervals in a step, were it like this all along
     parts = (np.maximum(density[:, :-1], density[:, 1:]) / (MONITORED - 1)).ravel()
     count = np.concatenate([[0.0], np.cumsum(parts)])
     if not count[-1] <= most:
         raise TooMany
-    grid = [step.began + step.length * np.linspace(0, 1, MONITORED)[:-1] for step in steps]
-    end = steps[-1].began + steps[-1].length
-    breaks = np.interp(
-        np.linspace(0, count[-1], max(1, math.ceil(count[-1])) + 1), count, np.append(np.concatenate(grid), end)
-    )
+    grid = (motion.began[:, None] + motion.lengths[:, None] * _PLACES[:-1]).ravel()
+    end = float(motion.began[-1] + motion.lengths[-1])
+    breaks = np.interp(np.linspace(0, count[-1], max(1, math.ceil(count[-1])) + 1), count, np.append(grid, end))
     breaks[-1] = end
     for _ in range(MOST_HALVINGS):
         h = np.diff(breaks)
         points = breaks[:-1, None] + h[:, None] * np.append(s.points, 1.0)
-        states = values_at(steps, points.ravel()).reshape(h.size, d + 2, -1)
+        states = values_at(motion, points.ravel()).reshape(h.size, d + 2, -1)
         errors = np.max(np.abs(np.matmul(s.last_mode, states[:, :-1])), axis=1)
         short = (errors > accepted) | hidden(states)
         if not short.any():
