@@ -47,7 +47,7 @@ Array = np.ndarray
 
 REFINEMENT = 30.0
 """Ratio of the march tolerances of two motions that are compared."""
-FIRST, COARSEST, FINEST = 1 / 3, 1e-4, 1e-11
+FIRST, COARSEST, FINEST = 1 / 10, 1e-4, 1e-11
 """March tolerance of the first motion in units of the tolerance; the largest one; the smallest one that rounding lets
 the march reach with states of up to `SPAN` scales."""
 LEAST = 0.1
