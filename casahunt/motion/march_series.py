@@ -45,6 +45,10 @@ JUST_BEHIND = 1e-6
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
+MOST_PARTS = 48
+"""Halvings of a step, or of what is left of it, in the search for the part that hides nothing."""
+LESS = 0.5
+"""Behind that part a step is at most so much of what was left."""
 _LOOKED_AT = np.vander(np.linspace(0, 1, LOOKS + 1), ORDER + 1, increasing=True)
 _AHEAD = JUST_BEHIND ** np.arange(ORDER + 1.0)
 
@@ -160,10 +164,16 @@ def follow(
                 continue
         if lost:
             return stretches, Reached(t, x, None, False, h)
-        if j < known:  # hides something: it is taken again, and shorter
-            h = longest = 0.5 * float(steps.h[j])
-            if h < vanishing * max(t, 1.0):
+        if j < known:  # hides something
+            C, left = steps.C[j], s * float(steps.h[j])
+            part = _right_part(mode, stepper, series, cut_off(C, s), left, theta)
+            if not (1 - part) * left >= vanishing * max(t, 1.0):
                 raise StepVanished(t)
+            if part > 0:
+                C, cut = cut_off(C, s * part), part * left
+                stretches[-1].append(Piece(np.array([t]), np.array([cut]), C[None]))
+                t, x, h, fresh, taken = t + cut, C.sum(axis=0), (1 - part) * left, False, taken + 1
+            longest = (1 - part) * left * LESS
         elif j < TOGETHER and t < max_time * (1 - 1e-15):
             return stretches, Reached(t, x, None, False, h if j or taken else 0.0)
     return stretches, Reached(t, x, None, True, h)
@@ -192,6 +202,20 @@ def _ends_right(mode: Mode, stepper: Stepper, series: Series, C: Array, h: float
     if series.mismatch(C, h) > MISMATCH * theta + LEAST_MISMATCH * max(1.0, float(np.max(np.abs(states[-1])))):
         return False
     return mode.feature is None or not bool(hides(mode.feature, states[None] * stepper.scale, stepper.p)[0])
+
+
+def _right_part(
+    mode: Mode, stepper: Stepper, series: Series, C: Array, h: float, theta: float
+) -> float:
+    """The part of a step, 1 - 2^-k or else 2^-k, that hides nothing although the whole of it does."""
+
+    def right(part: float) -> bool:
+        return _ends_right(mode, stepper, series, cut_off(C, part), part * h, theta)
+
+    k = next(k for k in range(1, MOST_PARTS + 1) if k == MOST_PARTS or not right(1 - 0.5**k))
+    if k > 1:
+        return 1 - 0.5 ** (k - 1)
+    return next((0.5**k for k in range(2, MOST_PARTS) if right(0.5**k)), 0.0)
 
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
