@@ -294,7 +294,7 @@ def _followed(
         except StepVanished as vanished:
             raise MarchFailure(f"mode {name!r}: {VANISHED} at {vanished.time:.6g} s") from None
     try:
-        lengths, pieces = intervals_of(mode, stepper, stretches, tol, ACCEPTED_ERROR * tol, max_intervals)
+        lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
         raise MarchFailure(
             f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals"

@@ -6,8 +6,9 @@ Nothing is solved for: a step costs one compiled call and a product of matrices,
 the place in the step.  The last terms of a step are bounded by `SERIES_TOLERANCE` of the tolerance of the intervals, so
 that its end is as much better than these as the end of an interval of collocation is.
 
-A series that has not seen what comes (a drop that is hidden where it begins) contradicts the field at the end of its
-step: the slope there is the first coefficient of the next series, and a step whose slope is another one is halved.
+A series that has not seen what comes (a drop that is hidden where it begins) contradicts the field there: wherever a
+step is looked at, its rate is compared with that of the field, and of a step that is wrong anywhere only a part is kept
+that is right everywhere.
 
 Where the field has no series, coefficients are no numbers, or steps are much shorter than an interval of collocation
 would be (a stiff mode), the rest of the phase is left to intervals (march.py).  That is found by trying one, at steps
@@ -24,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import effort
-from ..collocation.admissibility import LARGEST_JUMP, hides
+from ..collocation.admissibility import hides
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
 from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
@@ -36,8 +37,8 @@ Array = np.ndarray
 SERIES_TOLERANCE, LEAST_TERM = 1e-4, 1e-17
 """Bound of the last terms in units of the tolerance; and at least, in units of the states."""
 MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
-"""Difference of the slopes where two steps meet, times the step, in units of the bound of the last terms; and at least,
-in units of the states."""
+"""Difference of the rates of a series and of the field, times the step, in units of the bound of the last terms; and at
+least, in units of the states."""
 LONGEST_TIME = 1e300
 """A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
@@ -46,10 +47,7 @@ FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
 MOST_PARTS = 48
-"""Halvings of a step, or of what is left of it, in the search for the part that hides nothing."""
-LESS = 0.5
-"""Behind that part a step is at most so much of what was left."""
-_LOOKED_AT = np.vander(np.linspace(0, 1, LOOKS + 1), ORDER + 1, increasing=True)
+"""Halvings of a step, or of what is left of it, in the search for the part that is right."""
 _AHEAD = JUST_BEHIND ** np.arange(ORDER + 1.0)
 
 
@@ -138,14 +136,14 @@ def follow(
         began = t + np.concatenate([[0.0], np.cumsum(steps.h)])
         known, right = _numbers(steps, began, max_time), 0
         if known:
-            points = looked_at(steps, known)
-            right = _right(mode, stepper, steps, points, known, theta)
+            points, rates = looked_at(steps.C[:known])
+            right = _right(series, steps.h[:known], points, rates, theta)
         j, s, way_out = right, 1.0, None
         lost = False
         if right and exits:
             try:
                 over = began[right] >= max_time * (1 - 1e-15)
-                j, s, way_out = first_exit(exits, stepper, steps.C, points[: right * LOOKS + 1], fresh, over)
+                j, s, way_out = first_exit(exits, stepper, steps.C[:right], points[:right], fresh, over)
             except NotLocated as refusal:
                 j, lost = refusal.step, True
         if j:
@@ -155,7 +153,7 @@ def follow(
         longest = np.inf
         if way_out is not None:
             C, cut = cut_off(steps.C[j], s), s * float(steps.h[j])
-            if _ends_right(mode, stepper, series, C, cut, theta):
+            if _is_right(series, C, cut, theta):
                 stretches[-1].append(Piece(np.array([t]), np.array([cut]), C[None]))
                 t, x, h, fresh = t + cut, C.sum(axis=0), cut, True
                 if not passes(way_out, x):
@@ -164,16 +162,11 @@ def follow(
                 continue
         if lost:
             return stretches, Reached(t, x, None, False, h)
-        if j < known:  # hides something
-            C, left = steps.C[j], s * float(steps.h[j])
-            part = _right_part(mode, stepper, series, cut_off(C, s), left, theta)
-            if not (1 - part) * left >= vanishing * max(t, 1.0):
+        if j < known:  # it is not what the field says: taken again, and less of it
+            left = s * float(steps.h[j])
+            h = longest = left * _right_part(series, cut_off(steps.C[j], s), left, theta)
+            if h < vanishing * max(t, 1.0):
                 raise StepVanished(t)
-            if part > 0:
-                C, cut = cut_off(C, s * part), part * left
-                stretches[-1].append(Piece(np.array([t]), np.array([cut]), C[None]))
-                t, x, h, fresh, taken = t + cut, C.sum(axis=0), (1 - part) * left, False, taken + 1
-            longest = (1 - part) * left * LESS
         elif j < TOGETHER and t < max_time * (1 - 1e-15):
             return stretches, Reached(t, x, None, False, h if j or taken else 0.0)
     return stretches, Reached(t, x, None, True, h)
@@ -181,36 +174,29 @@ def follow(
 
 def _numbers(steps: Steps, began: Array, max_time: float) -> int:
     """How many steps are numbers, in the time that there is."""
-    bad = ~np.isfinite(steps.ends).all(axis=1) | ~np.isfinite(steps.C).all(axis=(1, 2)) | ~(steps.h > 0)
+    bad = ~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0)
     bad |= began[:-1] >= max_time * (1 - 1e-15)
     return int(np.argmax(bad)) if bad.any() else TOGETHER
 
 
-def _right(mode: Mode, stepper: Stepper, steps: Steps, points: Array, known: int, theta: float) -> int:
-    """How many steps have hidden nothing: their slope at the end is that of the field there, no feature jumps."""
-    size = np.maximum(1.0, np.max(np.abs(steps.ends[:known]), axis=1))
-    bad = steps.off[:known] > MISMATCH * theta + LEAST_MISMATCH * size
-    if mode.feature is not None:
-        values = np.asarray(mode.feature(points.T * stepper.scale[:, None], stepper.p), float)
-        bad |= np.max(np.abs(np.diff(values)).reshape(known, LOOKS), axis=1) > LARGEST_JUMP
-    return int(np.argmax(bad)) if bad.any() else known
+def _right(series: Series, h: Array, points: Array, rates: Array, theta: float) -> int:
+    """How many steps (K, LOOKS + 1, n) are what the field says wherever they are looked at, if that is a number."""
+    off = series.defects(points, rates / h[:, None, None]) * h[:, None]
+    size = np.maximum(1.0, np.max(np.abs(points), axis=(1, 2)))
+    bad = np.any(off > MISMATCH * theta + LEAST_MISMATCH * size[:, None], axis=1)
+    return int(np.argmax(bad)) if bad.any() else len(h)
 
 
-def _ends_right(mode: Mode, stepper: Stepper, series: Series, C: Array, h: float, theta: float) -> bool:
-    """The same of a step that ends on an event."""
-    states = _LOOKED_AT @ C
-    if series.mismatch(C, h) > MISMATCH * theta + LEAST_MISMATCH * max(1.0, float(np.max(np.abs(states[-1])))):
-        return False
-    return mode.feature is None or not bool(hides(mode.feature, states[None] * stepper.scale, stepper.p)[0])
+def _is_right(series: Series, C: Array, h: float, theta: float) -> bool:
+    """The same of one step, with the looks nearer to each other where it is a part of a longer one."""
+    return _right(series, np.array([h]), *looked_at(C[None]), theta) == 1
 
 
-def _right_part(
-    mode: Mode, stepper: Stepper, series: Series, C: Array, h: float, theta: float
-) -> float:
-    """The part of a step, 1 - 2^-k or else 2^-k, that hides nothing although the whole of it does."""
+def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
+    """The part of a step, 1 - 2^-k or else 2^-k, that is right although the whole of it is not; 0 for none."""
 
     def right(part: float) -> bool:
-        return _ends_right(mode, stepper, series, cut_off(C, part), part * h, theta)
+        return _is_right(series, cut_off(C, part), part * h, theta)
 
     k = next(k for k in range(1, MOST_PARTS + 1) if k == MOST_PARTS or not right(1 - 0.5**k))
     if k > 1:
@@ -234,7 +220,7 @@ def first_exit(
     exits, stepper
         of the mode.
     C, points
-        (K, P + 1, n) coefficients of the steps; states at which they are looked at.
+        (K, P + 1, n) coefficients of the steps; (K, LOOKS + 1, n) states at which they are looked at.
     fresh, over
         the first step may begin on an event, of which is seen to which side it is left; at the end of the last one the
         time is over, and an event is met that the motion comes to there but for rounding.
@@ -247,10 +233,9 @@ def first_exit(
     ------
     NotLocated : an event is crossed, and vanishes nowhere.
     """
-    looks = len(points)
-    if fresh:
-        points = np.vstack([points, _AHEAD @ C[0]])
-    states = points.T * stepper.scale[:, None]
+    inner = points[:, :-1].reshape(-1, points.shape[2])
+    looks = len(inner) + 1
+    states = np.vstack([inner, points[-1, -1], *([_AHEAD @ C[0]] if fresh else [])]).T * stepper.scale[:, None]
     best: Exit | None = None
     first, place = looks - 1, 1.0
     for way_out in exits:
@@ -303,7 +288,7 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
 
 def intervals_of(
-    mode: Mode, stepper: Stepper, stretches: list[list[Piece]], tol: float, accepted: float, most: int
+    mode: Mode, stepper: Stepper, stretches: list[list[Piece]], tol: float, most: int
 ) -> tuple[list[float], list[Array]]:
     """The intervals of a motion that was followed by series.
 
@@ -313,8 +298,8 @@ def intervals_of(
         the mode and its intervals.
     stretches
         what was followed; a node stands where one ends.
-    tol, accepted, most
-        last Legendre coefficient that intervals are chosen for; the largest that one may have; how many there may be.
+    tol, most
+        last Legendre coefficient of an interval; how many there may be.
 
     Returns
     -------
@@ -334,7 +319,7 @@ def intervals_of(
     pieces: list[Array] = []
     for stretch in stretches:
         if stretch:
-            breaks, w = meshed(stretch, stepper.scheme, tol, accepted, hidden, most - len(lengths))
+            breaks, w = meshed(stretch, stepper.scheme, tol, hidden, most - len(lengths))
             lengths += [float(h) for h in np.diff(breaks)]
             pieces += list(w)
     return lengths, pieces

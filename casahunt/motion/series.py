@@ -18,14 +18,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from ..collocation.interval import point_function
+from ..collocation.interval import PointMap, point_map
 from ..collocation.scheme import Scheme
-from ..compiled import Buffers, Caller, caller, kept
+from ..compiled import Caller, caller, kept
 from ..hybrid.system import Field
 from .recursion import coefficients
 
@@ -71,20 +71,18 @@ class Steps(NamedTuple):
     h : (K,) lengths.
     C : (K, P + 1, n) coefficients of powers of s, scaled.
     ends : (K, n) states at their ends.
-    off : (K,) by how much the slope of a series at the end of its step is not that of the field there, times h.
     """
 
     h: Array
     C: Array
     ends: Array
-    off: Array
 
 
 class Series:
     """The steps of one mode from any state, compiled: `TOGETHER` in a row."""
 
-    def __init__(self, function: Caller, field: Caller, sign: float, p: Array, scale: Array) -> None:
-        self._steps, self._field, self._fixed = function.buffers, field.buffers, (sign, p, scale)
+    def __init__(self, function: Caller, field: PointMap, sign: float, p: Array, scale: Array) -> None:
+        self._steps, self._field, self._fixed = function.buffers, field, (sign, p, scale)
 
     def __call__(self, x: Array, unit: float, longest: float, left: float, theta: float) -> Steps:
         """The next steps.
@@ -104,35 +102,31 @@ class Series:
         -------
         Steps; no number from where on a coefficient is none, of length 0 when the time is over.
         """
-        _fill(self._steps, x, (unit, longest, left, theta), *self._fixed)
-        h, C, ends, off = (out.copy() for out in self._steps.outputs)
-        return Steps(h, C, ends, off)
+        for store, value in zip(self._steps.inputs, (x, (unit, longest, left, theta), *self._fixed), strict=True):
+            store[:] = value
+        self._steps.trigger()
+        return Steps(*(out.copy() for out in self._steps.outputs))
 
-    def mismatch(self, C: Array, h: float) -> float:
-        """By how much the slope of a series at the end of its step is not that of the field there, times h.
+    def defects(self, points: Array, rates: Array) -> Array:
+        """By how much series contradict the field.
 
         Parameters
         ----------
-        C, h
-            (P + 1, n) coefficients and length of the step.
+        points, rates
+            (K, m, n) scaled states along steps, and their derivatives by time.
 
         Returns
         -------
-        The largest difference.
+        (K, m) the largest differences of the states' rates.
         """
-        _fill(self._field, C.sum(axis=0), *self._fixed)
-        return float(np.max(np.abs(_POWERS @ C - h * self._field.outputs[0])))
-
-
-def _fill(buffers: Buffers, *values: Any) -> None:
-    """Call a compiled function."""
-    for store, value in zip(buffers.inputs, values, strict=True):
-        store[:] = value
-    buffers.trigger()
+        sign, p, scale = self._fixed
+        flat = points.reshape(-1, points.shape[2])
+        f = self._field(flat, np.full(len(flat), sign), p, scale).reshape(rates.shape)
+        return np.max(np.abs(rates - f), axis=2)
 
 
 def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
-    """(x, unit, longest, left, theta, sign, p, scale) -> (h, C, end, off) of one step; None without a series."""
+    """(x, unit, longest, left, theta, sign, p, scale) -> (h, C, end) of one step; None without a series."""
     function = coefficients(field, n, parameters, ORDER)
     if function is None:
         return None
@@ -154,16 +148,12 @@ def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
         columns.append(c[:, k] * power)
     C = ca.horzcat(*columns)
     end = ca.mtimes(C, ca.DM.ones(ORDER + 1))
-    slope = ca.SX(field(scale * end, p, sign)) / scale
-    off = ca.mmax(ca.fabs(ca.mtimes(C, ca.DM(_POWERS)) - h * slope))
-    return ca.Function(
-        "step", [x, unit, longest, left, theta, sign, p, scale], [h, ca.densify(C), ca.densify(end), off]
-    )
+    return ca.Function("step", [x, unit, longest, left, theta, sign, p, scale], [h, ca.densify(C), ca.densify(end)])
 
 
 @kept(maxsize=64)
-def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller] | None:
-    """`TOGETHER` steps in a row, and the field."""
+def _compiled(field: Field, n: int, parameters: int) -> Caller | None:
+    """`TOGETHER` steps in a row."""
     step = _one_step(field, n, parameters)
     if step is None:
         return None
@@ -172,14 +162,13 @@ def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller] | 
     end, (unit, longest, left, theta) = x, ca.vertsplit(first)
     found: list[tuple[ca.MX, ...]] = []
     for _ in range(TOGETHER):
-        h, C, end, off = step(end, unit, longest, left, theta, sign, p, scale)
-        found.append((h, C, end, off))
+        h, C, end = step(end, unit, longest, left, theta, sign, p, scale)
+        found.append((h, C, end))
         left, unit, longest = left - h, ca.fmax(h, SHORTEST), LONGER * h
     outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
     function = ca.Function("steps", [x, first, sign, p, scale], outputs)
-    shapes = [TOGETHER, (TOGETHER, ORDER + 1, n), (TOGETHER, n), TOGETHER]
-    at_point = caller(point_function(field, n, parameters), [n, 1, parameters, n], [n])
-    return caller(function, [n, 4, 1, parameters, n], shapes), at_point
+    shapes = [TOGETHER, (TOGETHER, ORDER + 1, n), (TOGETHER, n)]
+    return caller(function, [n, 4, 1, parameters, n], shapes)
 
 
 def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | None:
@@ -197,7 +186,7 @@ def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | Non
     Series; None where the field has none.
     """
     function = _compiled(field, scale.size, p.size)
-    return None if function is None else Series(*function, sign, p, scale)
+    return None if function is None else Series(function, point_map(field, scale.size, p.size), sign, p, scale)
 
 
 def cut_off(C: Array, s: float) -> Array:
@@ -222,23 +211,24 @@ def at(C: Array, s: float) -> Array:
     return (s**_POWERS) @ C
 
 
-_LOOKED_AT = np.vander(np.arange(LOOKS) / LOOKS, ORDER + 1, increasing=True)
+_LOOKS = np.linspace(0, 1, LOOKS + 1)
+_LOOKED_AT = np.vander(_LOOKS, ORDER + 1, increasing=True)
+_RATES = np.hstack([np.zeros((LOOKS + 1, 1)), _LOOKED_AT[:, :-1] * _POWERS[1:]])
 
 
-def looked_at(steps: Steps, count: int) -> Array:
-    """The states at which steps are looked at.
+def looked_at(C: Array) -> tuple[Array, Array]:
+    """Steps, looked at from their starts to their ends.
 
     Parameters
     ----------
-    steps, count
-        the steps, and how many of them.
+    C
+        (K, P + 1, n) coefficients.
 
     Returns
     -------
-    (count LOOKS + 1, n) scaled states, the end of the last one among them.
+    (K, LOOKS + 1, n) scaled states, and their derivatives by the place s.
     """
-    inner = np.matmul(_LOOKED_AT, steps.C[:count])
-    return np.vstack([inner.reshape(-1, inner.shape[2]), steps.ends[count - 1]])
+    return np.matmul(_LOOKED_AT, C), np.matmul(_RATES, C)
 
 
 @lru_cache(maxsize=16)
@@ -275,7 +265,7 @@ def values_at(motion: Piece, times: Array) -> Array:
 
 
 def meshed(
-    pieces: Sequence[Piece], s: Scheme, tol: float, accepted: float, hidden: Callable[[Array], Array], most: int
+    pieces: Sequence[Piece], s: Scheme, tol: float, hidden: Callable[[Array], Array], most: int
 ) -> tuple[Array, Array]:
     """A mesh for a motion, with its stages.
 
@@ -285,10 +275,10 @@ def meshed(
         of the motion, one after the other.
     s
         the scheme.
-    tol, accepted
-        last Legendre coefficient that intervals are chosen for; the largest that one may have.
+    tol
+        last Legendre coefficient of an interval.
     hidden
-        (N, d + 2, n) scaled points of intervals to (N,) those that hide something of the field.
+        (N, d + 2, n) scaled points of intervals to (N,) those that hide something of the field, and are halved.
     most
         intervals that there may be.
 
@@ -318,9 +308,8 @@ def meshed(
         h = np.diff(breaks)
         points = breaks[:-1, None] + h[:, None] * np.append(s.points, 1.0)
         states = values_at(motion, points.ravel()).reshape(h.size, d + 2, -1)
-        errors = np.max(np.abs(np.matmul(s.last_mode, states[:, :-1])), axis=1)
-        short = (errors > accepted) | hidden(states)
-        if not short.any():
+        halve = hidden(states)
+        if not halve.any():
             break
-        breaks = np.sort(np.concatenate([breaks, (breaks[:-1] + h / 2)[short]]))
+        breaks = np.sort(np.concatenate([breaks, (breaks[:-1] + h / 2)[halve]]))
     return breaks, states[:, :-1].reshape(len(states), -1)
