@@ -23,7 +23,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from ..collocation.interval import PointMap, point_map
+from ..collocation.interval import point_function
 from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Field
@@ -81,8 +81,8 @@ class Steps(NamedTuple):
 class Series:
     """The steps of one mode from any state, compiled: `TOGETHER` in a row."""
 
-    def __init__(self, function: Caller, field: PointMap, sign: float, p: Array, scale: Array) -> None:
-        self._steps, self._field, self._fixed = function.buffers, field, (sign, p, scale)
+    def __init__(self, steps: Caller, one: Caller, many: Caller, sign: float, p: Array, scale: Array) -> None:
+        self._steps, self._one, self._many, self._fixed = steps.buffers, one.buffers, many.buffers, (sign, p, scale)
 
     def __call__(self, x: Array, unit: float, longest: float, left: float, theta: float) -> Steps:
         """The next steps.
@@ -113,16 +113,20 @@ class Series:
         Parameters
         ----------
         points, rates
-            (K, m, n) scaled states along steps, and their derivatives by time.
+            (K, LOOKS + 1, n) scaled states along steps, and their derivatives by time.
 
         Returns
         -------
-        (K, m) the largest differences of the states' rates.
+        (K, LOOKS + 1) the largest differences of the states' rates.
         """
-        sign, p, scale = self._fixed
-        flat = points.reshape(-1, points.shape[2])
-        f = self._field(flat, np.full(len(flat), sign), p, scale).reshape(rates.shape)
-        return np.max(np.abs(rates - f), axis=2)
+        buffers = self._one if len(points) == 1 else self._many
+        store, *others = buffers.inputs
+        store[: points.size // points.shape[2]] = points.reshape(-1, points.shape[2])
+        for store, value in zip(others, self._fixed, strict=True):
+            store[:] = value
+        buffers.trigger()
+        f = buffers.outputs[0][: points.size // points.shape[2]].reshape(rates.shape)
+        return np.abs(rates - f).max(axis=2)
 
 
 def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
@@ -152,8 +156,8 @@ def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
 
 
 @kept(maxsize=64)
-def _compiled(field: Field, n: int, parameters: int) -> Caller | None:
-    """`TOGETHER` steps in a row."""
+def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller, Caller] | None:
+    """`TOGETHER` steps in a row; the field where one step is looked at, and where all of them are."""
     step = _one_step(field, n, parameters)
     if step is None:
         return None
@@ -168,7 +172,11 @@ def _compiled(field: Field, n: int, parameters: int) -> Caller | None:
     outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
     function = ca.Function("steps", [x, first, sign, p, scale], outputs)
     shapes = [TOGETHER, (TOGETHER, ORDER + 1, n), (TOGETHER, n)]
-    return caller(function, [n, 4, 1, parameters, n], shapes)
+    fields = []
+    for count in (LOOKS + 1, TOGETHER * (LOOKS + 1)):
+        looked_at = point_function(field, n, parameters).map("looks", "serial", count, [1, 2, 3], []).expand()
+        fields.append(caller(looked_at, [(count, n), 1, parameters, n], [(count, n)]))
+    return caller(function, [n, 4, 1, parameters, n], shapes), fields[0], fields[1]
 
 
 def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | None:
@@ -185,8 +193,8 @@ def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | Non
     -------
     Series; None where the field has none.
     """
-    function = _compiled(field, scale.size, p.size)
-    return None if function is None else Series(function, point_map(field, scale.size, p.size), sign, p, scale)
+    functions = _compiled(field, scale.size, p.size)
+    return None if functions is None else Series(*functions, sign, p, scale)
 
 
 def cut_off(C: Array, s: float) -> Array:
