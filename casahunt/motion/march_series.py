@@ -20,7 +20,8 @@ Symbols: n states, P order.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
 from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
 from .march_step import Stepper, last_mode
-from .series import LOOKS, ORDER, TOGETHER, Piece, Series, Steps, at, cut_off, looked_at, meshed
+from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed
 
 Array = np.ndarray
 
@@ -39,16 +40,16 @@ SERIES_TOLERANCE, LEAST_TERM = 1e-4, 1e-17
 MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
 """Difference of the rates of a series and of the field, times the step, in units of the bound of the last terms; and at
 least, in units of the states."""
-LONGEST_TIME = 1e300
+FOLLOWED_AT_MOST = 1e300
 """A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
-MOST_PARTS = 48
+FINEST_PARTS = 48
 """Halvings of a step, or of what is left of it, in the search for the part that is right."""
-_AHEAD = JUST_BEHIND ** np.arange(ORDER + 1.0)
+_AHEAD = JUST_BEHIND ** np.arange(SERIES_ORDER + 1.0)
 
 
 class Reached(NamedTuple):
@@ -85,106 +86,120 @@ class StepVanished(Exception):
         self.time = time
 
 
-def follow(
-    mode: Mode,
-    exits: tuple[Exit, ...],
-    stepper: Stepper,
-    series: Series,
-    x: Array,
-    tol: float,
-    max_time: float,
-    most: int,
-    passes: Callable[[Exit, Array], bool],
-    vanishing: float,
-) -> tuple[list[list[Piece]], Reached]:
-    """A mode from a state to its exit, or as far as series lead.
+@dataclass
+class Following:
+    """A mode that is being followed; the attributes below `vanishing` change on the way.
 
-    Parameters
+    Attributes
     ----------
-    mode, exits
-        the mode and its exits.
-    stepper, series
-        its intervals and its series.
-    x
-        (n,) scaled state at the start.
-    tol, max_time, most
-        tolerance of intervals; time after which it ends; steps after which the rest is left to intervals.
-    passes
-        whether the mode goes on through an exit at a scaled state.
-    vanishing
-        step that is too short, relative to the time, or to one.
-
-    Returns
-    -------
-    Steps, in stretches from one exit that was passed to the next; and where they end.
-
-    Raises
-    ------
-    StepVanished : a step is too short.
+    exits, stepper, series : of the mode: its exits, its intervals, its series.
+    x : (n,) scaled state.
+    tol, max_time, most : tolerance of intervals; time after which it ends; steps after which the rest is left to
+        intervals.
+    passes : whether the mode goes on through an exit at a scaled state.
+    vanishing : step that is too short, relative to the time, or to one.
+    stretches : steps so far, in stretches from one exit that was passed to the next.
+    t, h : time in the mode; length of the last step.
+    longest : that the next step may be.
+    fresh : the next step may begin on an event.
+    taken, trial : steps so far; after so many an interval is tried.
     """
-    theta = max(SERIES_TOLERANCE * tol, LEAST_TERM)
-    stretches: list[list[Piece]] = [[]]
-    t, h, taken, trial = 0.0, 1.0, 0, FIRST_TRIAL
-    longest, fresh = np.inf, True
-    while t < max_time * (1 - 1e-15):  # beyond, it is at rest for ever, or as good as; the rest is rounding
-        if taken >= trial:
-            if taken >= most or _is_stiff(stepper, x, h, tol):
-                return stretches, Reached(t, x, None, False, h)
-            trial *= 2
-        effort.interval()
-        steps = series(x, h, longest, min(max_time - t, LONGEST_TIME), theta)
-        began = t + np.concatenate([[0.0], np.cumsum(steps.h)])
-        known, right = _numbers(steps, began, max_time), 0
-        if known:
-            points, rates = looked_at(steps.C[:known])
-            right = _right(series, steps.h[:known], points, rates, theta)
-        j, s, way_out = right, 1.0, None
-        lost = False
-        if right and exits:
+
+    exits: tuple[Exit, ...]
+    stepper: Stepper
+    series: Series
+    x: Array
+    tol: float
+    max_time: float
+    most: int
+    passes: Callable[[Exit, Array], bool]
+    vanishing: float
+    stretches: list[list[Piece]] = field(default_factory=lambda: [[]])
+    t: float = 0.0
+    h: float = 1.0
+    longest: float = np.inf
+    fresh: bool = True
+    taken: int = 0
+    trial: int = FIRST_TRIAL
+
+    def run(self) -> Reached:
+        """To its exit, or as far as series lead.  Raises StepVanished."""
+        while not self._is_over(self.t):  # beyond, it is at rest for ever, or as good as
+            if self.taken >= self.trial:
+                if self.taken >= self.most or _is_stiff(self.stepper, self.x, self.h, self.tol):
+                    return self._reached(None, False)
+                self.trial *= 2
+            effort.interval()
+            end = self._further()
+            if end is not None:
+                return end
+        return self._reached(None, True)
+
+    def _is_over(self, times: Any) -> Any:
+        """Whether there is no time left but for rounding."""
+        return times >= self.max_time * (1 - 1e-15)
+
+    def _reached(self, way_out: Exit | None, over: bool) -> Reached:
+        """Where it is."""
+        return Reached(self.t, self.x, way_out, over, self.h if self.taken else 0.0)
+
+    def _further(self) -> Reached | None:
+        """Some steps more; where they end the phase, or series lead no further, how far it was followed."""
+        theta = max(SERIES_TOLERANCE * self.tol, LEAST_TERM)
+        steps = self.series(self.x, self.h, self.longest, min(self.max_time - self.t, FOLLOWED_AT_MOST), theta)
+        began = self.t + np.concatenate([[0.0], np.cumsum(steps.h)])
+        known = _count(~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0) | self._is_over(began[:-1]))
+        points, rates = looked_at(steps.C[:known])
+        right = _right(self.series, steps.h[:known], points, rates, theta)
+        j, s, way_out, lost = right, 1.0, None, False
+        if right and self.exits:
             try:
-                over = began[right] >= max_time * (1 - 1e-15)
-                j, s, way_out = first_exit(exits, stepper, steps.C[:right], points[:right], fresh, over)
+                found = first_exit(
+                    self.exits, self.stepper, steps.C[:right], points[:right], self.fresh, self._is_over(began[right])
+                )
+                j, s, way_out = found
             except NotLocated as refusal:
                 j, lost = refusal.step, True
         if j:
-            stretches[-1].append(Piece(began[:j], steps.h[:j], steps.C[:j]))
-            taken += j
-            t, x, h, fresh = float(began[j]), steps.ends[j - 1], float(steps.h[j - 1]), False
-        longest = np.inf
-        if way_out is not None:
-            C, cut = cut_off(steps.C[j], s), s * float(steps.h[j])
-            if _is_right(series, C, cut, theta):
-                stretches[-1].append(Piece(np.array([t]), np.array([cut]), C[None]))
-                t, x, h, fresh = t + cut, C.sum(axis=0), cut, True
-                if not passes(way_out, x):
-                    return stretches, Reached(t, x, way_out, True, h)
-                stretches.append([])
-                continue
-        if lost:
-            return stretches, Reached(t, x, None, False, h)
+            self._append(began[:j], steps.h[:j], steps.C[:j])
+            self.t, self.x = float(began[j]), steps.ends[j - 1]
+        self.longest = np.inf
+        if way_out is not None and _is_right(self.series, cut_off(steps.C[j], s), s * float(steps.h[j]), theta):
+            return self._through(way_out, cut_off(steps.C[j], s), s * float(steps.h[j]))
+        if lost or j == known < len(steps.h) and not self._is_over(self.t):
+            return self._reached(None, False)
         if j < known:  # it is not what the field says: taken again, and less of it
             left = s * float(steps.h[j])
-            h = longest = left * _right_part(series, cut_off(steps.C[j], s), left, theta)
-            if h < vanishing * max(t, 1.0):
-                raise StepVanished(t)
-        elif j < TOGETHER and t < max_time * (1 - 1e-15):
-            return stretches, Reached(t, x, None, False, h if j or taken else 0.0)
-    return stretches, Reached(t, x, None, True, h)
+            self.h = self.longest = left * _right_part(self.series, cut_off(steps.C[j], s), left, theta)
+            if self.h < self.vanishing * max(self.t, 1.0):
+                raise StepVanished(self.t)
+        return None
+
+    def _append(self, began: Array, lengths: Array, C: Array) -> None:
+        """Steps that are right."""
+        self.stretches[-1].append(Piece(began, lengths, C))
+        self.taken, self.h, self.fresh = self.taken + len(lengths), float(lengths[-1]), False
+
+    def _through(self, way_out: Exit, C: Array, h: float) -> Reached | None:
+        """A step that ends on an exit; where that ends the phase, where it is."""
+        self._append(np.array([self.t]), np.array([h]), C[None])
+        self.t, self.x, self.fresh = self.t + h, C.sum(axis=0), True
+        if not self.passes(way_out, self.x):
+            return self._reached(way_out, True)
+        self.stretches.append([])
+        return None
 
 
-def _numbers(steps: Steps, began: Array, max_time: float) -> int:
-    """How many steps are numbers, in the time that there is."""
-    bad = ~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0)
-    bad |= began[:-1] >= max_time * (1 - 1e-15)
-    return int(np.argmax(bad)) if bad.any() else TOGETHER
+def _count(bad: Array) -> int:
+    """How many there are before the first that is bad."""
+    return int(np.argmax(bad)) if bad.any() else len(bad)
 
 
 def _right(series: Series, h: Array, points: Array, rates: Array, theta: float) -> int:
-    """How many steps (K, LOOKS + 1, n) are what the field says wherever they are looked at, if that is a number."""
+    """How many steps (K, STEP_LOOKS + 1, n) agree with the field wherever they are looked at and it is a number."""
     off = series.defects(points, rates / h[:, None, None]) * h[:, None]
     size = np.maximum(1.0, np.max(np.abs(points), axis=(1, 2)))
-    bad = np.any(off > MISMATCH * theta + LEAST_MISMATCH * size[:, None], axis=1)
-    return int(np.argmax(bad)) if bad.any() else len(h)
+    return _count(np.any(off > MISMATCH * theta + LEAST_MISMATCH * size[:, None], axis=1))
 
 
 def _is_right(series: Series, C: Array, h: float, theta: float) -> bool:
@@ -198,10 +213,10 @@ def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
     def right(part: float) -> bool:
         return _is_right(series, cut_off(C, part), part * h, theta)
 
-    k = next(k for k in range(1, MOST_PARTS + 1) if k == MOST_PARTS or not right(1 - 0.5**k))
+    k = next(k for k in range(1, FINEST_PARTS + 1) if k == FINEST_PARTS or not right(1 - 0.5**k))
     if k > 1:
         return 1 - 0.5 ** (k - 1)
-    return next((0.5**k for k in range(2, MOST_PARTS) if right(0.5**k)), 0.0)
+    return next((0.5**k for k in range(2, FINEST_PARTS) if right(0.5**k)), 0.0)
 
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
@@ -220,7 +235,7 @@ def first_exit(
     exits, stepper
         of the mode.
     C, points
-        (K, P + 1, n) coefficients of the steps; (K, LOOKS + 1, n) states at which they are looked at.
+        (K, P + 1, n) coefficients of the steps; (K, STEP_LOOKS + 1, n) states at which they are looked at.
     fresh, over
         the first step may begin on an event, of which is seen to which side it is left; at the end of the last one the
         time is over, and an event is met that the motion comes to there but for rounding.
@@ -250,13 +265,13 @@ def first_exit(
         if not crossed.size or crossed[0] > first:
             continue
         k = int(crossed[0])
-        low = (k % LOOKS) / LOOKS
-        s = _root(way_out, stepper, C[k // LOOKS], low, float(h[k]), float(h[k + 1]))
+        low = (k % STEP_LOOKS) / STEP_LOOKS
+        s = _root(way_out, stepper, C[k // STEP_LOOKS], low, float(h[k]), float(h[k + 1]))
         if s is None:
-            raise NotLocated(k // LOOKS)
+            raise NotLocated(k // STEP_LOOKS)
         if k < first or best is None or s < place:
             best, first, place = way_out, k, s
-    return (first // LOOKS, place, best) if best is not None else ((looks - 1) // LOOKS, 1.0, None)
+    return (first // STEP_LOOKS, place, best) if best is not None else ((looks - 1) // STEP_LOOKS, 1.0, None)
 
 
 def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f_high: float) -> float | None:
@@ -268,7 +283,7 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    high = low + 1 / LOOKS
+    high = low + 1 / STEP_LOOKS
     if f_high == 0:
         return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)

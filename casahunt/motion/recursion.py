@@ -14,7 +14,7 @@ are gone through once for every k, each adding one coefficient to its own series
 
 the last two for exp (q = w), sin and cos (q each other), sinh and cosh, tan and tanh (q = 1 +- w^2); log (q = u), atan
 and atanh (q = 1 +- u^2).  A power by a whole number is taken apart into products, which are right at u = 0 too.
-What does not change with x, such as the torque gains of a servo, is one number, whatever operation it comes from.  A
+What does not change with x, such as a combination of parameters, is one number, whatever operation it comes from.  A
 changing operand of any other operation (|u|, a sign, a choice) has no series: there is none for that field then.
 
 Source: Griewank and Walther, Evaluating Derivatives, section 13.2; Jorba and Zou, Experimental Mathematics 14 (2005).

@@ -31,16 +31,16 @@ from .recursion import coefficients
 
 Array = np.ndarray
 
-ORDER = 24
-TOGETHER = 8
+SERIES_ORDER = 24
+IN_A_ROW = 8
 """Steps that are taken before they are looked at: what leads beyond an event costs less than looking at each."""
-LOOKS = 16
+STEP_LOOKS = 16
 """Parts of a step between which it is looked at."""
-LONGER = 100.0
+AT_MOST_LONGER = 100.0
 """A step in units of the one before, at most."""
-LONGEST, SHORTEST = 700.0, 1e-300
+LOG_LONGEST, LEAST_UNIT = 700.0, 1e-300
 """Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
-WITHIN_TOLERANCE, MOST_STEPS = 0.75, 3.0
+WITHIN_TOLERANCE, STEPS_IN_ONE = 0.75, 3.0
 """Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance; and at most, in steps:
 these are short where neighbouring motions part or meet fast, which the motion itself does not show."""
 MONITORED = 9
@@ -48,7 +48,7 @@ MONITORED = 9
 MOST_HALVINGS = 40
 TIMES_AT_ONCE = 4096
 _PLACES = np.linspace(0, 1, MONITORED)
-_POWERS = np.arange(ORDER + 1.0)
+_POWERS = np.arange(SERIES_ORDER + 1.0)
 
 
 class TooMany(Exception):
@@ -79,7 +79,7 @@ class Steps(NamedTuple):
 
 
 class Series:
-    """The steps of one mode from any state, compiled: `TOGETHER` in a row."""
+    """The steps of one mode from any state, compiled: `IN_A_ROW` in a row."""
 
     def __init__(self, steps: Caller, one: Caller, many: Caller, sign: float, p: Array, scale: Array) -> None:
         self._steps, self._one, self._many, self._fixed = steps.buffers, one.buffers, many.buffers, (sign, p, scale)
@@ -113,11 +113,11 @@ class Series:
         Parameters
         ----------
         points, rates
-            (K, LOOKS + 1, n) scaled states along steps, and their derivatives by time.
+            (K, STEP_LOOKS + 1, n) scaled states along steps, and their derivatives by time.
 
         Returns
         -------
-        (K, LOOKS + 1) the largest differences of the states' rates.
+        (K, STEP_LOOKS + 1) the largest differences of the states' rates.
         """
         buffers = self._one if len(points) == 1 else self._many
         store, *others = buffers.inputs
@@ -131,7 +131,7 @@ class Series:
 
 def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
     """(x, unit, longest, left, theta, sign, p, scale) -> (h, C, end) of one step; None without a series."""
-    function = coefficients(field, n, parameters, ORDER)
+    function = coefficients(field, n, parameters, SERIES_ORDER)
     if function is None:
         return None
     x, unit, longest, left, theta = (ca.SX.sym(name, rows) for name, rows in zip(
@@ -139,25 +139,25 @@ def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
     sign, p, scale = ca.SX.sym("sign"), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     c = function(x, sign, p, scale, unit)
     sizes = ca.fmax(1, ca.fabs(x))
-    largest = [ca.mmax(ca.fabs(c[:, k]) / sizes) for k in range(1, ORDER + 1)]
-    bounds = [1.0] * (ORDER - 2) + [theta / ca.mmax(sizes)] * 2
-    logarithm = ca.SX(LONGEST)
+    largest = [ca.mmax(ca.fabs(c[:, k]) / sizes) for k in range(1, SERIES_ORDER + 1)]
+    bounds = [1.0] * (SERIES_ORDER - 2) + [theta / ca.mmax(sizes)] * 2
+    logarithm = ca.SX(LOG_LONGEST)
     for k, (size, bound) in enumerate(zip(largest, bounds, strict=True), 1):
         logarithm = ca.fmin(logarithm, (ca.log(bound) - ca.log(size)) / k)
     h = ca.fmin(ca.fmin(unit * ca.exp(logarithm), longest), left)
     factor, columns = h / unit, [x]
     power = ca.SX(1)
-    for k in range(1, ORDER + 1):
+    for k in range(1, SERIES_ORDER + 1):
         power = power * factor
         columns.append(c[:, k] * power)
     C = ca.horzcat(*columns)
-    end = ca.mtimes(C, ca.DM.ones(ORDER + 1))
+    end = ca.mtimes(C, ca.DM.ones(SERIES_ORDER + 1))
     return ca.Function("step", [x, unit, longest, left, theta, sign, p, scale], [h, ca.densify(C), ca.densify(end)])
 
 
 @kept(maxsize=64)
 def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller, Caller] | None:
-    """`TOGETHER` steps in a row; the field where one step is looked at, and where all of them are."""
+    """`IN_A_ROW` steps in a row; the field where one step is looked at, and where all of them are."""
     step = _one_step(field, n, parameters)
     if step is None:
         return None
@@ -165,15 +165,15 @@ def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller, Ca
     sign, p, scale = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n)
     end, (unit, longest, left, theta) = x, ca.vertsplit(first)
     found: list[tuple[ca.MX, ...]] = []
-    for _ in range(TOGETHER):
+    for _ in range(IN_A_ROW):
         h, C, end = step(end, unit, longest, left, theta, sign, p, scale)
         found.append((h, C, end))
-        left, unit, longest = left - h, ca.fmax(h, SHORTEST), LONGER * h
+        left, unit, longest = left - h, ca.fmax(h, LEAST_UNIT), AT_MOST_LONGER * h
     outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
     function = ca.Function("steps", [x, first, sign, p, scale], outputs)
-    shapes = [TOGETHER, (TOGETHER, ORDER + 1, n), (TOGETHER, n)]
+    shapes = [IN_A_ROW, (IN_A_ROW, SERIES_ORDER + 1, n), (IN_A_ROW, n)]
     fields = []
-    for count in (LOOKS + 1, TOGETHER * (LOOKS + 1)):
+    for count in (STEP_LOOKS + 1, IN_A_ROW * (STEP_LOOKS + 1)):
         looked_at = point_function(field, n, parameters).map("looks", "serial", count, [1, 2, 3], []).expand()
         fields.append(caller(looked_at, [(count, n), 1, parameters, n], [(count, n)]))
     return caller(function, [n, 4, 1, parameters, n], shapes), fields[0], fields[1]
@@ -215,13 +215,23 @@ def cut_off(C: Array, s: float) -> Array:
 
 
 def at(C: Array, s: float) -> Array:
-    """(n,) value of a series at one place."""
+    """The value of a series at one place.
+
+    Parameters
+    ----------
+    C, s
+        (P + 1, n) coefficients; the place.
+
+    Returns
+    -------
+    (n,) scaled state.
+    """
     return (s**_POWERS) @ C
 
 
-_LOOKS = np.linspace(0, 1, LOOKS + 1)
-_LOOKED_AT = np.vander(_LOOKS, ORDER + 1, increasing=True)
-_RATES = np.hstack([np.zeros((LOOKS + 1, 1)), _LOOKED_AT[:, :-1] * _POWERS[1:]])
+_STEP_LOOKS = np.linspace(0, 1, STEP_LOOKS + 1)
+_LOOKED_AT = np.vander(_STEP_LOOKS, SERIES_ORDER + 1, increasing=True)
+_RATES = np.hstack([np.zeros((STEP_LOOKS + 1, 1)), _LOOKED_AT[:, :-1] * _POWERS[1:]])
 
 
 def looked_at(C: Array) -> tuple[Array, Array]:
@@ -234,7 +244,7 @@ def looked_at(C: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    (K, LOOKS + 1, n) scaled states, and their derivatives by the place s.
+    (K, STEP_LOOKS + 1, n) scaled states, and their derivatives by the place s.
     """
     return np.matmul(_LOOKED_AT, C), np.matmul(_RATES, C)
 
@@ -242,8 +252,8 @@ def looked_at(C: Array) -> tuple[Array, Array]:
 @lru_cache(maxsize=16)
 def _derivative(d: int) -> Array:
     """(MONITORED, P + 1): x^(d)/d! at places of a step from its coefficients."""
-    out = np.zeros((MONITORED, ORDER + 1))
-    for k in range(d, ORDER + 1):
+    out = np.zeros((MONITORED, SERIES_ORDER + 1))
+    for k in range(d, SERIES_ORDER + 1):
         out[:, k] = math.comb(k, d) * _PLACES ** (k - d)
     return out
 
@@ -267,7 +277,7 @@ def values_at(motion: Piece, times: Array) -> Array:
     out = np.empty((times.size, motion.C.shape[2]))
     for first in range(0, times.size, TIMES_AT_ONCE):
         some = slice(first, first + TIMES_AT_ONCE)
-        powers = np.vander(s[some], ORDER + 1, increasing=True)
+        powers = np.vander(s[some], SERIES_ORDER + 1, increasing=True)
         out[some] = np.matmul(powers[:, None], motion.C[k[some]])[:, 0]
     return out
 
@@ -303,7 +313,7 @@ def meshed(
     kappa = math.factorial(d) ** 2 / math.factorial(2 * d)
     top = np.max(np.abs(_derivative(d) @ motion.C), axis=2)
     density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE
-    density = np.maximum(density, 1 / MOST_STEPS)  # intervals in a step, were it like this all along
+    density = np.maximum(density, 1 / STEPS_IN_ONE)  # intervals in a step, were it like this all along
     parts = (np.maximum(density[:, :-1], density[:, 1:]) / (MONITORED - 1)).ravel()
     count = np.concatenate([[0.0], np.cumsum(parts)])
     if not count[-1] <= most:
