@@ -40,7 +40,7 @@ AT_MOST_LONGER = 100.0
 """A step in units of the one before, at most."""
 LOG_LONGEST, LEAST_UNIT = 700.0, 1e-300
 """Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
-WITHIN_TOLERANCE, STEPS_IN_ONE = 0.75, 3.0
+WITHIN_TOLERANCE, STEPS_IN_ONE = 0.75, 2.0
 """Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance; and at most, in steps:
 these are short where neighbouring motions part or meet fast, which the motion itself does not show."""
 MONITORED = 9
