@@ -1,12 +1,16 @@
-"""Marching collocation: the initial value problem solved interval by interval, event by event.
+"""The march: the initial value problem of a hybrid system, phase by phase, event by event.
 
-The same interval equations as in the boundary value problem (collocation/interval.py), one interval at a time with
-adaptive length, each mode followed to its exit and the exit located to rounding.  What comes out is
-already a multi-phase mesh with stages: the starting guess of a transcription, and its phase sequence.
+    smooth modes    power series of high order, in steps (march_series.py); the mesh is chosen when the motion is known
+    the others      the interval equations of the boundary value problem (collocation/interval.py), one interval at a
+                    time with adaptive length: stiff modes, and fields without a series
+    closed forms    by themselves
 
-The length of an interval is chosen so that the last Legendre coefficient of the collocation polynomial,
-in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; the end of
-the interval is superconvergent and far better.
+Each mode is followed to its exit, and the exit located to rounding.  What comes out is already a multi-phase mesh with
+stages, whichever way it was found: the starting guess of a transcription, and its phase sequence.
+
+The length of an interval is chosen so that the last Legendre coefficient of the polynomial through its start and
+stages, in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; its end is far better
+either way: superconvergent, or bounded by a small part of `tol`.
 
 Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 """

@@ -12,7 +12,7 @@ that is right everywhere.
 
 Where the field has no series, coefficients are no numbers, or steps are much shorter than an interval of collocation
 would be (a stiff mode), the rest of the phase is left to intervals (march.py).  That is found by trying one, at steps
-8, 16, 32, ... of a phase.
+32, 64, 128, ... of a phase.
 
 Symbols: n states, P order.
 """
