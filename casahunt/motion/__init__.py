@@ -2,9 +2,12 @@
 
     x(t) = x_0 + integral of f_k(x; p),    until h(x, T; p) = 0, then the next mode
 
-march_step.py    one interval: Newton on its stages
-march_exits.py   where a mode ends: its exits watched, and located to rounding
-march.py         interval by interval, with the equations of collocation; what comes out is a mesh with stages
+recursion.py       the Taylor coefficients of a motion, by a rule for each operation of its field
+series.py          steps by power series, and the mesh for what they have shown
+march_step.py      one interval: Newton on its stages
+march_exits.py     where a mode ends: its exits watched, and located to rounding
+march_series.py    a smooth mode to its exit, by series
+march.py           phase by phase: by series, or interval by interval; what comes out is a mesh with stages
 closed_forms.py  a closed form against the field of its mode
 simulation.py      the motion of a user's system, with its events and its error
 """

@@ -1,12 +1,16 @@
-"""Marching collocation: the initial value problem solved interval by interval, event by event.
+"""The march: the initial value problem of a hybrid system, phase by phase, event by event.
 
-The same interval equations as in the boundary value problem (collocation/interval.py), one interval at a time with
-adaptive length, each mode followed to its exit and the exit located to rounding.  What comes out is
-already a multi-phase mesh with stages: the starting guess of a transcription, and its phase sequence.
+    smooth modes    power series of high order, in steps (march_series.py); the mesh is chosen when the motion is known
+    the others      the interval equations of the boundary value problem (collocation/interval.py), one interval at a
+                    time with adaptive length: stiff modes, and fields without a series
+    closed forms    by themselves
 
-The length of an interval is chosen so that the last Legendre coefficient of the collocation polynomial,
-in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; the end of
-the interval is superconvergent and far better.
+Each mode is followed to its exit, and the exit located to rounding.  What comes out is already a multi-phase mesh with
+stages, whichever way it was found: the starting guess of a transcription, and its phase sequence.
+
+The length of an interval is chosen so that the last Legendre coefficient of the polynomial through its start and
+stages, in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; its end is far better
+either way: superconvergent, or bounded by a small part of `tol`.
 
 Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 """
@@ -24,7 +28,9 @@ from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
+from .march_series import Following, Reached, StepVanished, intervals_of
 from .march_step import Stepper, last_mode, predict, reaches
+from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
 
@@ -157,7 +163,7 @@ def _phase(
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
-    segment, successor = _collocated(system, name, x, stepper, tol, max_time, intervals)
+    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals)
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
@@ -265,47 +271,86 @@ class _Shorter(NamedTuple):
     why: str
 
 
-def _collocated(
+def _followed(
     system: System, name: str, x: Array, stepper: Stepper, tol: float, max_time: float, max_intervals: int
 ) -> tuple[Segment, str]:
-    """(segment, next mode) of a collocated phase: intervals in a row to its exit, or to `max_time`."""
+    """(segment, next mode) of a phase without closed form: series as far as they lead, then intervals in a row."""
     scale, p, d = stepper.scale, stepper.p, stepper.scheme.degree
     mode, exits = system.modes[name], system.exits[name]
-    lengths: list[float] = []
-    pieces: list[Array] = []
+    behind_it: tuple[Array | None, str] = None, name
 
-    def segment(event: str, end: Array, jumped: Array | None = None) -> Segment:
-        breaks = np.concatenate([[0.0], np.cumsum(lengths)])
-        w = np.array(pieces) * np.tile(scale, d + 1)
-        return Segment(name, event, t, breaks / breaks[-1], w, end * scale, jumped)
+    def passes(way_out: Exit, end: Array) -> bool:
+        """An event that leads back into its own mode was touched, not crossed: the motion goes on."""
+        nonlocal behind_it
+        jumped = behind(way_out, end * scale, p)
+        successor = way_out.successor(end * scale if jumped is None else jumped, p)
+        behind_it = jumped, successor
+        return successor == name and not way_out.mark and mode.flow is None
 
-    t, start = 0.0, x / scale
-    first = stepper.slope(start)
-    slope: Array | None = first  # None where the interval does not start on an event
-    h = min(1e-2 / max(float(np.max(np.abs(first))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
+    stretches: list[list[Piece]] = []
+    reached = Reached(0.0, x / scale, None, False, 0.0)
+    series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
+    if series is not None:
+        try:
+            following = Following(
+                exits, stepper, series, x / scale, tol, max_time, max_intervals, passes, VANISHING_STEP
+            )
+            reached, stretches = following.run(), following.stretches
+        except StepVanished as vanished:
+            raise MarchFailure(f"mode {name!r}: {VANISHED} at {vanished.time:.6g} s") from None
+    try:
+        lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
+    except TooMany:
+        raise MarchFailure(
+            f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals"
+        ) from None
+    if not reached.over:
+        reached = _collocated(mode, exits, stepper, reached, tol, max_time, max_intervals, passes, lengths, pieces)
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    w = np.array(pieces) * np.tile(scale, d + 1)
+    jumped, successor = behind_it if reached.way_out is not None else (None, name)
+    event = "" if reached.way_out is None else reached.way_out.event.name
+    return Segment(name, event, reached.time, breaks / breaks[-1], w, reached.x * scale, jumped), successor
+
+
+def _collocated(
+    mode: Mode,
+    exits: tuple[Exit, ...],
+    stepper: Stepper,
+    begun: Reached,
+    tol: float,
+    max_time: float,
+    max_intervals: int,
+    passes: Callable[[Exit, Array], bool],
+    lengths: list[float],
+    pieces: list[Array],
+) -> Reached:
+    """Intervals in a row to the exit of a mode, or to `max_time`, put behind those that are there."""
+    d = stepper.scheme.degree
+    t, start, h = begun.time, begun.x, begun.length
+    slope: Array | None = None  # where the interval does not start on an event
+    if h == 0:
+        slope = stepper.slope(start)
+        h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: tuple[Array, float] | None = None
     while True:
         if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
-            return segment("", start), name
+            return Reached(t, start, None, True, h)
         if len(pieces) >= max_intervals:
-            raise MarchFailure(f"mode {name!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
+            raise MarchFailure(f"mode {mode.name!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
         effort.interval()
         found = _attempt(mode, exits, stepper, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):
             h *= found.factor
             if h < VANISHING_STEP * max(t, 1.0):
-                raise MarchFailure(f"mode {name!r}: {found.why} at {t:.6g} s")
+                raise MarchFailure(f"mode {mode.name!r}: {found.why} at {t:.6g} s")
             continue
         h, stages, end, error, way_out = found
         pieces.append(np.concatenate([start, stages]))
         lengths.append(h)
         t += h
-        if way_out is not None:
-            jumped = behind(way_out, end * scale, p)
-            successor = way_out.successor(end * scale if jumped is None else jumped, p)
-            # An event that leads back into its own mode was touched, not crossed: the motion goes on.
-            if successor != name or way_out.mark or mode.flow is not None:
-                return segment(way_out.event.name, end, jumped), successor
+        if way_out is not None and not passes(way_out, end):
+            return Reached(t, end, way_out, True, h)
         previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
         h = min(h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))

@@ -127,8 +127,11 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
 
     Returns
     -------
-    Multipliers, of one mesh: their error is unknown.
+    Multipliers, of one mesh: their error is unknown; no numbers where the motion stands still at a node, for rounding
+    next to an equilibrium, and has no direction there.
     """
+    if not _moves(chain):
+        return _unknown(len(chain.flows[0]), repeats)
     found = spectrum(transversal(chain), np.array([*chain.noise, FACTOR_ROUNDING]))
     others = found.values.astype(complex)
     trivial = _trivial(spectrum(chain.factors).values.astype(complex), others)
@@ -149,6 +152,20 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
     )
 
 
+def _moves(chain: MapChain) -> bool:
+    """Whether the motion has a direction at every node."""
+    return bool(np.isfinite(chain.factors).all() and np.any(chain.flows, axis=1).all())
+
+
+def _unknown(n: int, repeats: int) -> Multipliers:
+    """Multipliers of which nothing is known."""
+    nothing, nan = np.full(n, np.nan, complex), math.nan
+    return Multipliers(
+        half=nothing, full=nothing, leading=complex(nan), log10_leading=nan, trivial_error=math.inf, error=math.inf,
+        rounding=math.inf, floor=np.full(n, math.inf), repeats=repeats, frame=np.eye(n - 1),
+    )  # fmt: skip
+
+
 def rough_multipliers(t: Transcription, u: Array, setting: Setting, frame: Array) -> Array:
     """Half multipliers without the trivial one, to be compared with those on another mesh.
 
@@ -161,9 +178,10 @@ def rough_multipliers(t: Transcription, u: Array, setting: Setting, frame: Array
 
     Returns
     -------
-    (n - 1,) by decreasing modulus.
+    (n - 1,) by decreasing modulus; no numbers where the motion stands still at a node.
     """
-    return spectrum(transversal(collocation_chain(t, u, setting)), frame=frame).values
+    chain = collocation_chain(t, u, setting)
+    return spectrum(transversal(chain), frame=frame).values if _moves(chain) else np.full(len(frame), np.nan)
 
 
 def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Multipliers:

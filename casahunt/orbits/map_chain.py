@@ -67,10 +67,11 @@ def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = 
 
     Returns
     -------
-    (n, n).
+    (n, n); not finite where the motion stands still on the event, next to an equilibrium.
     """
     through = np.eye(f_before.size) if jump is None else jump
-    return through + np.outer(f_after - through @ f_before, h_x) / float(h_x @ f_before)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return through + np.outer(f_after - through @ f_before, h_x) / np.float64(h_x @ f_before)
 
 
 def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> MapChain:

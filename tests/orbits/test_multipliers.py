@@ -239,6 +239,17 @@ def test_saltation_of_a_jump():
     np.testing.assert_allclose(exact, np.transpose(differences), rtol=1e-8, atol=1e-9)
 
 
+def test_a_motion_that_stands_still_has_no_multipliers():
+    """At an event next to an equilibrium the field is zero for rounding: no direction, no number, no trust."""
+    f, gradient = np.array([0.0, 1e-20]), np.array([1.0, 0.0])
+    assert not np.isfinite(map_chain.saltation(f, np.array([1.0, 0.0]), gradient)).all()
+    still = map_chain.MapChain([np.diag([0.5, 0.1]), np.eye(2)], [gradient, np.zeros(2), gradient], [1e-16])
+    crossed = map_chain.MapChain([np.diag([np.inf, 0.1]), np.eye(2)], [gradient] * 3, [1e-16])
+    for chain in (still, crossed):
+        found = floquet.chain_multipliers(chain, 1)
+        assert not found.trusted and np.isnan(found.half).all() and found.error == math.inf
+
+
 # Products ------------------------------------------------------------------------------------------------------------
 
 

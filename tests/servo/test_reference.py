@@ -125,11 +125,13 @@ def test_ipopts_success_past_a_fold_is_not_an_answer():
     """Past the fold there is no root; where the residual is smaller than IPOPT asks for, it calls that one."""
     fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9))
     t, u, setting = unknowns_of(fold.orbit)
-    for beyond in (1e-6, 1e-9, 1e-11):
+    content = []
+    for beyond in (1e-6, 1e-9, 1e-10, 1e-11, 3e-12, 1e-12):  # at which of them it is content, rounding decides
         found = ipopt.ipopt(t, u, replace(setting, p=np.append(setting.p[:-1], setting.p[-1] * (1 + beyond))))
         assert not found.status.ok
-    assert ipopt._ipopt_solver(t, "root").stats()["success"]
-    assert found.residual < 1e-9
+        if ipopt._ipopt_solver(t, "root").stats()["success"]:
+            content.append(found.residual)
+    assert content and min(content) < 1e-9
 
 
 def test_command_line_names_the_solver(capsys):

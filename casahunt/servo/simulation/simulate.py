@@ -1,4 +1,4 @@
-"""The closed loop from any initial state: marching collocation, event by event, with an error estimate.
+"""The closed loop from any initial state: a march, event by event, with an error estimate.
 
     x1 = theta - theta_d,   x1' = x2,   J x2' = m - F,   x3' = x1,   m = -(kp x1 + kd x2 + ki x3)
 
@@ -8,7 +8,7 @@ or servo/stick_band.py (Switch with the report's stick band).  The regulator tas
 theta_d = 1 rad from rest at theta = 0.
 
 Accuracy.  `march` bounds the last Legendre coefficient of each interval; the ends of the intervals are
-superconvergent, and what that does to the times of the events depends on the servo.  Measured on 100 s of
+much better, and what that does to the times of the events depends on the servo.  Measured on 100 s of
 the regulator task at K = 0.04: event times err by 1e-4 to 20 times the march tolerance [s].  So that is
 not promised: the motion is computed twice, the second time with a march tolerance `REFINEMENT` times
 smaller, and the difference is the error estimate.  While it exceeds the tolerance, the next pair follows.
@@ -47,7 +47,7 @@ Array = np.ndarray
 
 REFINEMENT = 30.0
 """Ratio of the march tolerances of two motions that are compared."""
-FIRST, COARSEST, FINEST = 1 / 3, 1e-4, 1e-11
+FIRST, COARSEST, FINEST = 1 / 10, 1e-4, 1e-11
 """March tolerance of the first motion in units of the tolerance; the largest one; the smallest one that rounding lets
 the march reach with states of up to `SPAN` scales."""
 LEAST = 0.1
