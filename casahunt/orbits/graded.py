@@ -64,7 +64,13 @@ class Spectrum:
     frame: Array
 
 
-def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | None = None) -> Spectrum:
+def spectrum(
+    factors: Array | list[Array],
+    noise: Array | None = None,
+    frame: Array | None = None,
+    *,
+    rounds: int = MULTIPLIER_ROUNDS,
+) -> Spectrum:
     """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
 
     Parameters
@@ -74,19 +80,21 @@ def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | No
     noise
         (E,) absolute uncertainty delta_e of each of them.
     frame
-        (n, n) directions to start from, of a product that is nearly the same: one round is enough then.
+        (n, n) directions to start from, such as those of a product that is nearly the same.
+    rounds
+        around the cycle, at most.
 
     Returns
     -------
     Spectrum.
     """
-    n = factors[0].shape[1]
+    chain = np.asarray(factors)
+    n = chain.shape[2]
     if n == 0:
         return Spectrum(np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)))
-    chain = np.array(factors)
     q = _first_frame(n) if frame is None else frame
     previous = np.full(n, np.inf, dtype=complex)
-    for _ in range(MULTIPLIER_ROUNDS if frame is None else 1):
+    for _ in range(rounds):
         start, triangular, exponent = q, np.eye(n), 0
         steps = []
         for e in range(0, len(chain), FACTORS_AT_ONCE):
