@@ -41,7 +41,7 @@ DEFECT = 1e-9
 DEFECT_POWER, MOST_PARTS = 1 / 6, 8
 """An interval is cut in (defect / DEFECT)^DEFECT_POWER parts, no more than MOST_PARTS: orders are 11 and more, but for
 kinks."""
-LAST_STEP = 1e-10
+LAST_STEP = 1e-11
 """A Newton step smaller than this is not taken: what it moves is below what is asked of multipliers."""
 
 

@@ -13,7 +13,7 @@ from typing import IO, Any
 from ... import effort
 from ...continuation.special_points import FOLD, Missed
 from ...design.diagram import DEFAULT_START, DiagramPoint, diagram
-from ...design.diagram_files import INTERRUPTED, Task, begun, keep
+from ...design.diagram_files import INTERRUPTED, Task, Words, begun, keep
 from ...errors import NoOrbit
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
@@ -152,11 +152,11 @@ def _one_branch(
     stream: IO[str] | None,
 ) -> Branch:
     """Compute a branch, from the points that are there on; every point is on disk before the next one is begun."""
-    found, ended = list(there[0]), there[1]
+    found, ended, words = list(there[0]), there[1], Words()
     if found:
         say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
     if found and ended != INTERRUPTED:
-        return keep(task, model, found, ended, out)
+        return keep(task, model, found, ended, out, words)
     points = diagram(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
@@ -164,15 +164,15 @@ def _one_branch(
         try:
             point = next(points)
         except StopIteration as end:
-            return keep(task, model, found, str(end.value), out)
+            return keep(task, model, found, str(end.value), out, words)
         except NoOrbit as error:
             if not found:  # nothing is written for a servo that does not hunt
                 raise
-            return keep(task, model, found, str(error), out)
+            return keep(task, model, found, str(error), out, words)
         make_room()
         with held():
             found.append(point)
-            keep(task, model, found, INTERRUPTED, out)
+            keep(task, model, found, INTERRUPTED, out, words)
         for special in point.special:
             say(stream, f"{model:7s} {special.meaning}")
         say(stream, progress_line(point.orbit))
