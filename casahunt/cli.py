@@ -1,4 +1,4 @@
-"""The command line: casahunt COMMAND, one module command_*.py for each.
+"""The command line: casahunt COMMAND, one module of views/commands for each.
 
 Results go to standard output (with --json one JSON object and nothing else), progress to standard error.
 Exit codes: 0 done; 1 no such orbit or no convergence, with what was tried and what to do; 2 the input is
@@ -15,44 +15,31 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 from . import effort, interrupts
 from .checks import known
 from .errors import InputError, NoOrbit
-from .views.commands import basin as command_basin
-from .views.commands import diagram as command_diagram
-from .views.commands import equilibria as command_equilibria
-from .views.commands import fold as command_fold
-from .views.commands import fold_curve as command_fold_curve
-from .views.commands import fold_map as command_fold_map
-from .views.commands import loop as command_loop
-from .views.commands import map as command_map
-from .views.commands import orbit as command_orbit
-from .views.commands import record as command_record
-from .views.commands import simulate as command_simulate
-from .views.commands import tune as command_tune
-from .views.commands import uncertainty as command_uncertainty
 from .views.commands.arguments import Parser
 from .views.commands.console import Outputs, complain, own_process, progress, say
 
-COMMANDS = {
-    "orbit": command_orbit,
-    "diagram": command_diagram,
-    "fold": command_fold,
-    "fold-curve": command_fold_curve,
-    "fold-map": command_fold_map,
-    "loop": command_loop,
-    "equilibria": command_equilibria,
-    "map": command_map,
-    "basin": command_basin,
-    "simulate": command_simulate,
-    "record": command_record,
-    "uncertainty": command_uncertainty,
-    "tune": command_tune,
-}
-
-
+COMMANDS = (
+    "orbit",
+    "diagram",
+    "fold",
+    "fold-curve",
+    "fold-map",
+    "loop",
+    "equilibria",
+    "map",
+    "basin",
+    "simulate",
+    "record",
+    "uncertainty",
+    "tune",
+)
+"""Each is a module of views/commands, loaded when it is called or when all of them are listed."""
 SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map")
 """Commands with lines of their own about where they are."""
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
@@ -71,8 +58,8 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+    """The parser of some commands; default all."""
     parser = Parser(
         prog="casahunt",
         description="Will this servo hunt, and at which gain does it stop? Limit cycles of a servo with dry friction.",
@@ -81,9 +68,13 @@ def build_parser() -> argparse.ArgumentParser:
     nowhere = argparse.SUPPRESS
     parser.add_argument("--version", action=_Version, nargs=0, dest=nowhere, default=nowhere, help="print the version")
     commands = parser.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
-    for command in COMMANDS.values():
-        command.add(commands)
+    for name in names:
+        _module(name).add(commands)
     return parser
+
+
+def _module(name: str) -> Any:
+    return import_module(f".views.commands.{name.replace('-', '_')}", __package__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -112,7 +103,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         with Outputs() as options.outputs, effort.watched(tell, limit=limit):
-            return COMMANDS[name].run(options)
+            return _module(name).run(options)
     except InputError as error:
         interrupts.check()
         complain(command, error)
@@ -137,9 +128,10 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     """The options of a command line, with a suggestion for every misspelt word."""
     if not words:
         raise InputError(f"a command must be given: {', '.join(COMMANDS)} (see casahunt --help)")
-    if not words[0].startswith("-"):
+    named = not words[0].startswith("-")
+    if named:
         known("command", words[0], COMMANDS)
-    options, unknown = build_parser().parse_known_args(_joined(words))
+    options, unknown = build_parser(words[:1] if named else COMMANDS).parse_known_args(_joined(words))
     if unknown:
         if unknown[0].startswith("-"):
             dests = [name for name in vars(options) if name not in ("command", "servo", "file")]

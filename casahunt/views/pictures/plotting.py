@@ -10,7 +10,8 @@ and square, the LuGre model wide, light and triangular; along a branch stable is
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -86,9 +87,25 @@ def save(figure: Figure, path: str | Path) -> None:
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
     drawn = io.BytesIO()
-    figure.savefig(drawn, dpi=DPI, format=suffix)
+    with _laid_out(figure) if suffix == "png" else nullcontext():
+        figure.savefig(drawn, dpi=DPI, format=suffix)
     with whole(path) as stream:
         stream.write(drawn.getvalue())
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """The figure laid out for PNG; matplotlib itself would go through all that is in it once more for that."""
+    engine, dpi = figure.get_layout_engine(), figure.dpi
+    figure.dpi = DPI
+    try:
+        if engine is not None:
+            engine.execute(figure)
+            figure.set_layout_engine(None)
+        yield
+    finally:
+        figure.dpi = dpi
+        figure.set_layout_engine(engine)
 
 
 def at_least_one(what: str, items: Sequence[Any]) -> None:
