@@ -83,31 +83,35 @@ def test_the_multipliers_of_every_cycle(c, larger, half, tol):
 
 
 @pytest.mark.parametrize(
-    ("leading", "wrong", "meshes", "taken"),
+    ("own", "between", "leading", "wrong", "taken"),
     [
-        ([5.0, 6.0], [0, 0], 1, 5.0),  # small ones are as good as the trivial one
-        ([100.0, 100.1, 100.1], [0, 0, 0], 3, 100.1),  # large ones must come out the same twice
-        ([100.0, 100.0], [0, 0], 2, 100.0),
-        ([5.0, 6.0, 7.0], [1e-6, 1e-7, 1e-9], 3, 7.0),  # until the trivial one is 1
-        ([5.0, 6.0, 7.0, 8.0], [1e-6, 1e-7, 1e-5, 1e-5], 4, 6.0),  # or the best of four
+        (5.0, None, [5.00001], [0], 0),  # small ones are as good as the trivial one
+        (4.0, 5.0, [5.0], [0], 0),  # unless the orbit's own mesh is too coarse to tell
+        (4.0, 4.5, [5.0, 5.0], [0, 0], 1),
+        (100.0, None, [100.0001], [0], 0),  # large ones must come out the same twice
+        (99.0, 100.0, [100.0], [0], 0),
+        (99.0, 99.9, [100.0, 100.1, 100.1], [0, 0, 0], 2),
+        (5.0, None, [5.0, 5.00001, 5.00002], [1e-6, 1e-7, 1e-9], 2),  # until the trivial one is 1
+        (5.0, None, [5.0, 5.00001, 5.0, 5.0], [1e-6, 1e-7, 1e-5, 1e-5], 1),  # or the best of four
     ],
 )
-def test_how_long_multipliers_are_refined(monkeypatch, leading, wrong, meshes, taken):
+def test_how_long_multipliers_are_refined(monkeypatch, own, between, leading, wrong, taken):
     seen: list[int] = []
+    rough = iter([own, between])
 
-    def told(t, u, setting, lin):
+    def told(chain, repeats, frame):
         k = len(seen)
-        seen.append(t.intervals)
-        return floquet.Multipliers(np.array([1.0]), np.array([1.0]), leading[k] + 0j, 0.0, wrong[k], 0.0, 0.0,
-                                   np.zeros(1), 2, np.zeros((0, 0)))  # fmt: skip
+        seen.append(len(chain.elements))
+        half = np.array([1.0, leading[k]])
+        return floquet.Multipliers(half, half, leading[k] + 0j, 0.0, wrong[k], np.inf, 0.0, np.zeros(2), 2, frame)
 
-    monkeypatch.setattr(floquet, "multipliers", told)
-    monkeypatch.setattr(floquet, "rough_multipliers", lambda *at: np.zeros(0))
-    monkeypatch.setattr(floquet, "compared", lambda found, coarse: replace(found, error=0.0))
-    found, (t, _, _) = refined_multipliers(*unknowns_of(cycle()))
-    assert found.leading == taken and len(seen) == meshes
-    assert all(b == 2 * a for a, b in zip(seen, seen[1:], strict=False))
-    assert t.intervals == seen[max(k for k in range(meshes) if leading[k] == taken)]
+    monkeypatch.setattr(floquet, "chain_multipliers", told)
+    monkeypatch.setattr(floquet, "rough_multipliers", lambda *at: (np.array([next(rough)]), np.eye(1)))
+    orbit = cycle(tol=1e-3, intervals=4)  # its intervals are cut in three and more
+    found, (t, _, _) = refined_multipliers(*unknowns_of(orbit))
+    assert found.leading == leading[taken] and len(seen) == len(leading) and t.intervals == seen[taken]
+    assert (next(rough, 0.0) is None) is (between is None)  # the mesh between is asked where it is needed
+    assert seen[0] >= 2 * unknowns_of(orbit)[0].intervals and seen == sorted(seen)
 
 
 CUT = 1e150
