@@ -34,6 +34,8 @@ HEALTHY = 4e-9
 MORE_MESHES = 3
 LARGE_MULTIPLIER, AGREED = 10.0, 1e-5
 """Half multipliers beyond LARGE_MULTIPLIER are computed on two meshes at least, until they agree to AGREED."""
+ALIKE = floquet.TRUSTED / floquet.SHARE_LEFT
+"""Smaller ones may differ by this: what is left of it on the finer mesh is to be trusted."""
 NEXT_TO_FOLD = 0.02
 """Share of the parameter in the unit tangent below which a point counts as next to a fold."""
 DEFECT = 1e-9
@@ -113,8 +115,10 @@ def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
 
     Where the flow expands a lot, the trivial multiplier says nothing about the leading one.
     """
-    off = float(np.min(np.abs(found.leading - coarse), initial=np.inf)) if coarse.size else 0.0
-    return off < (AGREED * abs(found.leading) if abs(found.leading) >= LARGE_MULTIPLIER else floquet.TRUSTED / floquet.SHARE_LEFT)
+    if not coarse.size:
+        return True
+    off, size = float(np.min(np.abs(found.leading - coarse))), abs(found.leading)
+    return off < AGREED * size if size >= LARGE_MULTIPLIER else off < ALIKE
 
 
 def _parts(solved: _Solved) -> Array:
