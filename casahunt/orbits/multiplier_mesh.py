@@ -21,6 +21,7 @@ import numpy as np
 from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import divided
 from ..collocation.newton import Solver
+from ..collocation.parted_system import PartedTranscription
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
@@ -130,7 +131,7 @@ def _parts(solved: _Solved) -> Array:
 def _cut(place: Place, parts: Array) -> Place:
     """The same orbit with every interval cut in some parts, not solved again."""
     t, u, setting = place
-    t, u, fractions = divided(t, u, setting.fractions, parts)
+    t, u, fractions = divided(t, u, setting.fractions, parts, PartedTranscription(t, parts))
     return t, u, replace(setting, fractions=fractions)
 
 
