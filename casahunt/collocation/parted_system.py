@@ -56,7 +56,17 @@ class PartedSystem(NodeSystem):
         self._whole = np.repeat(np.arange(t.elements), counts)  # the coarse element of every part
 
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
-        """As in the coarse system: the phases end at the same nodes."""
+        """A border row: that of the coarse system, whose phases end at the same nodes.
+
+        Parameters
+        ----------
+        nodes, durations, parameter
+            as in `NodeSystem.border`.
+
+        Returns
+        -------
+        ((P + 1) n + P + 1,).
+        """
         return self._t.system.border(nodes=nodes, durations=durations, parameter=parameter)
 
     def _products(self, maps: Array, of: Array) -> Array:
@@ -83,7 +93,8 @@ class PartedSystem(NodeSystem):
         for e in self._later:
             added[e, :, 1 : n + 1] = 0.0
         carried = self._products(through, added)
-        return _Matrix(self._t.system.nonzeros(carried[self._last], closure, events, border), through, carried[:, :, 1:])
+        coarse = self._t.system.nonzeros(carried[self._last], closure, events, border)
+        return _Matrix(coarse, through, carried[:, :, 1:])
 
     def solve(self, nonzeros: Any, rhs: Array) -> Array:
         """Solve the node system.

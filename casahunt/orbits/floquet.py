@@ -31,7 +31,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..collocation.transcription import Setting, Transcription
-from .graded import LARGEST_MULTIPLIER, spectrum
+from .graded import LARGEST_MULTIPLIER, MULTIPLIER_ROUNDS, spectrum
 from .map_chain import FACTOR_ROUNDING, MapChain, collocation_chain
 
 Array = np.ndarray
@@ -152,8 +152,7 @@ def rough_multipliers(chain: MapChain, frame: Array | None = None) -> tuple[Arra
     (n - 1,) by decreasing modulus, and their frame.
     """
     bases = _complements(np.asarray(chain.flows))
-    rounds = {} if frame is None else {"rounds": 1}
-    found = spectrum(_transversal(chain, bases), frame=frame, **rounds)
+    found = spectrum(_transversal(chain, bases), frame=frame, rounds=MULTIPLIER_ROUNDS if frame is None else 1)
     return found.values, found.frame
 
 

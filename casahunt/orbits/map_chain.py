@@ -222,7 +222,11 @@ def _closed(
     """Join the factors of the phases with saltation matrices and the closure."""
     starts = [along[0] for _, along in pieces]
     follow = [*starts[1:], np.linalg.inv(closure) @ starts[0]]
-    factors, noise, flows, elements, count = [], [], [starts[:1]], [], 0
+    factors: list[Array] = []
+    noise: list[Any] = []
+    flows: list[Any] = [starts[:1]]
+    elements: list[Array] = []
+    count = 0
     for k, (maps, along) in enumerate(pieces):
         maps = np.asarray(maps)
         factors.append(maps)

@@ -35,16 +35,16 @@ HEALTHY = 4e-9
 MORE_MESHES = 3
 LARGE_MULTIPLIER, AGREED = 10.0, 1e-5
 """Half multipliers beyond LARGE_MULTIPLIER are computed on two meshes at least, until they agree to AGREED."""
-ALIKE = floquet.TRUSTED / floquet.SHARE_LEFT
+AS_TRUSTED = floquet.TRUSTED / floquet.SHARE_LEFT
 """Smaller ones may differ by this: what is left of it on the finer mesh is to be trusted."""
 NEXT_TO_FOLD = 0.02
 """Share of the parameter in the unit tangent below which a point counts as next to a fold."""
 DEFECT = 1e-9
 """By how much the map of an interval may miss the flow behind it, relative."""
-DEFECT_POWER, MOST_PARTS = 1 / 6, 8
-"""An interval is cut in (defect / DEFECT)^DEFECT_POWER parts, no more than MOST_PARTS: orders are 11 and more, but for
+DEFECT_POWER, MOST_CUTS = 1 / 6, 8
+"""An interval is cut in (defect / DEFECT)^DEFECT_POWER parts, no more than MOST_CUTS: orders are 11 and more, but for
 kinks."""
-LAST_STEP = 1e-11
+NO_STEP = 1e-11
 """A Newton step smaller than this is not taken: what it moves is below what is asked of multipliers."""
 
 
@@ -82,13 +82,13 @@ def refined_multipliers(
     coarse, frame = floquet.rough_multipliers(own.chain)
     parts = np.maximum(_parts(own), 2)
     halves = (parts + 1) // 2
-    solved: _Solved | None = own
     best: floquet.Multipliers | None = None
-    place = start
+    last, place = own, start
     for k in range(1 + MORE_MESHES):
-        solved = _solved(solved.place, parts, weights, solver)
+        solved = _solved(last.place, parts, weights, solver)
         if solved is None:
             break
+        last = solved
         fresh = floquet.chain_multipliers(solved.chain, t.cycle.repeats, frame)
         frame = fresh.frame
         if k == 0 and not _settled(fresh, coarse) and halves.max(initial=1) > 1:
@@ -119,13 +119,13 @@ def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
     if not coarse.size:
         return True
     off, size = float(np.min(np.abs(found.leading - coarse))), abs(found.leading)
-    return off < AGREED * size if size >= LARGE_MULTIPLIER else off < ALIKE
+    return off < AGREED * size if size >= LARGE_MULTIPLIER else off < AS_TRUSTED
 
 
 def _parts(solved: _Solved) -> Array:
     """(N,) parts for every interval, by how much its map misses the flow."""
     defects = solved.chain.flow_defects()[solved.place[0].interval_elements]
-    return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_PARTS).astype(int)
+    return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_CUTS).astype(int)
 
 
 def _cut(place: Place, parts: Array) -> Place:
@@ -139,7 +139,7 @@ def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -
     """The orbit with every interval cut in some parts, solved anew; None where the solver fails."""
     t, u, setting = _cut(place, parts)
     border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
-    solution = solve(t, u, setting, solver=solver, border=border, accuracy=LAST_STEP)
+    solution = solve(t, u, setting, solver=solver, border=border, accuracy=NO_STEP)
     if not solution.status.ok:
         return None
     u, setting = solution.u, setting.moved(solution.parameter)
