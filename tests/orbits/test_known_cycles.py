@@ -9,10 +9,12 @@ import pytest
 
 from casahunt import NoOrbit, Options
 from casahunt.collocation.error_estimate import estimate
+from casahunt.collocation.mesh import transfer
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
-from casahunt.orbits import adapt, floquet, map_chain
+from casahunt.orbits import adapt, floquet, map_chain, multiplier_mesh
 from casahunt.orbits.adapt import curve_border, finished, refined, remeshed, solve_adaptively
 from casahunt.orbits.graded import _cut, spectrum
 from casahunt.orbits.multiplier_mesh import refined_multipliers
@@ -112,6 +114,22 @@ def test_how_long_multipliers_are_refined(monkeypatch, own, between, leading, wr
     assert found.leading == leading[taken] and len(seen) == len(leading) and t.intervals == seen[taken]
     assert (next(rough, 0.0) is None) is (between is None)  # the mesh between is asked where it is needed
     assert seen[0] >= 2 * unknowns_of(orbit)[0].intervals and seen == sorted(seen)
+
+
+def test_the_interval_that_misses_the_flow_is_cut():
+    """One four times as long as the others, of a circle: by the order, its map misses the flow by 4^11 as much."""
+    _, (t, u, setting) = start(intervals=16)
+    breaks = [np.concatenate([np.arange(6), np.arange(9, 17)]) / 16]
+    t, u, fractions = transfer(t, u, setting.fractions, breaks)
+    setting = replace(setting, fractions=fractions)
+    solution = newton(t, u, setting)
+    assert solution.status.ok
+    found = multiplier_mesh._Solved((t, solution.u, setting), map_chain.collocation_chain(t, solution.u, setting))
+    defects = found.chain.flow_defects()
+    others = np.arange(13) != 5
+    assert 4**11 / 30 < defects[5] / np.median(defects[others]) < 4**11 * 30
+    parts = multiplier_mesh._parts(found)
+    assert (parts[others] == parts[0]).all() and parts[5] >= parts[0] + 2
 
 
 CUT = 1e150
