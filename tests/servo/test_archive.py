@@ -30,14 +30,14 @@ def test_orbit(tmp_path, name):
 def test_a_branch_that_grows(tmp_path):
     """What was put into words for the file before is what is put into words for a file of its own."""
     orbits, said = [computed("switch"), computed("switch full cycle"), computed("switch")], {}
-    special = (SpecialPoint("fold", orbits[1], "a fold"), SpecialPoint("my \"own\"", orbits[0], "größer als 1"))
+    special = (SpecialPoint("fold", replace(orbits[1]), "a fold"), SpecialPoint("my \"own\"", orbits[0], "größer als 1"))
     for k in (1, 2, 3):
         branch = Branch("switch", Servo(), tuple(orbits[:k]), f"point {k}", special[: k - 1])
         save_branch(branch, tmp_path / "grown.npz", run={"k": k}, said=said)
         save_branch(branch, tmp_path / "alone.npz", run={"k": k})
         grown, alone = (read(tmp_path / f"{name}.npz", "branch") for name in ("grown", "alone"))
         assert grown[0] == alone[0] and np.array_equal(grown[1], alone[1])
-    assert len(said) == 2
+    assert len(said) == 3
 
 
 def test_branch(tmp_path):
