@@ -86,25 +86,43 @@ def save(figure: Figure, path: str | Path) -> None:
         raise InputError(f"figure {str(path)!r}: the suffix must be one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
-    drawn = io.BytesIO()
-    with _laid_out(figure) if suffix == "png" else nullcontext():
-        figure.savefig(drawn, dpi=DPI, format=suffix)
+    content = drawn(figure, suffix)
     with whole(path) as stream:
-        stream.write(drawn.getvalue())
+        stream.write(content)
+
+
+def drawn(figure: Figure, suffix: str = "png", dpi: float = DPI) -> bytes:
+    """A figure as the content of a file.
+
+    Parameters
+    ----------
+    figure, suffix
+        the figure, and its format.
+    dpi
+        dots per inch.
+
+    Returns
+    -------
+    The bytes.
+    """
+    stream = io.BytesIO()
+    with _laid_out(figure, dpi) if suffix == "png" else nullcontext():
+        figure.savefig(stream, dpi=dpi, format=suffix)
+    return stream.getvalue()
 
 
 @contextmanager
-def _laid_out(figure: Figure) -> Iterator[None]:
+def _laid_out(figure: Figure, dpi: float) -> Iterator[None]:
     """The figure laid out for PNG; matplotlib itself would go through all that is in it once more for that."""
-    engine, dpi = figure.get_layout_engine(), figure.dpi
-    figure.dpi = DPI
+    engine, before = figure.get_layout_engine(), figure.dpi
+    figure.dpi = dpi
     try:
         if engine is not None:
             engine.execute(figure)
             figure.set_layout_engine(None)
         yield
     finally:
-        figure.dpi = dpi
+        figure.dpi = before
         figure.set_layout_engine(engine)
 
 
@@ -153,6 +171,7 @@ __all__ = [
     "MaxNLocator",
     "NullLocator",
     "at_least_one",
+    "drawn",
     "new_figure",
     "save",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +15,7 @@ from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities
-from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, new_figure
+from .plotting import ALONE, DPI, NEUTRAL, SMALL, Figure, Line2D, drawn, new_figure
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
@@ -103,9 +102,7 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task]) -> Fi
 
 def png(figure: Figure) -> bytes:
     """The figure as the bytes of a PNG file."""
-    stream = io.BytesIO()
-    figure.savefig(stream, dpi=DPI * 2 // 3, format="png")
-    return stream.getvalue()
+    return drawn(figure, dpi=DPI * 2 // 3)
 
 
 def evidence_images(
