@@ -57,7 +57,7 @@ class _Solved:
 
 
 def refined_multipliers(
-    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton"
+    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton", lin: Linearisation | None = None
 ) -> tuple[floquet.Multipliers, Place]:
     """Multipliers on a mesh made for them: finer than the orbit's, until the trivial one is 1.
 
@@ -70,13 +70,16 @@ def refined_multipliers(
         the orbit: transcription, unknowns, setting.
     solver
         for the finer meshes.
+    lin
+        the equations linearised there, where that is known.
 
     Returns
     -------
     Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
     """
     start: Place = (t, u, setting)
-    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
+    if lin is None:
+        lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
     weights = _fold_border(t, lin)
     own = _Solved(start, collocation_chain(t, u, setting, lin))
     coarse, frame = floquet.rough_multipliers(own.chain)
