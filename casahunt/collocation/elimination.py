@@ -24,9 +24,9 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from ..compiled import caller, kept
+from ..compiled import caller_by_rows, kept
 from ..hybrid.system import Field
-from .interval import SHARED
+from .interval import sizes_of_parts
 from .scheme import Kind, scheme
 
 Array = np.ndarray
@@ -229,16 +229,21 @@ def eliminating_function(
     return function, reduced.F, reduced.E
 
 
+@kept(maxsize=128)
+def _part(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> ca.Function:
+    """The function over a number of intervals, all arguments given for each."""
+    return eliminating_function(field, n, parameters, degree, kind)[0].map(intervals)
+
+
 class Elimination:
     """`eliminating_function` over N intervals, called through fixed buffers (compiled.py), and what numpy does then."""
 
     def __init__(self, field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> None:
         function, F, E = eliminating_function(field, n, parameters, degree, kind)
-        mapped = function.map("intervals", "serial", intervals, list(SHARED), [])
-        rows = n * (degree + 1)
-        inputs = [(intervals, rows), (intervals, n), intervals, intervals, intervals, parameters, parameters, n]
-        outputs = [(intervals, function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
-        self._caller = caller(mapped, inputs, outputs)
+        parts = [(_part(field, n, parameters, degree, kind, size), size) for size in sizes_of_parts(intervals)]
+        inputs = [n * (degree + 1), n, 1, 1, 1, parameters, parameters, n]
+        outputs = [(function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
+        self._caller = caller_by_rows(parts, inputs, outputs)
         self._shape = intervals, degree, n
         end = scheme(degree, kind).interpolation(np.array([1.0]))
         self._start, self._end, self._own = float(end[0, 0]), end[:, 1:], np.arange(n)
@@ -254,8 +259,11 @@ class Elimination:
         numpy.linalg.LinAlgError : the stages of an interval cannot be eliminated.
         """
         buffers = self._caller.buffers
-        for store, value in zip(buffers.inputs, (w, x_next, duration, fraction, sign, p, dp, scale), strict=True):
-            store[...] = value
+        w_, x_next_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
+        for store, value in ((w_, w), (x_next_, x_next), (p_, p), (dp_, dp), (scale_, scale)):
+            store[:] = value
+        for store, value in ((duration_, duration), (fraction_, fraction), (sign_, sign)):
+            store.T[:] = value
         buffers.trigger()
         residual, S, rhs, R, back = buffers.outputs
         N, d, n = self._shape

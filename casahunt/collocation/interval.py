@@ -19,14 +19,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..compiled import alone, caller, kept
+from ..compiled import alone, caller, caller_by_rows, kept
 from ..hybrid.system import Field
 from .scheme import Kind, scheme
 
 Array = np.ndarray
 
 INPUTS = ("w", "x_next", "duration", "fraction", "sign", "p", "dp", "scale")
-SHARED = (5, 6, 7)  # inputs that are the same on every interval
 
 
 @kept(maxsize=64)
@@ -113,18 +112,33 @@ def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Arr
     return np.array(point_function(field, x.size, p.size)(x, sign, p, scale)).ravel()
 
 
+LONGEST_PART = 64
+"""Intervals of the longest map that is built; longer meshes take several, shorter ones the powers of two below."""
+
+
+@kept(maxsize=128)
+def _part(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> ca.Function:
+    """`interval_function` over a number of intervals, all arguments given for each."""
+    return interval_function(field, n, parameters, degree, kind).map(intervals)
+
+
+def sizes_of_parts(intervals: int) -> list[int]:
+    """Powers of two, none above `LONGEST_PART`, whose sum is a number of intervals."""
+    left = intervals % LONGEST_PART
+    powers = [1 << k for k in reversed(range(left.bit_length())) if left >> k & 1]
+    return [LONGEST_PART] * (intervals // LONGEST_PART) + powers
+
+
 class IntervalMap:
     """`interval_function` over N intervals, called through fixed buffers (compiled.py).
 
     The returned block is a view into the buffer of the calling thread: its next call overwrites it.
     """
 
-    def __init__(self, function: ca.Function, n: int, intervals: int) -> None:
-        mapped = function.map("intervals", "serial", intervals, list(SHARED), [])
-        rows, columns = function.size1_out(0), function.size2_out(0)
-        parameters = function.size1_in(5)
-        inputs = [(intervals, rows), (intervals, n), intervals, intervals, intervals, parameters, parameters, n]
-        self._caller = caller(mapped, inputs, [(intervals, columns, rows)])
+    def __init__(self, field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> None:
+        parts = [(_part(field, n, parameters, degree, kind, size), size) for size in sizes_of_parts(intervals)]
+        rows = n * (degree + 1)
+        self._caller = caller_by_rows(parts, [rows, n, 1, 1, 1, parameters, parameters, n], [(rows + 3, rows)])
 
     def __call__(
         self,
@@ -142,9 +156,9 @@ class IntervalMap:
         w_, x_next_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
         w_[:] = w
         x_next_[:] = x_next
-        duration_[:] = duration
-        fraction_[:] = fraction
-        sign_[:] = sign
+        duration_.T[:] = duration
+        fraction_.T[:] = fraction
+        sign_.T[:] = sign
         p_[:] = p
         dp_[:] = dp
         scale_[:] = scale
@@ -171,7 +185,7 @@ def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind,
     -------
     IntervalMap.
     """
-    return IntervalMap(interval_function(field, n, parameters, degree, kind), n, intervals)
+    return IntervalMap(field, n, parameters, degree, kind, intervals)
 
 
 POINTS_AT_ONCE = 128
@@ -181,9 +195,8 @@ class PointMap:
     """`point_function` over any number of points, through fixed buffers for `POINTS_AT_ONCE` of them."""
 
     def __init__(self, function: ca.Function, n: int) -> None:
-        mapped = function.map("points", "serial", POINTS_AT_ONCE, [2, 3], [])
-        inputs = [(POINTS_AT_ONCE, n), POINTS_AT_ONCE, function.size1_in(2), n]
-        self._caller = caller(mapped, inputs, [(POINTS_AT_ONCE, n)])
+        inputs = [(POINTS_AT_ONCE, width) for width in (n, 1, function.size1_in(2), n)]
+        self._caller = caller(function.map(POINTS_AT_ONCE), inputs, [(POINTS_AT_ONCE, n)])
 
     def __call__(self, x: Array, sign: Array, p: Array, scale: Array) -> Array:
         """Scaled field (m, n) at the scaled states x (m, n) with the signs (m,)."""
@@ -194,7 +207,7 @@ class PointMap:
         for first in range(0, len(x), POINTS_AT_ONCE):
             chunk = slice(first, first + POINTS_AT_ONCE)
             count = len(out[chunk])
-            states[:count], signs[:count] = x[chunk], sign[chunk]
+            states[:count], signs[:count, 0] = x[chunk], sign[chunk]
             buffers.trigger()
             out[chunk] = buffers.outputs[0][:count]
         return out

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from .joints import flow_at, linear_in_time
+from .scheme import equal_parts
 from .transcription import Setting, Transcription, transcribe
 
 Array = np.ndarray
@@ -107,7 +108,7 @@ def transfer(
 
 
 def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transcription, Array, Array]:
-    """A solution with every interval cut in two: `transfer` by one fixed matrix.
+    """A solution with every interval cut in two: `divided` by one fixed matrix.
 
     Parameters
     ----------
@@ -121,17 +122,52 @@ def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transc
     Transcription, unknowns and (2 N,) fractions of the finer mesh.
     """
     fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
-    old_nodes = t.nodes_of(u)
     w = np.einsum("hkj,ijn->ihkn", t.scheme.halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
-    w = w.reshape(fine.intervals, fine.rows)
-    nodes = np.empty((fine.elements + 1, t.n))
-    nodes[fine.interval_elements] = w[:, : t.n]
-    nodes[fine.closed_elements] = old_nodes[t.closed_elements]
-    nodes[-1] = old_nodes[-1]
-    # A phase starts where the one before it ended, exactly: interpolation must not move an event.
-    nodes[fine.phase_start] = old_nodes[t.phase_start]
-    nodes[fine.phase_end] = old_nodes[t.phase_end]
-    return fine, fine.pack(w, nodes, t.durations_of(u)), np.repeat(fractions / 2, 2)
+    return fine, _packed(t, u, fine, w.reshape(fine.intervals, t.degree + 1, t.n)), np.repeat(fractions / 2, 2)
+
+
+def divided(
+    t: Transcription, u: Array, fractions: Array, parts: Array, target: Transcription | None = None
+) -> tuple[Transcription, Array, Array]:
+    """A solution with every interval cut in equal parts: `transfer` by fixed matrices.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+    fractions
+        (N,) interval lengths as fractions of their phase.
+    parts
+        (N,) how many parts each becomes.
+    target
+        the transcription to use; default the one of the same cycle and scheme.
+
+    Returns
+    -------
+    Transcription, unknowns and fractions of the finer mesh.
+    """
+    counts = tuple(int(parts[t.phase_intervals(k)].sum()) for k in range(t.phases))
+    fine = target or transcribe(t.cycle, counts, t.degree, t.kind)
+    first, old = np.cumsum(parts) - parts, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+    w = np.empty((fine.intervals, t.degree + 1, t.n))
+    for count in set(parts.tolist()):
+        members = np.flatnonzero(parts == count)
+        w[first[members, None] + np.arange(count)] = np.einsum(
+            "hkj,ijn->ihkn", equal_parts(t.degree, t.kind, count), old[members], optimize=False
+        )
+    return fine, _packed(t, u, fine, w), np.repeat(fractions / parts, parts)
+
+
+def _packed(t: Transcription, u: Array, fine: Transcription, w: Array) -> Array:
+    """Unknowns of a finer mesh from its intervals (N, d + 1, n), and from the nodes of the one that it refines.
+
+    A phase starts where the one before it ended, exactly: interpolation must not move an event.
+    """
+    old, nodes = t.nodes_of(u), np.empty((fine.elements + 1, t.n))
+    nodes[fine.interval_elements] = w[:, 0]
+    nodes[fine.closed_elements], nodes[-1] = old[t.closed_elements], old[-1]
+    nodes[fine.phase_start], nodes[fine.phase_end] = old[t.phase_start], old[t.phase_end]
+    return fine.pack(w.reshape(fine.intervals, fine.rows), nodes, t.durations_of(u))
 
 
 def _evaluate(t: Transcription, w: Array, breaks: Array, times: Array) -> Array:

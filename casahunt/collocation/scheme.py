@@ -15,7 +15,7 @@ Symbols: d stages, m evaluation points.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -169,3 +169,22 @@ def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
     points = np.concatenate([[0.0], c])
     last_mode = np.linalg.inv(legendre.legvander(2 * points - 1, degree))[-1]
     return Scheme(kind, degree, c, matrix, b, order, points, last_mode)
+
+
+@lru_cache(maxsize=64)
+def equal_parts(degree: int, kind: Kind, count: int) -> Array:
+    """Interpolation to the `points` of each of some equal parts of an interval.
+
+    Parameters
+    ----------
+    degree, kind
+        of the scheme.
+    count
+        number of parts.
+
+    Returns
+    -------
+    (count, d + 1, d + 1).
+    """
+    s = scheme(degree, kind)
+    return np.array([s.interpolation((k + s.points) / count) for k in range(count)])

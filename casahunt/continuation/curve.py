@@ -23,7 +23,7 @@ from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import curve_border
-from ..orbits.orbit import Orbit, Solved, unknowns_of
+from ..orbits.orbit import Orbit, Solved, linearised
 
 Array = np.ndarray
 
@@ -138,8 +138,8 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
     -------
     Point.
     """
-    t, u, setting = unknowns_of(orbit)
-    return point_at(t, u, setting, along(orbit.problem, vary), like=like, sense=sense)
+    t, u, setting, lin = linearised(orbit, vary)
+    return point_at(t, u, setting, setting.dp, like=like, sense=sense, lin=lin)
 
 
 def along(problem: Problem, vary: str, value: float | None = None) -> Array:

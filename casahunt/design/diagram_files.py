@@ -7,7 +7,7 @@ it, never read.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,13 @@ from ..continuation.special_points import SpecialPoint
 from ..errors import InputError
 from ..files import together, whole_text
 from ..orbits.adapt import Options
+from ..orbits.archive import Said
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_branch, load_run, save_branch
 from ..servo.servo import Servo
-from ..tables import table
+from ..tables import cell, table
 from .diagram import DiagramPoint
 
 INTERRUPTED = "interrupted"
@@ -48,7 +49,35 @@ class Task:
         return {"from": self.start, "tol": how.tol, "solver": how.solver, "natural": self.natural}
 
 
-def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, out: Path) -> Branch:
+@dataclass(frozen=True)
+class Words:
+    """What of a diagram was put into words for its files: with a new point the others are written as they were.
+
+    Attributes
+    ----------
+    orbits, rows : records of orbits, and the rows of points in the table.
+    """
+
+    orbits: Said = field(default_factory=dict)
+    rows: dict[DiagramPoint, list[list[str]]] = field(default_factory=dict)
+
+    def of(self, point: DiagramPoint) -> list[list[str]]:
+        """The rows of a point."""
+        if point not in self.rows:
+            rows = [csv_row(found.orbit, found.kind) for found in point.special]
+            rows += [] if point.is_special else [csv_row(point.orbit, "")]
+            self.rows[point] = [[cell(value) for value in row] for row in rows]
+        return self.rows[point]
+
+
+def keep(
+    task: Task,
+    model: Model,
+    points: Sequence[DiagramPoint],
+    ended: str,
+    out: Path,
+    words: Words | None = None,
+) -> Branch:
     """Write the points so far (npz and csv).
 
     Parameters
@@ -59,6 +88,8 @@ def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, o
         the points, and why they end.
     out
         folder.
+    words
+        what was written of the same points before, to which that of the new ones is added.
 
     Returns
     -------
@@ -68,18 +99,18 @@ def keep(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str, o
     ------
     InputError, OSError : as `save_branch`.
     """
+    words = words or Words()
     special = [(found, i) for i, point in enumerate(points) for found in point.special]
     missed = tuple(gap for point in points for gap in point.missed)
     orbits = tuple(point.orbit for point in points)
     branch = Branch(model, task.servo, orbits, ended, tuple(found for found, _ in special), missed)
     with together():
-        save_branch(branch, out / f"{model}.npz", run={**task.settings, "special_before": [i for _, i in special]})
+        run = {**task.settings, "special_before": [i for _, i in special]}
+        save_branch(branch, out / f"{model}.npz", run=run, said=words.orbits)
         with whole_text(out / f"{model}.csv") as stream:
             write = table(stream, CSV_COLUMNS)
             for point in points:
-                write(csv_row(found.orbit, found.kind) for found in point.special)
-                if not point.is_special:
-                    write([csv_row(point.orbit, "")])
+                write(words.of(point))
     return branch
 
 

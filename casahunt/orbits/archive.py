@@ -35,12 +35,25 @@ SCHEMA = "casahunt"
 VERSION = 1
 
 
-class Writer:
-    """Collects arrays; hands out their place."""
+Said = dict[Orbit, tuple[int, str, Array]]
+"""Orbits as they were written before: where their numbers stood, their record as JSON text, their numbers."""
 
-    def __init__(self) -> None:
+
+class Writer:
+    """Collects arrays; hands out their place.
+
+    Attributes
+    ----------
+    parts, used : the arrays, and how many numbers they are.
+    finite : no record held NaN or infinity.
+    said : orbits that were written before, which are not put into words again.
+    """
+
+    def __init__(self, said: Said | None = None) -> None:
         self.parts: list[Array] = []
         self.used = 0
+        self.finite = True
+        self.said = {} if said is None else said
 
     def put(self, array: Array) -> dict[str, Any]:
         """Takes an array; where it stands, as JSON can say it."""
@@ -52,6 +65,31 @@ class Writer:
     def numbers(self) -> Array:
         """All of them, one after the other."""
         return np.concatenate(self.parts) if self.parts else np.zeros(0)
+
+    def orbit(self, orbit: Orbit) -> str:
+        """The record of an orbit as JSON text."""
+        at, text, numbers = self.said.get(orbit, (-1, "", np.zeros(0)))
+        if at == self.used:
+            self.parts.append(numbers)
+            self.used += numbers.size
+            return text
+        at, count = self.used, len(self.parts)
+        text = self.text(orbit_record(orbit, self))
+        numbers = np.concatenate(self.parts[count:])
+        self.said[orbit] = at, text, numbers
+        return text
+
+    def text(self, content: Any) -> str:
+        """Content as JSON text; `finite` says whether there is one."""
+        try:
+            return json.dumps(content, allow_nan=False)
+        except ValueError:
+            self.finite = False
+            return "null"
+
+
+class Text(str):
+    """JSON text that stands in the metadata as it is."""
 
 
 def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
@@ -127,7 +165,7 @@ def save_orbit(orbit: Orbit, path: str | Path) -> None:
     12.001031
     """
     writer = Writer()
-    write(path, "orbit", {"orbit": orbit_record(orbit, writer)}, writer)
+    write(path, "orbit", {"orbit": Text(writer.orbit(orbit))}, writer)
 
 
 def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) -> None:
@@ -140,7 +178,7 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
     kind
         what it holds: "orbit" or "branch".
     content
-        metadata besides those of the schema.
+        metadata besides those of the schema; a `Text` is JSON already.
     writer
         keeps the arrays.
 
@@ -159,11 +197,12 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
         **content,
     }
     numbers = writer.numbers()
-    try:
-        text = np.frombuffer(json.dumps(metadata, allow_nan=False).encode(), dtype=np.uint8)
-    except ValueError:
-        text = None
-    if text is None or not np.isfinite(numbers).all():
+    entries = [
+        f"{json.dumps(name)}: {value if isinstance(value, Text) else writer.text(value)}"
+        for name, value in metadata.items()
+    ]
+    text = np.frombuffer(("{" + ", ".join(entries) + "}").encode(), dtype=np.uint8)
+    if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")

@@ -30,10 +30,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..collocation.linearisation import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from ..results import Result
-from .graded import LARGEST_MULTIPLIER, spectrum
+from .graded import LARGEST_MULTIPLIER, MULTIPLIER_ROUNDS, spectrum
 from .map_chain import FACTOR_ROUNDING, MapChain, collocation_chain
 
 Array = np.ndarray
@@ -115,7 +114,7 @@ class Multipliers(Result):
         return self.error * max(1.0, abs(self.leading))
 
 
-def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
+def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None) -> Multipliers:
     """The multipliers of a period map in factors.
 
     Parameters
@@ -124,6 +123,8 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
         the map.
     repeats
         how many of it make up the period.
+    frame
+        (n - 1, n - 1) that of the multipliers on another mesh, where they are known.
 
     Returns
     -------
@@ -132,9 +133,13 @@ def chain_multipliers(chain: MapChain, repeats: int) -> Multipliers:
     """
     if not _moves(chain):
         return _unknown(len(chain.flows[0]), repeats)
-    found = spectrum(transversal(chain), np.array([*chain.noise, FACTOR_ROUNDING]))
+    bases = _complements(np.asarray(chain.flows))
+    found = spectrum(_transversal(chain, bases), np.append(chain.noise, FACTOR_ROUNDING), frame)
     others = found.values.astype(complex)
-    trivial = _trivial(spectrum(chain.factors).values.astype(complex), others)
+    # The flow among the transversal directions, by growth: where it comes first, a frame that is right at once.
+    place, along = int(np.sum(np.abs(others) > 1)), chain.flows[0] / np.linalg.norm(chain.flows[0])
+    start = np.insert(bases[0] @ found.frame, place, along, axis=1)
+    trivial = _trivial(spectrum(chain.factors, frame=start).values.astype(complex), others)
     leading = complex(others[0]) if others.size else 0j
     half = np.concatenate([[trivial], others])
     floor = np.concatenate([[0.0], found.floor])
@@ -166,22 +171,26 @@ def _unknown(n: int, repeats: int) -> Multipliers:
     )  # fmt: skip
 
 
-def rough_multipliers(t: Transcription, u: Array, setting: Setting, frame: Array) -> Array:
+def rough_multipliers(chain: MapChain, frame: Array | None = None) -> tuple[Array, Array]:
     """Half multipliers without the trivial one, to be compared with those on another mesh.
 
     Parameters
     ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
+    chain
+        the map.
     frame
-        (n - 1, n - 1) that of the multipliers on the other mesh.
+        (n - 1, n - 1) that of the multipliers on the other mesh, where they are known.
 
     Returns
     -------
-    (n - 1,) by decreasing modulus; no numbers where the motion stands still at a node.
+    (n - 1,) by decreasing modulus, and their frame; no numbers where the motion stands still at a node.
     """
-    chain = collocation_chain(t, u, setting)
-    return spectrum(transversal(chain), frame=frame).values if _moves(chain) else np.full(len(frame), np.nan)
+    if not _moves(chain):
+        n = len(chain.flows[0])
+        return np.full(n - 1, np.nan), np.eye(n - 1)
+    bases = _complements(np.asarray(chain.flows))
+    found = spectrum(_transversal(chain, bases), frame=frame, rounds=MULTIPLIER_ROUNDS if frame is None else 1)
+    return found.values, found.frame
 
 
 def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Multipliers:
@@ -215,30 +224,25 @@ def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Mu
     return replace(found, error=float(error), floor=np.append(0.0, floor))
 
 
-def transversal(chain: MapChain) -> list[Array]:
-    """The factors on the complements of the flow, in orthonormal bases.
-
-    Parameters
-    ----------
-    chain
-        the map.
-
-    Returns
-    -------
-    Matrices (n - 1, n - 1) in time order.
-    """
-    bases = _complements(np.array(chain.flows))
-    found = bases[1:].transpose(0, 2, 1) @ np.array(chain.factors) @ bases[:-1]
+def _transversal(chain: MapChain, bases: Array) -> Array:
+    """(m + 1, n - 1, n - 1) the factors on the complements of the flow, in orthonormal bases (m + 1, n, n - 1)."""
+    found = bases[1:].transpose(0, 2, 1) @ np.asarray(chain.factors) @ bases[:-1]
     # The last basis belongs to S f(end) = f(start), the first one to f(start): turn one into the other.
-    return [*found, bases[0].T @ bases[-1]]
+    return np.concatenate([found, (bases[0].T @ bases[-1])[None]])
 
 
 def _complements(flows: Array) -> Array:
-    """Orthonormal bases (m, n, n - 1) of the complements of the directions (m, n)."""
+    """Orthonormal bases (m, n, n - 1) of the complements of the directions (m, n): Householder's reflection of each.
+
+    H = I - v v^T / (1 + |f_1|), v = f + sign(f_1) e_1, takes f to -sign(f_1) e_1, and so e_2, ..., e_n to the others.
+    """
     n = flows.shape[1]
-    unit = np.array([f / np.linalg.norm(f) for f in flows])
-    spanning = np.concatenate([unit[:, :, None], np.broadcast_to(np.eye(n), (len(flows), n, n))], axis=2)
-    return np.linalg.qr(spanning)[0][:, :, 1:n]
+    unit = flows / np.abs(flows).max(axis=1)[:, None]
+    unit /= np.linalg.norm(unit, axis=1)[:, None]
+    first = np.copysign(1.0, unit[:, 0])
+    v = unit.copy()
+    v[:, 0] += first
+    return np.eye(n)[:, 1:] - v[:, :, None] * (v[:, None, 1:] / (1 + np.abs(unit[:, 0]))[:, None, None])
 
 
 def _trivial(full: Array, others: Array) -> complex:
@@ -255,18 +259,16 @@ def _trivial(full: Array, others: Array) -> complex:
     return nearest
 
 
-def multipliers(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> Multipliers:
-    """The Floquet multipliers of a converged solution, from its collocation blocks.
+def multipliers(t: Transcription, u: Array, setting: Setting) -> Multipliers:
+    """The Floquet multipliers of a converged solution on its own mesh, from its collocation blocks.
 
     Parameters
     ----------
     t, u, setting
         the solution: transcription, unknowns, setting.
-    lin
-        the equations linearised there, where that is known.
 
     Returns
     -------
     Multipliers.
     """
-    return chain_multipliers(collocation_chain(t, u, setting, lin), t.cycle.repeats)
+    return chain_multipliers(collocation_chain(t, u, setting), t.cycle.repeats)

@@ -64,7 +64,13 @@ class Spectrum:
     frame: Array
 
 
-def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | None = None) -> Spectrum:
+def spectrum(
+    factors: Array | list[Array],
+    noise: Array | None = None,
+    frame: Array | None = None,
+    *,
+    rounds: int = MULTIPLIER_ROUNDS,
+) -> Spectrum:
     """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
 
     Parameters
@@ -74,19 +80,21 @@ def spectrum(factors: list[Array], noise: Array | None = None, frame: Array | No
     noise
         (E,) absolute uncertainty delta_e of each of them.
     frame
-        (n, n) directions to start from, of a product that is nearly the same: one round is enough then.
+        (n, n) directions to start from, such as those of a product that is nearly the same.
+    rounds
+        around the cycle, at most.
 
     Returns
     -------
     Spectrum.
     """
-    n = factors[0].shape[1]
+    chain = np.asarray(factors)
+    n = chain.shape[2]
     if n == 0:
         return Spectrum(np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)))
-    chain = np.array(factors)
     q = _first_frame(n) if frame is None else frame
     previous = np.full(n, np.inf, dtype=complex)
-    for _ in range(MULTIPLIER_ROUNDS if frame is None else 1):
+    for _ in range(rounds):
         start, triangular, exponent = q, np.eye(n), 0
         steps = []
         for e in range(0, len(chain), FACTORS_AT_ONCE):
@@ -166,19 +174,39 @@ def _uncertainty(steps: Array, noise: Array, turn: Array, triangular: Array) -> 
     whole = turn @ triangular
     rights = _carried(steps, whole)
     z = _leading_vector(whole.T) @ turn  # from the basis at the start to the one at the end
-    lefts = [z]
-    for step in steps[::-1]:
-        z = lefts[-1] @ step
-        lefts.append(z / (np.abs(z).max() or 1.0))
-    left = np.array(lefts)
-    carried = np.einsum("ei,eij->ej", left[:-1], steps[::-1])
-    stretch = np.abs(np.sum(carried * rights[::-1], axis=1))
+    left = _behind(steps, z)
+    carried = (left[:, None] @ steps)[:, 0]
+    stretch = np.abs(np.sum(carried * rights, axis=1))
     if not stretch.all():
-        first = int(np.flatnonzero(stretch == 0)[0])
-        return math.inf if carried[first].any() else 0.0
-    sizes = np.linalg.norm(left[:-1], axis=1) * np.linalg.norm(rights[::-1], axis=1)
-    total = float(np.sum(noise[::-1] * sizes / stretch))
+        last = int(np.flatnonzero(stretch == 0)[-1])
+        return math.inf if carried[last].any() else 0.0
+    sizes = np.linalg.norm(left, axis=1) * np.linalg.norm(rights, axis=1)
+    total = float(np.sum(noise * sizes / stretch))
     return total / (0.5 + math.sqrt(0.25 + total))
+
+
+def _behind(steps: Array, z: Array) -> Array:
+    """(E, n) the left eigenvector behind every factor, each to a scale of its own; z (n,) stands behind the last.
+
+    Some factors at a time: products from the ends of all chunks backwards, and z through whole chunks.
+    """
+    n, size = len(z), FACTORS_AT_ONCE
+    chunks = -(-len(steps) // size)
+    before = chunks * size - len(steps)
+    padded = np.concatenate([np.broadcast_to(np.eye(n), (before, n, n)), steps]).reshape(chunks, size, n, n)
+    product = np.broadcast_to(np.eye(n), (chunks, n, n))
+    products = np.empty_like(padded)
+    for k in range(size - 1, -1, -1):
+        products[:, k] = product
+        product = product @ padded[:, k]
+        largest = np.abs(product).max(axis=(1, 2), keepdims=True)
+        product = product / np.where(largest > 0, largest, 1.0)
+    found = np.empty((chunks, size, n), dtype=z.dtype)
+    for c in range(chunks - 1, -1, -1):
+        found[c] = z @ products[c]
+        z = z @ product[c]
+        z = z / (np.abs(z).max() or 1.0)
+    return found.reshape(-1, n)[before:]
 
 
 def _carried(steps: Array, whole: Array) -> Array:

@@ -15,12 +15,14 @@ Symbols: n states, E elements, P phases.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..collocation.interval import point_function
+from ..collocation.interval import point_map
 from ..collocation.linearisation import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
@@ -43,14 +45,26 @@ class MapChain:
 
     Attributes
     ----------
-    factors : (n, n) matrices in time order, the closure last.
-    flows : flow directions (n,) before the first factor and after each factor.
-    noise : uncertainty of the entries of each factor.
+    factors : (m, n, n) matrices in time order, the closure last.
+    flows : (m + 1, n) flow directions before the first factor and after each factor.
+    noise : (m,) uncertainty of the entries of each factor.
+    elements : (E,) which of the factors belong to elements; the others are saltations and the closure.
     """
 
-    factors: list[Array]
-    flows: list[Array]
-    noise: list[float]
+    factors: Array
+    flows: Array
+    noise: Array
+    elements: Array = field(default_factory=lambda: np.zeros(0, dtype=int))
+
+    def flow_defects(self) -> Array:
+        """(E,) by how much the map of every element misses the flow behind it, relative: what its mesh leaves.
+
+        A f- = f+ for the exact maps: of all directions it is the one whose image is known.
+        """
+        behind = self.flows[self.elements + 1]
+        image = (self.factors[self.elements] @ self.flows[self.elements][:, :, None])[:, :, 0]
+        size = np.linalg.norm(behind, axis=1)
+        return np.linalg.norm(image - behind, axis=1) / np.where(size > 0, size, 1.0)
 
 
 def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = None) -> Array:
@@ -89,12 +103,11 @@ def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Lineari
     MapChain, states scaled.
     """
     lin = lin or t.linearise(u, setting)
-    nodes = t.nodes_of(u)
-    pieces = []
-    for k in range(t.phases):
-        inside = range(t.phase_start[k], t.phase_end[k])
-        flows = _field(t, k, nodes[t.phase_start[k] : t.phase_end[k] + 1], setting)
-        pieces.append(([lin.maps[e, :, 1 : t.n + 1] for e in inside], flows))
+    along = _flows(t, t.nodes_of(u), setting)
+    pieces = [
+        (lin.maps[start:end, :, 1 : t.n + 1], flows)
+        for start, end, flows in zip(t.phase_start, t.phase_end, along, strict=True)
+    ]
     return _closed(pieces, _jumps(t, lin), lin.events[1 : t.n + 1], lin.closure)
 
 
@@ -130,13 +143,13 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
     """
     lin = t.linearise(u, setting)
     nodes, durations = t.nodes_of(u), t.durations_of(u)
-    starts = t.phase_start
+    starts, along = t.phase_start, _flows(t, nodes, setting)
     pieces = []
     for k, phase in enumerate(t.cycle.phases):
         inside = slice(starts[k], t.phase_end[k])
         maps = lin.maps[inside, :, 1 : t.n + 1]
         cuts = np.array([0, 1]) if phase.mode.flow is not None else _cuts(maps)
-        flows = _field(t, k, nodes[starts[k] + cuts], setting)
+        flows = along[k][cuts]
         if phase.mode.flow is not None:
             pieces.append(([maps[0]], flows))
             continue
@@ -205,29 +218,38 @@ def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, dura
 
 
 def _closed(
-    pieces: list[tuple[list[Array], Array]], jumps: list[Array | None], h_x: Array, closure: Array
+    pieces: Sequence[tuple[Any, Array]], jumps: list[Array | None], h_x: Array, closure: Array
 ) -> MapChain:
     """Join the factors of the phases with saltation matrices and the closure."""
+    starts = [along[0] for _, along in pieces]
+    follow = [*starts[1:], np.linalg.inv(closure) @ starts[0]]
     factors: list[Array] = []
-    noise: list[float] = []
-    flows: list[Array] = [pieces[0][1][0]]
-    start_flow = pieces[0][1][0]
-    inverse = np.linalg.inv(closure)
+    noise: list[Any] = []
+    flows: list[Any] = [starts[:1]]
+    elements: list[Array] = []
+    count = 0
     for k, (maps, along) in enumerate(pieces):
-        factors += maps
-        noise += list(FACTOR_ROUNDING * np.abs(np.array(maps)).max(axis=(1, 2)))
-        flows += list(along[1:])
-        before = along[-1]
-        after = pieces[k + 1][1][0] if k + 1 < len(pieces) else inverse @ start_flow
-        kinked = float(np.max(np.abs(after - before))) > 1e-9 * float(np.max(np.abs(before)))
+        maps = np.asarray(maps)
+        factors.append(maps)
+        noise.append(FACTOR_ROUNDING * np.abs(maps).max(axis=(1, 2)))
+        flows.append(along[1:])
+        elements.append(np.arange(count, count + len(maps)))
+        count += len(maps)
+        before, after = along[-1], follow[k]
+        kinked = np.abs(after - before).max() > 1e-9 * np.abs(before).max()
         if kinked or jumps[k] is not None:
-            factors.append(saltation(before, after, h_x[:, k], jumps[k]))
-            noise.append(_slant(before, h_x[:, k]) * float(np.max(np.abs(factors[-1]))))
-            flows.append(after)
-    factors.append(closure)
-    noise.append(FACTOR_ROUNDING)
-    flows.append(closure @ flows[-1])
-    return MapChain(factors, flows, noise)
+            jump = saltation(before, after, h_x[:, k], jumps[k])
+            factors.append(jump[None])
+            noise.append([_slant(before, h_x[:, k]) * np.abs(jump).max()])
+            flows.append(after[None])
+            count += 1
+    last = flows[-1][-1]
+    return MapChain(
+        np.concatenate([*factors, closure[None]]),
+        np.concatenate([*flows, (closure @ last)[None]]),
+        np.concatenate([*noise, [FACTOR_ROUNDING]]),
+        np.concatenate(elements),
+    )
 
 
 def _slant(f: Array, h_x: Array) -> float:
@@ -237,9 +259,14 @@ def _slant(f: Array, h_x: Array) -> float:
     return along / through if through > 0 else math.inf
 
 
-@alone
-def _field(t: Transcription, k: int, x: Array, setting: Setting) -> Array:
-    """Scaled field (m, n) of phase k at the states x (m, n)."""
-    mode = t.cycle.phases[k].mode
-    f = point_function(mode.field, t.n, setting.p.size)
-    return np.array(f(x.T, mode.sign, setting.p, setting.scale)).T
+def _flows(t: Transcription, nodes: Array, setting: Setting) -> list[Array]:
+    """Scaled fields (count + 1, n) of every phase at its nodes (E + 1, n)."""
+    modes = [phase.mode for phase in t.cycle.phases]
+    sizes = t.phase_end - t.phase_start + 1
+    x = nodes[np.concatenate([np.arange(a, b + 1) for a, b in zip(t.phase_start, t.phase_end, strict=True)])]
+    signs = np.repeat([float(mode.sign) for mode in modes], sizes)
+    found = np.empty_like(x)
+    for field_ in {mode.field: None for mode in modes}:
+        chosen = np.repeat([mode.field == field_ for mode in modes], sizes)
+        found[chosen] = point_map(field_, t.n, setting.p.size)(x[chosen], signs[chosen], setting.p, setting.scale)
+    return np.split(found, np.cumsum(sizes)[:-1])

@@ -1,44 +1,68 @@
 """Multipliers on meshes made for them, finer than the orbit's, until they are known.
 
-    half as long intervals, solved anew:    |trivial - 1| small,  and the same leading multiplier as on the mesh before
+    every interval in parts, solved anew:    |trivial - 1| small,  and the same leading multiplier as on the mesh before
 
-Symbols: n states.
+Every interval is cut in two at least.  Of all directions the flow is the one whose image under the map A of an interval
+is known: where A misses it, |A f - f+| > 0 (map_chain.py), the mesh is too coarse for the linearised flow, by orders of
+magnitude more than it is on the average, and that interval is cut in as many parts as bring this down to `DEFECT`.
+
+The first mesh is compared with the orbit's own; where that is too coarse to vouch for the leading one, with the mesh of
+intervals twice as long, half as many parts.
+
+Symbols: n states, N intervals.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..collocation.mesh import halved, phase_breaks, transfer
+from ..collocation.linearisation import Linearisation
+from ..collocation.mesh import divided
 from ..collocation.newton import Solver
-from ..collocation.remesh import better_breaks
+from ..collocation.parted_system import PartedTranscription
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
-from .amplitude import estimated
+from .map_chain import MapChain, collocation_chain
 
 Array = np.ndarray
+Place = tuple[Transcription, Array, Setting]
 
-MULTIPLIER_TOLERANCE = 1e-9
-"""Error of the period on the mesh on which multipliers are computed."""
 HEALTHY = 4e-9
 """Trivial multipliers nearer to 1 than this need no finer mesh: that of the full period, its square, is within 1e-8."""
-MORE_HALVINGS = 3
-LARGE_MULTIPLIER, AGREED = 10.0, 1e-7
+MORE_MESHES = 3
+LARGE_MULTIPLIER, AGREED = 10.0, 1e-5
 """Half multipliers beyond LARGE_MULTIPLIER are computed on two meshes at least, until they agree to AGREED."""
+AS_TRUSTED = floquet.TRUSTED / floquet.SHARE_LEFT
+"""Smaller ones may differ by this: what is left of it on the finer mesh is to be trusted."""
 NEXT_TO_FOLD = 0.02
 """Share of the parameter in the unit tangent below which a point counts as next to a fold."""
+DEFECT = 1e-9
+"""By how much the map of an interval may miss the flow behind it, relative."""
+DEFECT_POWER, MOST_CUTS = 1 / 6, 8
+"""An interval is cut in (defect / DEFECT)^DEFECT_POWER parts, no more than MOST_CUTS: orders are 11 and more, but for
+kinks."""
+NO_STEP = 1e-11
+"""A Newton step smaller than this is not taken: what it moves is below what is asked of multipliers."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The orbit on a mesh, and the factors of its linearised map there."""
+
+    place: Place
+    chain: MapChain
 
 
 def refined_multipliers(
-    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton"
-) -> tuple[floquet.Multipliers, tuple[Transcription, Array, Setting]]:
+    t: Transcription, u: Array, setting: Setting, *, solver: Solver = "newton", lin: Linearisation | None = None
+) -> tuple[floquet.Multipliers, Place]:
     """Multipliers on a mesh made for them: finer than the orbit's, until the trivial one is 1.
 
     They depend on the whole linearised flow, which converges later than period and amplitude.  Their error is that
-    against a mesh of intervals twice as long: of the same orbit at first, then of the orbit solved there.
+    against a mesh of intervals twice as long, or against the orbit's own, whose intervals are as long or longer.
 
     Parameters
     ----------
@@ -46,64 +70,91 @@ def refined_multipliers(
         the orbit: transcription, unknowns, setting.
     solver
         for the finer meshes.
+    lin
+        the equations linearised there, where that is known.
 
     Returns
     -------
     Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
     """
-    e = estimated(t, u, setting)
+    start: Place = (t, u, setting)
+    if lin is None:
+        lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
+    weights = _fold_border(t, lin)
+    own = _Solved(start, collocation_chain(t, u, setting, lin))
+    coarse, frame = floquet.rough_multipliers(own.chain)
+    parts = np.maximum(_parts(own), 2)
+    halves = (parts + 1) // 2
     best: floquet.Multipliers | None = None
-    place = t, u, setting
-    breaks = phase_breaks(t, setting.fractions)
-    if e.error > MULTIPLIER_TOLERANCE:
-        breaks = better_breaks(t, setting.fractions, e, MULTIPLIER_TOLERANCE)
-    weights = _fold_border(t, u, setting)
-    coarse: Array | None = None
-    for _ in range(1 + MORE_HALVINGS):
-        whole = breaks
-        t, u, fractions = transfer(t, u, setting.fractions, halved(breaks))
-        setting = replace(setting, fractions=fractions)
-        border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
-        solution = solve(t, u, setting, solver=solver, border=border)
-        if not solution.status.ok:
+    last, place = own, start
+    for k in range(1 + MORE_MESHES):
+        solved = _solved(last.place, parts, weights, solver)
+        if solved is None:
             break
-        u, breaks, setting = solution.u, phase_breaks(t, fractions), setting.moved(solution.parameter)
-        found = floquet.multipliers(t, u, setting, solution.linearisation)
-        if coarse is None:
-            coarse = floquet.rough_multipliers(*_moved_to(whole, t, u, setting), found.frame)
-        found, coarse = floquet.compared(found, coarse), found.half[1:]
-        # Where the flow expands a lot, the trivial multiplier says nothing about the leading one: it must
-        # come out the same on two meshes.
-        settled = abs(found.leading) < LARGE_MULTIPLIER or (
-            best is not None and abs(found.leading - best.leading) < AGREED * abs(found.leading)
-        )
+        last = solved
+        fresh = floquet.chain_multipliers(solved.chain, t.cycle.repeats, frame)
+        frame = fresh.frame
+        if k == 0 and not _settled(fresh, coarse) and halves.max(initial=1) > 1:
+            between = _solved(start, halves, weights, solver)
+            coarse = coarse if between is None else floquet.rough_multipliers(between.chain, frame)[0]
+        found, settled = floquet.compared(fresh, coarse), _settled(fresh, coarse)
         better = best is None or found.trivial_error < best.trivial_error or best.error >= floquet.TRUSTED
         if best is None or better or abs(found.leading) >= LARGE_MULTIPLIER:
-            best, place = found, (t, u, setting)
+            best, place = found, solved.place
         if best.trivial_error < HEALTHY and best.error < floquet.TRUSTED and settled:
             break
+        if settled:
+            parts = _parts(solved)
+        if not settled or parts.max(initial=1) == 1:
+            parts, coarse = np.full(solved.place[0].intervals, 2), found.half[1:]
     if best is None:  # nothing was solved: the orbit's own mesh, against its halves
-        best = floquet.multipliers(*place)
-        finer = _moved_to(halved(phase_breaks(place[0], place[2].fractions)), *place)
-        best = floquet.compared(best, floquet.rough_multipliers(*finer, best.frame), share=1.0)
+        best = floquet.chain_multipliers(own.chain, t.cycle.repeats, frame)
+        finer = collocation_chain(*_cut(start, np.full(t.intervals, 2)))
+        best = floquet.compared(best, floquet.rough_multipliers(finer, best.frame)[0], share=1.0)
     return best, place
 
 
-def _moved_to(
-    breaks: list[Array], t: Transcription, u: Array, setting: Setting
-) -> tuple[Transcription, Array, Setting]:
-    """The same orbit on another mesh, not solved again."""
-    t, u, fractions = transfer(t, u, setting.fractions, breaks)
+def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
+    """Whether the leading multiplier came out the same on the mesh of the half multipliers `coarse`.
+
+    Where the flow expands a lot, the trivial multiplier says nothing about the leading one.
+    """
+    if not coarse.size:
+        return True
+    off, size = float(np.min(np.abs(found.leading - coarse))), abs(found.leading)
+    return off < AGREED * size if size >= LARGE_MULTIPLIER else off < AS_TRUSTED
+
+
+def _parts(solved: _Solved) -> Array:
+    """(N,) parts for every interval, by how much its map misses the flow."""
+    defects = solved.chain.flow_defects()[solved.place[0].interval_elements]
+    return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_CUTS).astype(int)
+
+
+def _cut(place: Place, parts: Array) -> Place:
+    """The same orbit with every interval cut in some parts, not solved again."""
+    t, u, setting = place
+    t, u, fractions = divided(t, u, setting.fractions, parts, PartedTranscription(t, parts))
     return t, u, replace(setting, fractions=fractions)
 
 
-def _fold_border(t: Transcription, u: Array, setting: Setting) -> Array | None:
+def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -> _Solved | None:
+    """The orbit with every interval cut in some parts, solved anew; None where the solver fails."""
+    t, u, setting = _cut(place, parts)
+    border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
+    solution = solve(t, u, setting, solver=solver, border=border, accuracy=NO_STEP)
+    if not solution.status.ok:
+        return None
+    u, setting = solution.u, setting.moved(solution.parameter)
+    return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
+
+
+def _fold_border(t: Transcription, lin: Linearisation) -> Array | None:
     """Weights of the phase-end nodes along which to hold u where the parameter cannot be held: next to a fold.
 
     There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
     error of the coarser one.
     """
-    lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
     _, y = lin.tangent(t.system.border(parameter=1.0))
     length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
     if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:

@@ -8,14 +8,15 @@ Symbols: n states, d stages, N intervals of an arc, m sample points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from ..collocation.error_estimate import Estimate
 from ..collocation.joints import flow_at
+from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import phase_breaks
 from ..collocation.newton import Solution, Solver
 from ..collocation.scheme import Kind, scheme
@@ -142,7 +143,10 @@ class Orbit(Result):
     @cached_property
     def multipliers(self) -> floquet.Multipliers:
         """Floquet multipliers, computed at the first reading on a mesh that is made for them."""
-        return refined_multipliers(*unknowns_of(self), solver=self.solver)[0]
+        if not self.problem.names:
+            return refined_multipliers(*unknowns_of(self), solver=self.solver)[0]
+        t, u, setting, lin = linearised(self, self.problem.principal)
+        return refined_multipliers(t, u, setting, solver=self.solver, lin=lin)[0]
 
     @cached_property
     def integrator_multipliers(self) -> floquet.Multipliers:
@@ -277,6 +281,26 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     fractions = np.concatenate([np.zeros(0), *(np.diff(arc.breaks) for arc in collocated)])
     problem = orbit.problem
     return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
+
+
+@lru_cache(maxsize=4)
+def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, Linearisation]:
+    """What `unknowns_of` says of an orbit, and the equations linearised there.
+
+    Who follows a branch asks twice for every orbit, on the way there and on the way on, and its multipliers once more.
+
+    Parameters
+    ----------
+    orbit, vary
+        the orbit, and the name of the parameter that lambda moves, in its units (Problem.unit).
+
+    Returns
+    -------
+    Transcription, unknowns, setting, and linearisation: not to be written into.
+    """
+    t, u, setting = unknowns_of(orbit)
+    setting = replace(setting, dp=orbit.problem.direction(vary) * orbit.problem.unit(vary))
+    return t, u, setting, t.linearise(u, setting)
 
 
 class Complaint(str):

@@ -50,22 +50,18 @@ def swept(factors: Array, q: Array, triangular: Array) -> tuple[Array, Array, Ar
             triangular = steps[k] @ triangular
         return q, steps, triangular
     count = len(factors)
-    if count != FACTORS_AT_ONCE and count != 1:
-        parts = []
-        for factor in factors:
-            q, step, triangular = swept(factor[None], q, triangular)
-            parts.append(step)
-        return q, np.concatenate(parts), triangular
-    buffers = _sweep(n, count).buffers
-    buffers.inputs[0][:], buffers.inputs[1][:], buffers.inputs[2][:] = q, triangular, factors
+    buffers = _sweep(n).buffers
+    # What stands in the places of the factors that are too few comes after all that is read.
+    buffers.inputs[0][:], buffers.inputs[1][:], buffers.inputs[2][:count] = q, triangular, factors
     buffers.trigger()
     frames, products, steps = buffers.outputs
-    return frames[-1].copy(), steps.copy(), products[-1].copy()
+    return frames[count - 1].copy(), steps[:count].copy(), products[count - 1].copy()
 
 
 @kept(maxsize=16)
-def _sweep(n: int, count: int) -> Caller:
-    """`swept` for a number of factors, compiled."""
+def _sweep(n: int) -> Caller:
+    """`swept` for `FACTORS_AT_ONCE`, compiled."""
+    count = FACTORS_AT_ONCE
     A, q, T = ca.SX.sym("A", n, n), ca.SX.sym("q", n, n), ca.SX.sym("T", n, n)
     after, r = _givens(ca.mtimes(A.T, q.T))  # numpy's order of axes is the reverse of CasADi's
     one = ca.Function("factor", [q, T, A], [ca.densify(x.T) for x in (after, ca.mtimes(r, T.T), r)])

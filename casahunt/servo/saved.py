@@ -11,7 +11,7 @@ import numpy as np
 from ..checks import known, require
 from ..continuation.special_points import Missed, SpecialPoint
 from ..orbits import archive
-from ..orbits.archive import Writer, checked, orbit_from, orbit_record, read, save_orbit, write
+from ..orbits.archive import Said, Text, Writer, checked, orbit_from, read, save_orbit, write
 from .branch import Branch
 from .hunting import MODELS
 from .problem import Hunting, HuntingOrbit
@@ -44,7 +44,9 @@ def load_orbit(path: str | Path) -> HuntingOrbit:
     return archive.load_orbit(path, _pose)
 
 
-def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None) -> None:
+def save_branch(
+    branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None, said: Said | None = None
+) -> None:
     """Write a branch to `path` (npz).
 
     Parameters
@@ -53,6 +55,8 @@ def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | No
         what, and where to.
     run
         how it was computed, as JSON can say it: `load_run` gives it back.
+    said
+        what a file of the same branch, shorter, has put into words already; what is new is added.
 
     Raises
     ------
@@ -71,15 +75,18 @@ def save_branch(branch: Branch, path: str | Path, *, run: Mapping[str, Any] | No
     >>> again.gains.tolist(), again.ended
     ([0.1], 'one point')
     """
-    writer = Writer()
+    writer = Writer(said)
+    orbits = [writer.orbit(orbit) for orbit in branch.orbits]
+    special = [
+        f'{{"kind": {writer.text(s.kind)}, "meaning": {writer.text(s.meaning)}, "orbit": {writer.orbit(s.orbit)}}}'
+        for s in branch.special
+    ]
     content = {
         "model": branch.model,
         "servo": flatten(branch.servo),
         "ended": branch.ended,
-        "orbits": [orbit_record(orbit, writer) for orbit in branch.orbits],
-        "special": [
-            {"kind": s.kind, "meaning": s.meaning, "orbit": orbit_record(s.orbit, writer)} for s in branch.special
-        ],
+        "orbits": Text(f"[{', '.join(orbits)}]"),
+        "special": Text(f"[{', '.join(special)}]"),
         "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
         "run": dict(run or {}),
     }

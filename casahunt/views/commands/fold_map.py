@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
+from ... import effort
 from ...checks import known, quoted, to_error
 from ...design.fold_map import SIDES, FoldMap, fold_map
 from ...errors import InputError, NoOrbit, Status
@@ -65,10 +67,7 @@ def run(options: argparse.Namespace) -> int:
     say(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
     say(out, progress_line(fold.orbit, mu="+1 (fold)"))
-    tell, total = teller(out), int(points) ** 2
-    found = fold_map(
-        servo, model, names, *axes, options=how, fold=fold, report=lambda i: tell(f"{i} of {total} folds computed")
-    )
+    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, int(points) ** 2))
     if table:
         options.outputs.write(_write, found, table)
     if plot:
@@ -83,6 +82,20 @@ def run(options: argparse.Namespace) -> int:
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1
+
+
+def _reporter(stream: IO[str] | None, total: int) -> Callable[[int], None]:
+    """Takes the number of folds computed, of a total, and says now and then how long the others will take."""
+    tell = teller(stream)
+    first: list[tuple[int, float]] = []  # what came before the first report is not what follows it
+
+    def report(count: int) -> None:
+        if not first:
+            first.append((count, time.monotonic()))
+        before, since = first[0]
+        tell(f"{count} of {total} folds computed{effort.left(count - before, total - before, since)}")
+
+    return report
 
 
 def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:

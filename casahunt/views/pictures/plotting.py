@@ -11,7 +11,8 @@ and square, the LuGre model wide, light and triangular; along a branch stable is
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,10 +99,44 @@ def save(picture: Any, path: str | Path) -> None:
         raise InputError(f"figure {str(path)!r}: the suffix must be one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
-    drawn = io.BytesIO()
-    figure.savefig(drawn, dpi=DPI, format=suffix)
+    content = drawn(figure, suffix)
     with whole(path) as stream:
-        stream.write(drawn.getvalue())
+        stream.write(content)
+
+
+def drawn(figure: Figure, suffix: str = "png", dpi: float = DPI) -> bytes:
+    """A figure as the content of a file.
+
+    Parameters
+    ----------
+    figure, suffix
+        the figure, and its format.
+    dpi
+        dots per inch.
+
+    Returns
+    -------
+    The bytes.
+    """
+    stream = io.BytesIO()
+    with _laid_out(figure, dpi) if suffix == "png" else nullcontext():
+        figure.savefig(stream, dpi=dpi, format=suffix)
+    return stream.getvalue()
+
+
+@contextmanager
+def _laid_out(figure: Figure, dpi: float) -> Iterator[None]:
+    """The figure laid out for PNG; matplotlib itself would go through all that is in it once more for that."""
+    engine, before = figure.get_layout_engine(), figure.dpi
+    figure.dpi = dpi
+    try:
+        if engine is not None:
+            engine.execute(figure)
+            figure.set_layout_engine(None)
+        yield
+    finally:
+        figure.dpi = before
+        figure.set_layout_engine(engine)
 
 
 def figure_of(drawn: Any) -> Figure:
@@ -216,6 +251,7 @@ __all__ = [
     "NullLocator",
     "align",
     "at_least_one",
+    "drawn",
     "figure_of",
     "legend",
     "new_figure",

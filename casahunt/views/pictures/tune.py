@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +16,7 @@ from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities
-from .plotting import ALONE, DPI, NEUTRAL, SMALL, Array, Line2D, figure_of, panels
+from .plotting import ALONE, DPI, NEUTRAL, SMALL, Array, Line2D, drawn, figure_of, panels
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
@@ -122,11 +121,9 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, ax
     return rows
 
 
-def png(drawn: Any) -> bytes:
+def png(axes: Any) -> bytes:
     """The figure of axes as the bytes of a PNG file."""
-    stream = io.BytesIO()
-    figure_of(drawn).savefig(stream, dpi=DPI * 2 // 3, format="png")
-    return stream.getvalue()
+    return drawn(figure_of(axes), dpi=DPI * 2 // 3)
 
 
 def evidence_images(
