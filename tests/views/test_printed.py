@@ -123,8 +123,8 @@ WORDS = {"model", "branch", "status", "unit", "parameter", "quantity", "kind", "
          "from", "first", "second"}  # fmt: skip
 PLAIN = {"half_multiplier", "half_multiplier_error", "trivial_multiplier_error", "elasticity", "error_estimate", "gain",
          "value", "first_value", "second_value", "slope", "measured", "error", "scatter", "predicted",
-         "predicted_error", "ratio", "swing", "sample", "threshold", "damping_ratio", "unstable_below_factor",
-         "unstable_above_factor", "slope_V_per_rad_per_unit"}  # fmt: skip
+         "predicted_error", "ratio", "swing", "sample", "threshold", "damping_ratio", "lowest_factor",
+         "highest_factor", "slope_V_per_rad_per_unit"}  # fmt: skip
 UNIT = re.compile(r"_(rad|s|V_per_rad|per_s|deg|Nm|rad_per_s|rad_s|kg_m2|N?ms?_per_rad|Nms?_per_rad(_s)?|(re|im))$")
 WITH_CSV = [command for command in COMMANDS if command not in ("diagram", "glossary")]
 
