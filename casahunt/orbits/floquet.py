@@ -111,8 +111,11 @@ def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None)
 
     Returns
     -------
-    Multipliers, of one mesh: their error is unknown.
+    Multipliers, of one mesh: their error is unknown; no numbers where the motion stands still at a node, for rounding
+    next to an equilibrium, and has no direction there.
     """
+    if not _moves(chain):
+        return _unknown(len(chain.flows[0]), repeats)
     bases = _complements(np.asarray(chain.flows))
     found = spectrum(_transversal(chain, bases), np.append(chain.noise, FACTOR_ROUNDING), frame)
     others = found.values.astype(complex)
@@ -137,6 +140,20 @@ def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None)
     )
 
 
+def _moves(chain: MapChain) -> bool:
+    """Whether the motion has a direction at every node."""
+    return bool(np.isfinite(chain.factors).all() and np.any(chain.flows, axis=1).all())
+
+
+def _unknown(n: int, repeats: int) -> Multipliers:
+    """Multipliers of which nothing is known."""
+    nothing, nan = np.full(n, np.nan, complex), math.nan
+    return Multipliers(
+        half=nothing, full=nothing, leading=complex(nan), log10_leading=nan, trivial_error=math.inf, error=math.inf,
+        rounding=math.inf, floor=np.full(n, math.inf), repeats=repeats, frame=np.eye(n - 1),
+    )  # fmt: skip
+
+
 def rough_multipliers(chain: MapChain, frame: Array | None = None) -> tuple[Array, Array]:
     """Half multipliers without the trivial one, to be compared with those on another mesh.
 
@@ -149,8 +166,11 @@ def rough_multipliers(chain: MapChain, frame: Array | None = None) -> tuple[Arra
 
     Returns
     -------
-    (n - 1,) by decreasing modulus, and their frame.
+    (n - 1,) by decreasing modulus, and their frame; no numbers where the motion stands still at a node.
     """
+    n = chain.flows.shape[1] - 1
+    if not _moves(chain):
+        return np.full(n, np.nan), np.eye(n)
     bases = _complements(np.asarray(chain.flows))
     found = spectrum(_transversal(chain, bases), frame=frame, rounds=MULTIPLIER_ROUNDS if frame is None else 1)
     return found.values, found.frame

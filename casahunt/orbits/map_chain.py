@@ -81,10 +81,11 @@ def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = 
 
     Returns
     -------
-    (n, n).
+    (n, n); not finite where the motion stands still on the event, next to an equilibrium.
     """
     through = np.eye(f_before.size) if jump is None else jump
-    return through + np.outer(f_after - through @ f_before, h_x) / float(h_x @ f_before)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return through + np.outer(f_after - through @ f_before, h_x) / np.float64(h_x @ f_before)
 
 
 def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> MapChain:
@@ -239,7 +240,7 @@ def _closed(
         if kinked or jumps[k] is not None:
             jump = saltation(before, after, h_x[:, k], jumps[k])
             factors.append(jump[None])
-            noise.append([_slant(before, h_x[:, k]) * np.abs(jump).max()])
+            noise.append([_slant(before, h_x[:, k]) * float(np.abs(jump).max())])
             flows.append(after[None])
             count += 1
     last = flows[-1][-1]
