@@ -240,7 +240,7 @@ def _closed(
         if kinked or jumps[k] is not None:
             jump = saltation(before, after, h_x[:, k], jumps[k])
             factors.append(jump[None])
-            noise.append([_slant(before, h_x[:, k]) * np.abs(jump).max()])
+            noise.append([_slant(before, h_x[:, k]) * float(np.abs(jump).max())])
             flows.append(after[None])
             count += 1
     last = flows[-1][-1]

@@ -297,3 +297,16 @@ def test_an_event_hardly_crossed(slope, known):
     borders = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
     m = floquet.chain_multipliers(map_chain._closed(pieces, [None, None], borders, np.eye(3)), 1)
     assert (m.rounding < 1e-9) is known and (m.rounding < floquet.TRUSTED) is known
+
+
+def test_a_motion_that_stands_still_has_no_multipliers():
+    """An orbit within rounding of an equilibrium: at a node, and on the event at which a mode begins."""
+    moving, still = np.array([1.0, 0.5]), np.zeros(2)
+    pieces = [([np.eye(2)], np.array([moving, still])), ([np.eye(2)], np.array([moving, moving]))]
+    chain = map_chain._closed(pieces, [None, None], np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(2))
+    m = floquet.chain_multipliers(chain, 2)
+    assert np.isnan(m.half).all() and math.isinf(m.error) and not m.trusted
+    coarse, _ = floquet.rough_multipliers(chain)
+    assert np.isnan(coarse).all()
+    moves = map_chain.MapChain(np.array([np.eye(2)]), np.array([moving, moving]), np.zeros(1))
+    assert not floquet.compared(floquet.chain_multipliers(moves, 1), coarse).trusted

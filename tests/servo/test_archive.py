@@ -30,8 +30,8 @@ def test_orbit(tmp_path, name):
 def test_a_branch_that_grows(tmp_path):
     """What was put into words for the file before is what is put into words for a file of its own."""
     orbits, said = [computed("switch"), computed("switch full cycle"), computed("switch")], {}
-    own = SpecialPoint('my "own"', orbits[0], "größer als 1")
-    special = SpecialPoint("fold", replace(orbits[1]), "a fold"), own
+    beside, inside = replace(orbits[1]), orbits[0]
+    special = (SpecialPoint("fold", beside, "a fold"), SpecialPoint('my "own"', inside, "größer als 1"))
     for k in (1, 2, 3):
         branch = Branch("switch", Servo(), tuple(orbits[:k]), f"point {k}", special[: k - 1])
         save_branch(branch, tmp_path / "grown.npz", run={"k": k}, said=said)
