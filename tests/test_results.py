@@ -125,7 +125,7 @@ def assert_same(given: Any, attribute: Any) -> None:
         for one, other in zip(given, attribute, strict=True):
             assert_same(one, other)
     elif given is None or isinstance(given, bool | int | float | str):
-        assert given == attribute and isinstance(given, bool) == isinstance(attribute, bool | np.bool)
+        assert given == attribute and isinstance(given, bool) == isinstance(attribute, bool | np.bool_)
 
 
 @pytest.mark.parametrize("name", MADE)

@@ -107,6 +107,7 @@ class FoldMap(Result):
             "second": [self.names[1]] * i.size,
             "second_value": self.values[1][j],
             "gain": self.gains.ravel(),
+            "error_estimate": [self.tolerance] * i.size,
             "status": [self.status_at(*place) for place in zip(i.tolist(), j.tolist(), strict=True)],
         }
 
