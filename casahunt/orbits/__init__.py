@@ -14,6 +14,8 @@ multiplier_mesh.py  the multipliers on meshes made for them
 orbit.py     Orbit and Arc: results as frozen numpy
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
+fold_side.py on which side of a fold a cycle lies
+ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it
