@@ -6,7 +6,9 @@ equations are regular at the fold, and their tangent (du/da, dlambda/da = g) tel
     linearise at (u, lambda) -> Newton's step at fixed a, and the tangent
     da = -g / g',   g' from the last two g (the known fold's to begin with)         (u, lambda) += step + da tangent
 
-until what a next step would bring is a small part of the tolerance; who is done leaves the batch.
+until what a next step would bring is a small part of the tolerance; who is done leaves the batch.  The bend is never
+believed to have another sign than that of the known fold: the loop leaves a smallest lambda where a largest is sought.
+What it finds far from its start is another fold.
 
 Symbols: B members, n states, P phases, y unknowns of the node system.
 """
@@ -17,7 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..collocation.ensemble import Linearisations, Settings, linearise_many, settings_of
+from ..collocation.ensemble import Linearisations, Settings, linearise_many, nodes_of_many, settings_of
+from ..collocation.newton import LARGEST_MOVE
 from ..collocation.transcription import Transcription
 from ..errors import Status
 from ..orbits.adapt import LEFT_OUT
@@ -124,7 +127,7 @@ def turning_points(
     Found.
     """
     B = len(u)
-    u, lam, bends = u.copy(), lam.copy(), np.full(B, bend)
+    start, u, lam, bends = u, u.copy(), lam.copy(), np.full(B, bend)
     statuses = [Status.NOT_CONVERGED] * B
     last, slope, way = np.full(B, np.inf), np.full(B, np.nan), np.zeros(B)
     unclean = np.full(B, np.inf)
@@ -155,8 +158,9 @@ def turning_points(
         done = finite & positive & (size <= BELIEVED_STEP) & (foreseen <= LEFT_OUT * tol)
         grows = (iteration > 2) & (total > 2 * last[active])
         last[active] = total
+        moved = np.abs(nodes_of_many(t, u[active] - start[active])).reshape(active.size, -1).max(axis=1)
         for i in np.flatnonzero(done):
-            statuses[active[i]] = Status.CONVERGED
+            statuses[active[i]] = Status.CONVERGED if moved[i] <= LARGEST_MOVE else Status.FAR_FROM_GUESS
         for i in np.flatnonzero(~finite):
             statuses[active[i]] = Status.NOT_FINITE
         for i in np.flatnonzero(finite & ~positive):
