@@ -29,7 +29,7 @@ import numpy as np
 from ..checks import known as one_of
 from ..collocation.admissibility import judge
 from ..collocation.ensemble import Settings, linearise_many, nodes_of_many, settings_of
-from ..collocation.ensemble_error import OF_HALVED_MESH, estimates_of_many
+from ..collocation.ensemble_error import estimates_of_many
 from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Transcription
 from ..errors import InputError, NoOrbit, Status
@@ -248,7 +248,7 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
     if there.size:
         own, x = settings.of(there), u[there]
         goals, period, amplitude = goals_of_many(t, x, own)
-        errors = (1 + OF_HALVED_MESH) * estimates_of_many(t, x, own, goals, _fixed(t, there.size))
+        errors = estimates_of_many(t, x, own, goals, _fixed(t, there.size))
         for i, b in enumerate(there.tolist()):
             if errors[i].max() <= tol and judge(t, x[i], own.one(i)).admissible:
                 done.numbers[:4, rows[b]] = period[i], errors[i, 0], amplitude[i], errors[i, 1]
