@@ -15,6 +15,7 @@ Symbols: B members, k parameters that differ, n states, P phases.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -31,18 +32,19 @@ from ..orbits.adapt import TOLERANCE_RANGE, Options, curve_border, solve_adaptiv
 from ..orbits.amplitude import estimated
 from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
 from ..orbits.orbit import unknowns_of
+from ..orbits.restart import Start
 from .curve import along
 from .fold import Fold
 from .fold_confirmation import confirmed_many, slopes_of_many
 from .fold_expansion import Expansion
-from .turning_points import from_expansion, turning_points
+from .turning_points import from_expansion, settings_at, turning_points
 
 Array = np.ndarray
 How = Literal["batch", "recut", ""]
 
 NEIGHBOURS_APART = 1e-3
 """Distance of the neighbours from which the expansion is made, in logarithms: their differences have ten digits."""
-MESHES_OF_KNOWN = 4
+MESHES_OF_KNOWN, MESHES_OF_MEMBER = 4, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,7 @@ def _polished(
     row /= np.linalg.norm(row)
     bend = _bend(t, u, setting, row) if bend is None else bend
     many = settings_of(setting, setting.p[None], setting.dp[None, None])
-    found = turning_points(t, u[None], np.zeros(1), many, row, bend, tol)
+    found = turning_points(t, u[None], np.zeros(1), many, row, np.array([bend]), tol)
     if found.statuses[0] is not Status.CONVERGED:
         raise NoOrbit(f"the known fold of {problem.title} was not solved again", Status.NOT_CONVERGED)
     there = problem.with_value(vary, problem.moved(vary, float(found.lam[0])))
@@ -153,7 +155,7 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
     flat = replace(known, first=np.zeros((len(at), t.size + 1)), second=np.zeros((len(at), t.size + 1)))
     if not at:
         return flat
-    found, settings = from_expansion(flat, p, tol)
+    found, settings = from_expansion(flat, p, tol, stations=0)
     values = settings.p[:, known.problem.names.index(known.vary)]
     z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
     z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
@@ -213,16 +215,35 @@ class _Tried:
 
 
 def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
-    """`folds_near` for a few members: in the batch, then by what a turning point leads to."""
+    """`folds_near` for a few members: in the batch, then by what a turning point or its prediction leads to."""
     out = _attempt(known, p, tol, slopes_by)
-    for member, (u, setting) in out.roots.items():
-        local = _recut(known, u, setting, tol)
-        if local is not None:
-            own = _settings_of_known(local)
-            numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
-            slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
-            out.take(member, numbers, slopes, "recut")
+    for member in [i for i, word in enumerate(out.how) if not word]:
+        for start in _starts(known, p[member], out.roots.get(member)):
+            found = _recut(known, start, tol)
+            if found is not None:
+                local, numbers = found
+                own = _settings_of_known(local)
+                slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
+                out.take(member, numbers, slopes, "recut")
+                break
     return out
+
+
+def _starts(known: Expansion, p: Array, root: tuple[Array, Setting] | None) -> Iterator[Start]:
+    """Where the fold of a member may be looked for singly: its turning point, or where that is expected."""
+    if root is not None:
+        yield known.t, *root
+        return
+    u, values = known.there(known.expected(p[None]))
+    setting = settings_at(known, p[None], values).one(0)
+    try:
+        problem = known.problem.with_values(known.problem.names, setting.p)
+    except InputError:
+        return
+    start = known.t, u[0], setting
+    marched = problem.remarch(*start)
+    yield from [] if marched is None else [marched]
+    yield from problem.expected(*start)
 
 
 def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
@@ -252,23 +273,29 @@ def _verdict(t: Transcription, u: Array, setting: Setting, numbers: Array, tol: 
     return Status.CONVERGED if numbers[1::2].max() <= tol else Status.TOLERANCE_NOT_REACHED
 
 
-def _recut(known: Expansion, u: Array, setting: Setting, tol: float) -> Expansion | None:
-    """The fold that a turning point leads to which needs other phases or another mesh; None: to none."""
-    try:
-        problem = known.problem.with_values(known.problem.names, setting.p)
-        options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
-        start = known.t, u, setting
-        solved = solve_adaptively(problem, start, options, solver="newton", border=known.row, soft=False)
-        if not solved.status.ok:
+def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array] | None:
+    """The fold that a start leads to which needs other phases or another mesh, and its (6,) numbers; None: to none.
+
+    Its mesh is made where the start lies; where that is too far from the fold, it is made again from there.
+    """
+    options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
+    for _ in range(MESHES_OF_MEMBER):
+        try:
+            problem = known.problem.with_values(known.problem.names, start[2].p)
+            solved = solve_adaptively(problem, start, options, solver="newton", border=known.row, soft=False)
+            if not solved.status.ok:
+                return None
+            there = problem.with_value(known.vary, problem.moved(known.vary, solved.solution.parameter))
+            fresh = replace(solved.setting.moved(solved.solution.parameter), dp=along(there, known.vary))
+            local = _polished(solved.t, solved.solution.u, fresh, there, known.vary, tol, known.bend)
+        except (NoOrbit, InputError):
             return None
-        there = problem.with_value(known.vary, problem.moved(known.vary, solved.solution.parameter))
-        fresh = replace(solved.setting.moved(solved.solution.parameter), dp=along(there, known.vary))
-        local = _polished(solved.t, solved.solution.u, fresh, there, known.vary, tol, known.bend)
-    except (NoOrbit, InputError):
-        return None
-    numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
-    sound = _verdict(local.t, local.u, local.setting(), numbers, tol) is Status.CONVERGED
-    return local if sound and local.bend * known.bend > 0 else None
+        start = local.t, local.u, local.setting()
+        numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
+        verdict = _verdict(*start, numbers, tol)
+        if verdict is Status.CONVERGED:
+            return (local, numbers) if local.bend * known.bend > 0 else None
+    return None
 
 
 def _settings_of_known(known: Expansion) -> Settings:
