@@ -43,7 +43,9 @@ def drawn(model: str, count: int, seed: int) -> tuple[tuple[str, ...], np.ndarra
     return names, np.array([values[name] for name in names]) * (1 + SPREAD * ways)
 
 
-def together(kind: str, model: Any, names: tuple[str, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any, float]:
+def together(
+    kind: str, model: Any, names: tuple[str, ...], rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Any, float]:
     """((n, k) values, (n, k) errors, the ensemble, seconds)."""
     servo, options = table1.servo(), Options(tol=TOLERANCE)
     if kind == "folds":

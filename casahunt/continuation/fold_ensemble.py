@@ -15,7 +15,6 @@ Symbols: B members, k parameters that differ, n states, P phases.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -37,7 +36,7 @@ from .curve import along
 from .fold import Fold
 from .fold_confirmation import confirmed_many, slopes_of_many
 from .fold_expansion import Expansion
-from .turning_points import from_expansion, settings_at, turning_points
+from .turning_points import from_expansion, turning_points
 
 Array = np.ndarray
 How = Literal["batch", "recut", ""]
@@ -77,7 +76,7 @@ class Folds:
 
 
 def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
-    """A known fold, on a mesh for the tolerance, and its change with parameters.
+    """A known fold, on a mesh made for it and the tolerance, and its change with parameters.
 
     Parameters
     ----------
@@ -101,7 +100,7 @@ def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
     for changes in range(MESHES_OF_KNOWN):
         t, u, setting = known.t, known.u, known.setting()
         error = estimated(t, u, setting, border=curve_border(t, u, known.row), believed=tol)
-        if error.error <= ROOM_FOR_KNOWN * tol or not np.isfinite(error.error):
+        if (changes and error.error <= ROOM_FOR_KNOWN * tol) or not np.isfinite(error.error):
             break
         breaks = better_breaks(t, setting.fractions, error, ROOM_FOR_KNOWN * tol, changes)
         t, u, fractions = transfer(t, u, setting.fractions, breaks)
@@ -215,35 +214,16 @@ class _Tried:
 
 
 def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
-    """`folds_near` for a few members: in the batch, then by what a turning point or its prediction leads to."""
+    """`folds_near` for a few members: in the batch, then by what a turning point leads to."""
     out = _attempt(known, p, tol, slopes_by)
-    for member in [i for i, word in enumerate(out.how) if not word]:
-        for start in _starts(known, p[member], out.roots.get(member)):
-            found = _recut(known, start, tol)
-            if found is not None:
-                local, numbers = found
-                own = _settings_of_known(local)
-                slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
-                out.take(member, numbers, slopes, "recut")
-                break
+    for member, (u, setting) in out.roots.items():
+        found = _recut(known, (known.t, u, setting), tol)
+        if found is not None:
+            local, numbers = found
+            own = _settings_of_known(local)
+            slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
+            out.take(member, numbers, slopes, "recut")
     return out
-
-
-def _starts(known: Expansion, p: Array, root: tuple[Array, Setting] | None) -> Iterator[Start]:
-    """Where the fold of a member may be looked for singly: its turning point, or where that is expected."""
-    if root is not None:
-        yield known.t, *root
-        return
-    u, values = known.there(known.expected(p[None]))
-    setting = settings_at(known, p[None], values).one(0)
-    try:
-        problem = known.problem.with_values(known.problem.names, setting.p)
-    except InputError:
-        return
-    start = known.t, u[0], setting
-    marched = problem.remarch(*start)
-    yield from [] if marched is None else [marched]
-    yield from problem.expected(*start)
 
 
 def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:

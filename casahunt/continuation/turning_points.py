@@ -8,7 +8,8 @@ equations are regular at the fold, and their tangent (du/da, dlambda/da = g) tel
 
 until what a next step would bring is a small part of the tolerance; who is done leaves the batch.  The bend is never
 believed to have another sign than that of the known fold: the loop leaves a smallest lambda where a largest is sought.
-What it finds far from its start is another fold.  A member that is lost is approached by way of the turning point halfway.
+What it finds far from its start is another fold.  A member that is lost is approached by way of the turning point
+halfway.
 
 Symbols: B members, n states, P phases, y unknowns of the node system.
 """
