@@ -167,6 +167,29 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
     return replace(known, first=first, second=second)
 
 
+def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None:
+    """The fold of a problem near a known one, from which others are predicted in turn.
+
+    Parameters
+    ----------
+    known
+        the fold from which it is predicted.
+    p
+        (np,) its parameters; that of the fold is not read.
+    tol
+        relative error that its neighbours may have.
+
+    Returns
+    -------
+    Expansion by the same parameters, on phases and a mesh of its own; None where it was not found so.
+    """
+    found, settings = from_expansion(known, p[None], tol)
+    if found.statuses[0] is not Status.CONVERGED:
+        return None
+    recut = _recut(known, (known.t, found.u[0], settings.one(0)), tol)
+    return None if recut is None else _expanded(replace(recut[0], names=known.names), tol)
+
+
 def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
     """The folds of members, confirmed.
 
