@@ -25,6 +25,7 @@ import numpy as np
 
 from ..checks import to_error
 from ..collocation.admissibility import judge
+from ..collocation.error_estimate import left_on_halved
 from ..collocation.ipopt import Maximum, maximise_parameter
 from ..collocation.mesh import on_halved_mesh, transfer
 from ..collocation.newton import Solution, Solver
@@ -299,11 +300,12 @@ def _with_second_optimum(
         )
     period = float(np.sum(finer.durations_of(check.u))) * t.cycle.repeats
     there = replace(setting.moved(best.parameter + check.parameter), fractions=fractions)
+    off = 1 + float(left_on_halved(t).max(initial=0.0))  # the fold on the halved mesh is not the exact one either
     return replace(
         orbit,
-        period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
-        amplitude_error=max(orbit.amplitude_error, amplitude_off(finer, check.u, there, orbit.amplitude)),
-        parameter_error=max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + check.parameter)),
+        period_error=max(orbit.period_error, off * abs(period / orbit.period - 1)),
+        amplitude_error=max(orbit.amplitude_error, off * amplitude_off(finer, check.u, there, orbit.amplitude)),
+        parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + check.parameter)),
     )
 
 
