@@ -28,19 +28,10 @@ from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E40
 from casahunt.design.ensemble import fold_ensemble, orbit_ensemble  # noqa: E402
 from problems import table1  # noqa: E402
 from scripts.limits import peak_memory  # noqa: E402
+from scripts.race.scaling import TOLERANCE, servos  # noqa: E402
 
-GAIN, TOLERANCE, SPREAD = 0.4, 1e-8, 0.02
+GAIN = 0.4
 KINDS = ("folds", "orbits")
-
-
-def drawn(model: str, count: int, seed: int) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the parameters that a model has, and `count` rows of them."""
-    own = table1.servo()
-    bristle = ("friction.stiffness", "friction.damping") if model == "switch" else ()
-    names = tuple(name for name in own.names if name not in ("gain", *bristle))
-    values = dict(zip(own.names, own.parameters(1.0), strict=True))
-    ways = np.random.default_rng(seed).uniform(-1, 1, (count, len(names)))
-    return names, np.array([values[name] for name in names]) * (1 + SPREAD * ways)
 
 
 def together(
@@ -88,7 +79,7 @@ def share(values: np.ndarray, errors: np.ndarray, known: np.ndarray, known_error
 
 def compared(kind: str, model: str, count: int, seed: int) -> int:
     """Compare, print, and return how many are wrong."""
-    names, rows = drawn(model, count, seed)
+    names, rows = servos(model, count, seed)
     values, errors, ensemble, seconds = together(kind, model, names, rows)
     peak, wrong, differ, worst, alone = peak_memory(), 0, 0, 0.0, 0.0
     for i, row in enumerate(rows):
