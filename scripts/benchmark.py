@@ -11,6 +11,7 @@ Scenes, for the servo of Table 1 and both friction models:
     diagram          from the stable orbit at K = 0.0321, given to casahunt and AUTO alike, round the fold to 0.0321;
                      casahunt's tolerance is that of the points, the fold is located to 1e-10 (Switch) or 1e-9
                      (LuGre); errors are the fold's
+    ensemble         folds of many servos at once, against their number; a Newton step against intervals and degree
     gains            stable cycles from nothing at gains up to next to the fold, casahunt and heyoka
 
 heyoka's Taylor series are given what their user has reduced by hand (peers/servo_heyoka.py): half a cycle with the
@@ -28,7 +29,7 @@ OMP_NUM_THREADS=1 that of one thread), without imports; AUTO's is that of its ow
 CasADi or heyoka compile for a problem that the process has not seen.  A peer that is missing, or that fails, is a row
 with the reason.  Needs scipy (extra "bench"); AUTO-07p needs Debian's packages auto-07p and gfortran.
 Writes benchmark.csv, benchmark.json, benchmark.png and the table to standard output; of the gallery gallery.csv and
-gallery.png.
+gallery.png, of the ensembles ensemble.png.
 """
 
 from __future__ import annotations
@@ -54,15 +55,19 @@ from scripts.race.gallery import rows_of  # noqa: E402
 from scripts.race.others import diagram_rows, peer_orbits, peers_down_the_branch  # noqa: E402
 from scripts.race.ours import casahunt_orbits, fold_rows, memories, stick_rows, where_the_time_goes  # noqa: E402
 from scripts.race.rows import ALONE, GALLERY, SCENES, Row  # noqa: E402
+from scripts.race.scaling import SCENE as ENSEMBLE  # noqa: E402
+from scripts.race.scaling import drawn, scaling_rows, slopes  # noqa: E402
 from scripts.race.table import picture, ratios, table  # noqa: E402
 from scripts.race.taylor import along_rows, taylor_rows  # noqa: E402
+
+ALL = (*SCENES, ENSEMBLE, *GALLERY)
 
 
 def main() -> None:
     """Measure, write, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", default="benchmark", metavar="DIR", help="folder to write into (default benchmark)")
-    parser.add_argument("--only", nargs="+", choices=SCENES + GALLERY, default=list(SCENES + GALLERY), help="scenes")
+    parser.add_argument("--only", nargs="+", choices=ALL, default=list(ALL), help="scenes")
     parser.add_argument("--model", nargs="+", choices=MODELS, default=list(MODELS), help="friction models")
     parser.add_argument("--quick", action="store_true", help="fewer repeats, AUTO-07p's LuGre run at one mesh only")
     options = parser.parse_args()
@@ -73,7 +78,10 @@ def main() -> None:
     of_the_servo = [scene for scene in options.only if scene in SCENES]
     for scene in options.only:
         for model in options.model if scene in SCENES else ("",):
-            fresh = servo_rows(scene, model, repeats, options.quick) if model else list(rows_of(scene, repeats))
+            if scene == ENSEMBLE:
+                fresh = scaling_rows()
+            else:
+                fresh = servo_rows(scene, model, repeats, options.quick) if model else list(rows_of(scene, repeats))
             print(table(fresh), flush=True)
             rows += fresh
     alone = [scene for scene in of_the_servo if scene in ALONE]
@@ -98,6 +106,9 @@ def main() -> None:
         writer.writerows(asdict(r) for r in rows)
     if of_the_servo:
         picture(rows, out / "benchmark.png")
+    for (model, method, against), slope in slopes(rows).items():
+        print(f"{model}, {method}: processor time goes like {against}^{slope:.2f}")
+    drawn(rows, out / "ensemble.png")
     gallery_files(rows, out)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from .. import effort
 from .ensemble_points import fields, jets, joints
+from .linearisation import Linearisation
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -112,6 +113,14 @@ class Linearisations:
         B = len(self.maps)
         sound = np.isfinite(self.maps).reshape(B, -1).all(axis=1) & np.isfinite(self.events).reshape(B, -1).all(axis=1)
         return sound & self.regular
+
+    def one(self, member: int) -> Linearisation:
+        """That of one member."""
+        parts = (
+            self.interval_residual, self.flow_residual, self.closure_residual, self.events, self.maps, self.closure,
+            self.eliminated,
+        )  # fmt: skip
+        return Linearisation(self.transcription, *(part[member] for part in parts))
 
     def residual_norms(self) -> Array:
         """(B,) largest residuals in scaled units."""

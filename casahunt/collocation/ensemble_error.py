@@ -1,7 +1,7 @@
 """The errors of many solutions at once: error_estimate.py with members in front.
 
     u_b on the mesh with halved intervals -> r_b, linearised there -> joined over the halves -> J_b^T psi = c_b
-    q(exact) - q(u_b) = sum_e psi_e . r_e,    and what a Newton step inside the intervals leaves
+    q(exact) - q(u_b) = sum_e psi_e . r_e,    and what the halved mesh and a Newton step inside the intervals leave
 
 Symbols: B members, n states, d stages, N intervals, E elements, P phases, k functionals, y unknowns of the node system.
 """
@@ -11,14 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from .ensemble import Linearisations, Settings, fields_of_many, linearise_many, nodes_of_many
-from .error_estimate import ROUNDING, fine_rule
+from .error_estimate import ROUNDING, fine_rule, left_on_halved
 from .transcription import Transcription, transcribe
 
 Array = np.ndarray
-
-OF_HALVED_MESH = 1 / 16
-"""Part of an error that the mesh with halved intervals may have itself: what is left of it at order four, below that of
-the schemes, but not below what a mesh shows that only just resolves a motion."""
 
 
 def halved_for_many(t: Transcription, u: Array, settings: Settings) -> tuple[Transcription, Array, Settings]:
@@ -90,6 +86,8 @@ def errors_of_many(
         chains = psi[:, :, : E * n]
         if t.intervals:
             weights = chains.reshape(B, -1, E, n)[:, :, t.interval_elements]
+            blame = np.abs((weights * maps[..., 0][:, None, t.interval_elements]).sum(axis=3))
+            errors = errors + np.matmul(blame, left_on_halved(t))
             left = _left_by_steps(fine, u, lin, settings).reshape(B, t.intervals, 4, n)
             terms = np.abs(np.matmul(left, weights.transpose(0, 2, 3, 1)))
             overlooked = np.maximum(terms[:, :, 0], terms[:, :, 1]) + np.maximum(terms[:, :, 2], terms[:, :, 3])

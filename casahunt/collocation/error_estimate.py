@@ -6,15 +6,17 @@ there, stages eliminated.  With J^T psi = c for the linear functional q = c . y 
 
     q(exact) - q(u) = sum_e psi_e . r_e,
 
-to first order in an error that the refined mesh makes 2^(2d) times smaller.  The sum is the error
-estimate; its terms say which interval is to blame and place the next mesh.  An interval far up-stream of an unstable
-direction weighs exactly as much as it matters, which no local monitor can know.
+to first order, the exact solution being that of the refined mesh.  The sum is the error estimate; its terms say which
+interval is to blame and place the next mesh.  An interval far up-stream of an unstable direction weighs exactly as much
+as it matters, which no local monitor can know.
 
-Two things can make that sum too small, both where the field changes suddenly inside an interval.  Gauss collocation is
-far more accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside
-is, whose square may be larger.  And what happens between two points of the refined mesh, such as a change in
-the first hundredth of an interval, none of its equations sees.  So an estimate that is about to be believed is compared
-with what a Newton step inside each interval leaves, psi_e . r'_e with
+Three things can make that sum too small.  The refined mesh has an error itself: of each term a part (`left_on_halved`),
+without regard to signs, since terms that cancel on one mesh need not on the next.  The others arise where the field
+changes suddenly inside an interval.  Gauss collocation is far more accurate at the nodes (h^2d) than inside (h^(d+1)):
+r_e, a small number, no longer says how wrong the inside is, whose square may be larger.  And what happens between two
+points of the refined mesh, such as a change in the first hundredth of an interval, none of its equations sees.  So an
+estimate that is about to be believed gets the first added, and what a Newton step inside each interval leaves,
+psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
 
@@ -44,6 +46,10 @@ ROUNDING = 4 * np.finfo(float).eps
 SMALL_AMPLITUDE = 0.1
 """The error of an amplitude below this part of the largest value of its state is measured by that: it may be zero."""
 
+LEFT_ON_HALVED, LEFT_OF_LOW_ORDER = 1 / 16, 1 / 4
+"""Part of the blame of an interval that its halves keep: that of order four, below the order of the schemes, and of
+order two, to which stiffness and kinks reduce it.  Measured with 60 servos at five tolerances: at most 0.02; in
+stiff modes at most 0.24, but for one solution in thirty, where up to 2."""
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""
 
@@ -205,10 +211,18 @@ def functional_errors(
         left = _left_by_a_step(fine, u_fine, lin, halves).reshape(-1, 4, n)
         terms = np.abs(left @ weights[:, t.interval_elements].transpose(1, 2, 0))
         overlooked = (np.maximum(terms[:, 0], terms[:, 1]) + np.maximum(terms[:, 2], terms[:, 3])).T
+        overlooked += left_on_halved(t) * per_element[:, t.interval_elements]
         per_element[:, t.interval_elements] += overlooked
         errors += overlooked.sum(axis=1)
     errors += ROUNDING * np.linalg.norm(psi[:, : E * n], axis=1)
     return errors, per_element
+
+
+def left_on_halved(t: Transcription) -> Array:
+    """(N,) part of the blame of every interval that its halves keep."""
+    modes = [phase.mode for phase in t.cycle.phases]
+    left = np.array([LEFT_OF_LOW_ORDER if mode.stiff or not mode.smooth else LEFT_ON_HALVED for mode in modes])
+    return left[t.phase_of[t.interval_elements]]
 
 
 @lru_cache(maxsize=32)

@@ -25,6 +25,7 @@ import numpy as np
 
 from ..checks import to_error
 from ..collocation.admissibility import judge
+from ..collocation.error_estimate import left_on_halved
 from ..collocation.ipopt import Maximum, maximise_parameter
 from ..collocation.mesh import on_halved_mesh, transfer
 from ..collocation.newton import Solution, Solver
@@ -333,11 +334,12 @@ def _with_second_place(
         place = check.u, check.parameter
     u, moved = place
     period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
+    off = 1 + float(left_on_halved(t).max(initial=0.0))  # the fold on the halved mesh is not the exact one either
     return replace(
         orbit,
-        period_error=max(orbit.period_error, abs(period / orbit.period - 1)),
-        amplitude_error=max(orbit.amplitude_error, amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)),
-        parameter_error=max(orbit.parameter_error, abs(best.parameter), abs(best.parameter + moved)),
+        period_error=max(orbit.period_error, off * abs(period / orbit.period - 1)),
+        amplitude_error=max(orbit.amplitude_error, off * amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)),
+        parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
     )
 
 

@@ -18,7 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..collocation.ensemble import Settings, linearise_many
-from ..collocation.ensemble_error import OF_HALVED_MESH, errors_of_many, halved_for_many
+from ..collocation.ensemble_error import errors_of_many, halved_for_many
+from ..collocation.error_estimate import left_on_halved
 from ..collocation.transcription import Transcription
 from ..orbits.amplitude import amplitudes_off, goals_of_many, row_sums
 from ..orbits.ensemble import sizes_of_steps
@@ -70,8 +71,8 @@ def confirmed_many(known: Expansion, u: Array, settings: Settings, bend: Array) 
         # At another place of the curve everything changes to first order: that is added without regard to signs.
         elsewhere = np.abs(np.matmul(goals, (da[:, None] * _on_coarse(t, fine, tangent))[..., None])[..., 0])
         elsewhere[:, 0] *= 0.5
-        errors = np.maximum(first + elsewhere, np.column_stack([np.abs(lam), longer, larger]))
-        errors *= 1 + OF_HALVED_MESH
+        second = (1 + left_on_halved(t).max(initial=0.0)) * np.column_stack([np.abs(lam), longer, larger])
+        errors = np.maximum(first + elsewhere, second)
         errors[~(far <= FARTHEST_SECOND) | ~lin.finite()] = np.inf
     place = known.problem.names.index(known.vary)
     return np.array([settings.p[:, place], errors[:, 0], period, errors[:, 1], amplitude, errors[:, 2]])

@@ -31,6 +31,7 @@ from ..orbits.adapt import TOLERANCE_RANGE, Options, curve_border, solve_adaptiv
 from ..orbits.amplitude import estimated
 from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
 from ..orbits.orbit import unknowns_of
+from ..orbits.restart import Start
 from .curve import along
 from .fold import Fold
 from .fold_confirmation import confirmed_many, slopes_of_many
@@ -42,7 +43,7 @@ How = Literal["batch", "recut", ""]
 
 NEIGHBOURS_APART = 1e-3
 """Distance of the neighbours from which the expansion is made, in logarithms: their differences have ten digits."""
-MESHES_OF_KNOWN = 4
+MESHES_OF_KNOWN, MESHES_OF_MEMBER = 4, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ class Folds:
 
 
 def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
-    """A known fold, on a mesh for the tolerance, and its change with parameters.
+    """A known fold, on a mesh made for it and the tolerance, and its change with parameters.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
     for changes in range(MESHES_OF_KNOWN):
         t, u, setting = known.t, known.u, known.setting()
         error = estimated(t, u, setting, border=curve_border(t, u, known.row), believed=tol)
-        if error.error <= ROOM_FOR_KNOWN * tol or not np.isfinite(error.error):
+        if (changes and error.error <= ROOM_FOR_KNOWN * tol) or not np.isfinite(error.error):
             break
         breaks = better_breaks(t, setting.fractions, error, ROOM_FOR_KNOWN * tol, changes)
         t, u, fractions = transfer(t, u, setting.fractions, breaks)
@@ -118,7 +119,7 @@ def _polished(
     row /= np.linalg.norm(row)
     bend = _bend(t, u, setting, row) if bend is None else bend
     many = settings_of(setting, setting.p[None], setting.dp[None, None])
-    found = turning_points(t, u[None], np.zeros(1), many, row, bend, tol)
+    found = turning_points(t, u[None], np.zeros(1), many, row, np.array([bend]), tol)
     if found.statuses[0] is not Status.CONVERGED:
         raise NoOrbit(f"the known fold of {problem.title} was not solved again", Status.NOT_CONVERGED)
     there = problem.with_value(vary, problem.moved(vary, float(found.lam[0])))
@@ -153,7 +154,7 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
     flat = replace(known, first=np.zeros((len(at), t.size + 1)), second=np.zeros((len(at), t.size + 1)))
     if not at:
         return flat
-    found, settings = from_expansion(flat, p, tol)
+    found, settings = from_expansion(flat, p, tol, stations=0)
     values = settings.p[:, known.problem.names.index(known.vary)]
     z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
     z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
@@ -164,6 +165,29 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
     first = np.where(good[:, None], (up - down) / (2 * NEIGHBOURS_APART), 0.0)
     second = np.where(good[:, None], (up - 2 * z_0 + down) / NEIGHBOURS_APART**2, 0.0)
     return replace(known, first=first, second=second)
+
+
+def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None:
+    """The fold of a problem near a known one, from which others are predicted in turn.
+
+    Parameters
+    ----------
+    known
+        the fold from which it is predicted.
+    p
+        (np,) its parameters; that of the fold is not read.
+    tol
+        relative error that its neighbours may have.
+
+    Returns
+    -------
+    Expansion by the same parameters, on phases and a mesh of its own; None where it was not found so.
+    """
+    found, settings = from_expansion(known, p[None], tol)
+    if found.statuses[0] is not Status.CONVERGED:
+        return None
+    recut = _recut(known, (known.t, found.u[0], settings.one(0)), tol)
+    return None if recut is None else _expanded(replace(recut[0], names=known.names), tol)
 
 
 def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
@@ -216,10 +240,10 @@ def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) ->
     """`folds_near` for a few members: in the batch, then by what a turning point leads to."""
     out = _attempt(known, p, tol, slopes_by)
     for member, (u, setting) in out.roots.items():
-        local = _recut(known, u, setting, tol)
-        if local is not None:
+        found = _recut(known, (known.t, u, setting), tol)
+        if found is not None:
+            local, numbers = found
             own = _settings_of_known(local)
-            numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
             slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
             out.take(member, numbers, slopes, "recut")
     return out
@@ -252,23 +276,29 @@ def _verdict(t: Transcription, u: Array, setting: Setting, numbers: Array, tol: 
     return Status.CONVERGED if numbers[1::2].max() <= tol else Status.TOLERANCE_NOT_REACHED
 
 
-def _recut(known: Expansion, u: Array, setting: Setting, tol: float) -> Expansion | None:
-    """The fold that a turning point leads to which needs other phases or another mesh; None: to none."""
-    try:
-        problem = known.problem.with_values(known.problem.names, setting.p)
-        options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
-        start = known.t, u, setting
-        solved = solve_adaptively(problem, start, options, solver="newton", border=known.row, soft=False)
-        if not solved.status.ok:
+def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array] | None:
+    """The fold that a start leads to which needs other phases or another mesh, and its (6,) numbers; None: to none.
+
+    Its mesh is made where the start lies; where that is too far from the fold, it is made again from there.
+    """
+    options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
+    for _ in range(MESHES_OF_MEMBER):
+        try:
+            problem = known.problem.with_values(known.problem.names, start[2].p)
+            solved = solve_adaptively(problem, start, options, solver="newton", border=known.row, soft=False)
+            if not solved.status.ok:
+                return None
+            there = problem.with_value(known.vary, problem.moved(known.vary, solved.solution.parameter))
+            fresh = replace(solved.setting.moved(solved.solution.parameter), dp=along(there, known.vary))
+            local = _polished(solved.t, solved.solution.u, fresh, there, known.vary, tol, known.bend)
+        except (NoOrbit, InputError):
             return None
-        there = problem.with_value(known.vary, problem.moved(known.vary, solved.solution.parameter))
-        fresh = replace(solved.setting.moved(solved.solution.parameter), dp=along(there, known.vary))
-        local = _polished(solved.t, solved.solution.u, fresh, there, known.vary, tol, known.bend)
-    except (NoOrbit, InputError):
-        return None
-    numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
-    sound = _verdict(local.t, local.u, local.setting(), numbers, tol) is Status.CONVERGED
-    return local if sound and local.bend * known.bend > 0 else None
+        start = local.t, local.u, local.setting()
+        numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
+        verdict = _verdict(*start, numbers, tol)
+        if verdict is Status.CONVERGED:
+            return (local, numbers) if local.bend * known.bend > 0 else None
+    return None
 
 
 def _settings_of_known(known: Expansion) -> Settings:

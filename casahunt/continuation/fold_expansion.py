@@ -65,8 +65,8 @@ class Expansion:
         """Its setting, lambda being the parameter in its unit."""
         return Setting(self.fractions, self.problem.vector(), self.scale, along(self.problem, self.vary))
 
-    def predicted(self, p: Array) -> tuple[Array, Array]:
-        """(unknowns (B, size), value of the parameter (B,)) expected at parameters p (B, np)."""
+    def expected(self, p: Array) -> Array:
+        """(B, size + 1) changes of (x, ln T, ln value) expected at parameters p (B, np)."""
         t, own = self.t, self.problem.vector()
         at = [self.problem.names.index(name) for name in self.names]
         usable = (own[at] > 0) & (p[:, at] > 0)
@@ -75,7 +75,27 @@ class Expansion:
         change = np.zeros((len(p), t.size + 1))
         for i in range(len(at)):  # in turn, so that no sum depends on how many members there are
             change += logs[:, i : i + 1] * (self.first[i] + 0.5 * logs[:, i : i + 1] * self.second[i])
+        return change
+
+    def there(self, change: Array) -> tuple[Array, Array]:
+        """(unknowns (B, size), value of the parameter (B,)) after changes (B, size + 1) of (x, ln T, ln value)."""
+        t = self.t
+        change = change.copy()
         change[:, -1 - t.phases :] = np.clip(change[:, -1 - t.phases :], -FARTHEST, FARTHEST)
         u = self.u + change[:, :-1]
         u[:, -t.phases :] = self.u[-t.phases :] * np.exp(change[:, -1 - t.phases : -1])
         return u, self.problem.value(self.vary) * np.exp(change[:, -1])
+
+    def changes(self, u: Array, values: Array) -> Array:
+        """(B, size + 1) changes of (x, ln T, ln value) that lead to unknowns (B, size) and values (B,)."""
+        P = self.t.phases
+        change = np.column_stack([u - self.u, np.log(values / self.problem.value(self.vary))])
+        change[:, -1 - P : -1] = np.log(u[:, -P:] / self.u[-P:])
+        return change
+
+    def halfway(self, p: Array) -> Array:
+        """(B, np) parameters halfway to p (B, np), in logarithms where both ends are positive."""
+        own = self.problem.vector()
+        positive = (own > 0) & (p > 0)
+        with np.errstate(invalid="ignore"):
+            return np.where(positive, np.sqrt(own * p), (own + p) / 2)

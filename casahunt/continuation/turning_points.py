@@ -6,7 +6,10 @@ equations are regular at the fold, and their tangent (du/da, dlambda/da = g) tel
     linearise at (u, lambda) -> Newton's step at fixed a, and the tangent
     da = -g / g',   g' from the last two g (the known fold's to begin with)         (u, lambda) += step + da tangent
 
-until what a next step would bring is a small part of the tolerance; who is done leaves the batch.
+until what a next step would bring is a small part of the tolerance; who is done leaves the batch.  The bend is never
+believed to have another sign than that of the known fold: the loop leaves a smallest lambda where a largest is sought.
+What it finds far from its start is another fold.  A member that is lost is approached by way of the turning point
+halfway.
 
 Symbols: B members, n states, P phases, y unknowns of the node system.
 """
@@ -17,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..collocation.ensemble import Linearisations, Settings, linearise_many, settings_of
+from ..collocation.ensemble import Linearisations, Settings, linearise_many, nodes_of_many, settings_of
+from ..collocation.newton import LARGEST_MOVE
 from ..collocation.transcription import Transcription
 from ..errors import Status
 from ..orbits.adapt import LEFT_OUT
@@ -27,6 +31,8 @@ from .fold_expansion import Expansion
 Array = np.ndarray
 
 MOST_TURNS = 14
+MOST_STATIONS, ORDER_LEFT_OUT = 3, 3
+"""A way is halved at most so often; what an expansion to second order leaves out is of this order."""
 BELIEVED_STEP = 0.1
 """A Newton step below this lets the tangent be believed."""
 CLEAN_STEP = 0.1
@@ -66,8 +72,11 @@ def settings_at(known: Expansion, p: Array, values: Array) -> Settings:
     return settings_of(known.setting(), p, directions)
 
 
-def from_expansion(known: Expansion, p: Array, tol: float) -> tuple[Found, Settings]:
+def from_expansion(known: Expansion, p: Array, tol: float, stations: int = MOST_STATIONS) -> tuple[Found, Settings]:
     """The turning points of members, from where they are expected.
+
+    What the expansion leaves out goes with the cube of the way: where a member is lost, the turning point halfway tells
+    how much that is, and is itself found so.
 
     Parameters
     ----------
@@ -75,14 +84,39 @@ def from_expansion(known: Expansion, p: Array, tol: float) -> tuple[Found, Setti
         the fold from which they are.
     p, tol
         (B, np) parameters; relative error that is wanted.
+    stations
+        how often the way may be halved.
 
     Returns
     -------
     Found, and the settings there.
     """
-    u, values = known.predicted(p)
+    change = known.expected(p)
+    found, settings = _from(known, p, change, np.full(len(p), known.bend), tol)
+    lost = np.array([i for i, status in enumerate(found.statuses) if status is not Status.CONVERGED], dtype=int)
+    if not stations or not lost.size:
+        return found, settings
+    between = known.halfway(p[lost])
+    half, at_half = from_expansion(known, between, tol, stations - 1)
+    kept = [i for i, status in enumerate(half.statuses) if status is Status.CONVERGED]
+    if not kept:
+        return found, settings
+    values = at_half.p[kept, known.problem.names.index(known.vary)]
+    left_out = known.changes(half.u[kept], values) - known.expected(between[kept])
+    again = lost[kept]
+    second, there = _from(known, p[again], change[again] + 2**ORDER_LEFT_OUT * left_out, half.bend[kept], tol)
+    found.u[again], found.lam[again], found.bend[again] = second.u, second.lam, second.bend
+    settings.p[again], settings.directions[again] = there.p, there.directions
+    for i, status in zip(again, second.statuses, strict=True):
+        found.statuses[i] = status
+    return found, settings
+
+
+def _from(known: Expansion, p: Array, change: Array, bends: Array, tol: float) -> tuple[Found, Settings]:
+    """Turning points from changes (B, size + 1) of the known fold and bends (B,); and the settings there."""
+    u, values = known.there(change)
     settings = settings_at(known, p, values)
-    found = turning_points(known.t, u, np.zeros(len(p)), settings, known.row, known.bend, tol)
+    found = turning_points(known.t, u, np.zeros(len(p)), settings, known.row, bends, tol)
     return found, settings.moved(found.lam)
 
 
@@ -106,7 +140,7 @@ def borders(t: Transcription, u: Array, row: Array) -> Array:
 
 
 def turning_points(
-    t: Transcription, u: Array, lam: Array, settings: Settings, row: Array, bend: float, tol: float
+    t: Transcription, u: Array, lam: Array, settings: Settings, row: Array, bend: Array, tol: float
 ) -> Found:
     """The loop of the module docstring.
 
@@ -115,7 +149,7 @@ def turning_points(
     t, u, lam, settings
         the equations, and where to start: (B, size) and (B,).
     row, bend
-        (n + 2,) along the curve, without lambda; d2 lambda/d a2 at the known fold, about.
+        (n + 2,) along the curve, without lambda; (B,) d2 lambda/d a2, about, and with its sign.
     tol
         relative error that is wanted.
 
@@ -124,7 +158,7 @@ def turning_points(
     Found.
     """
     B = len(u)
-    u, lam, bends = u.copy(), lam.copy(), np.full(B, bend)
+    start, u, lam, bends = u, u.copy(), lam.copy(), bend.copy()
     statuses = [Status.NOT_CONVERGED] * B
     last, slope, way = np.full(B, np.inf), np.full(B, np.nan), np.zeros(B)
     unclean = np.full(B, np.inf)
@@ -140,7 +174,7 @@ def turning_points(
             length, g = sizes_of_steps(t, u[active], along_curve), tangent[:, -1]
             fresh = (g - slope[active]) / way[active]
             compared = np.maximum(size, unclean[active]) <= CLEAN_STEP * np.abs(way[active]) * length
-            compared &= (way[active] != 0) & (fresh * bend > 0)
+            compared &= (way[active] != 0) & (fresh * bends[active] > 0)
             bends[active] = np.where(compared, fresh, bends[active])
             da = np.where(size <= BELIEVED_STEP, -g / bends[active], 0.0)
             da = np.clip(da, -LARGEST_TURN / length, LARGEST_TURN / length)
@@ -155,8 +189,9 @@ def turning_points(
         done = finite & positive & (size <= BELIEVED_STEP) & (foreseen <= LEFT_OUT * tol)
         grows = (iteration > 2) & (total > 2 * last[active])
         last[active] = total
+        moved = np.abs(nodes_of_many(t, u[active] - start[active])).reshape(active.size, -1).max(axis=1)
         for i in np.flatnonzero(done):
-            statuses[active[i]] = Status.CONVERGED
+            statuses[active[i]] = Status.CONVERGED if moved[i] <= LARGEST_MOVE else Status.FAR_FROM_GUESS
         for i in np.flatnonzero(~finite):
             statuses[active[i]] = Status.NOT_FINITE
         for i in np.flatnonzero(finite & ~positive):

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from ..orbits.adapt import Options
 from ..orbits.ensemble import OrbitEnsemble, table_of
 from ..orbits.ensemble import orbit_ensemble as orbits_near
 from ..orbits.rows import Rows
-from ..servo.find_orbit import find_orbit
+from ..servo.find_orbit import BranchName, find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
 from ..servo.servo import Servo, a_servo
@@ -160,7 +161,7 @@ def orbit_ensemble(
     executor: Executor | None = None,
     report: Callable[[int], None] | None = None,
 ) -> OrbitEnsemble:
-    """The stable hunting cycles of servos that differ from one in some parameters.
+    """The hunting cycles of servos that differ from one in some parameters.
 
     Parameters
     ----------
@@ -171,9 +172,10 @@ def orbit_ensemble(
     options
         `tol` bounds the relative errors of period and amplitude of every cycle.
     orbit
-        the servo's own cycle, or that of one nearby, where it is known already; an unstable one leads to unstable ones.
+        the servo's own cycle, or that of one nearby, where it is known already; default the stable one.  One on the
+        unstable side of a fold leads to others there, a stable one to stable ones.
     multipliers
-        the leading Floquet multiplier of each as well.
+        the leading half multiplier of each as well.
     executor, report
         as in `fold_ensemble`.
 
@@ -196,15 +198,16 @@ def orbit_ensemble(
     a_servo(servo)
     known("model", model, MODELS)
     known_orbit = orbit if orbit is not None else find_orbit(servo, model, gain, options=options)
+    branch: BranchName = "unstable" if known_orbit.multipliers.leading.real > 1 else "stable"
     return orbits_near(
         known_orbit, names, rows, options=options, multipliers=multipliers, executor=executor, report=report,
-        alone=_alone if orbit is None or orbit.stable else None,
+        alone=partial(_alone, branch),
     )  # fmt: skip
 
 
-def _alone(problem: Any, options: Options) -> HuntingOrbit:
+def _alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
     """The cycle of one servo, from nothing."""
-    return find_orbit(problem.servo, problem.model, problem.gain, options=options)
+    return find_orbit(problem.servo, problem.model, problem.gain, branch=branch, options=options)
 
 
 def _ensemble(model: Model, names: tuple[str, ...], rows: Array, done: Done) -> FoldEnsemble:

@@ -2,8 +2,8 @@
 
     K(q_i, r_j)    i = 1..m, j = 1..n
 
-The folds of one row, r as the servo has it, are followed from the servo's own outwards; from the fold of a column the
-others in it are predicted (uncertainty/batch.py).  A fold depends on its own servo, not on the order.
+The folds of one row, r as the servo has it, are followed from the servo's own outwards, and those of a column from that
+row (fold_chain.py).  A fold depends on its own servo, not on the order.
 
 Units: K in V/rad.  Symbols: m, n values of the first and the second parameter.
 """
@@ -17,17 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks import known
-from ..errors import InputError, NoOrbit, Status
+from ..errors import InputError, Status
 from ..export import Columns
 from ..orbits.adapt import Options
 from ..results import Result
 from ..servo.find_fold import find_fold
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import HuntingFold
-from ..servo.servo import Servo, a_servo, flatten
+from ..servo.servo import Servo, a_servo
+from .fold_chain import Chain
 from .sensitivity import NAMES
-from .uncertainty.batch import fold_gains
-from .uncertainty.nearby import fold_beside
 
 Array = np.ndarray
 
@@ -163,22 +162,18 @@ def fold_map(
     values = _checked(servo, names, (first, second))
     options = options or Options()
     start = fold or find_fold(servo, model, options=options)
+    task = Chain(servo, model, names, options)
     gains = np.full((values[0].size, values[1].size), np.nan)
     failures: dict[tuple[int, int], str] = {}
-    columns = _columns(servo, model, names[0], values[0], start, options)
-    for i, q in enumerate(values[0]):
-        there = [_is_servo(servo, {names[0]: float(q), names[1]: float(r)}) for r in values[1]]
+    for i, base in enumerate(task.folds_along(values[0], start)):
+        q = float(values[0][i])
+        there = [_is_servo(servo, {names[0]: q, names[1]: float(r)}) for r in values[1]]
         failures.update({(i, int(j)): NO_SERVO for j in np.flatnonzero(~np.array(there))})
         kept = np.flatnonzero(there)
-        rows = np.column_stack([np.full(kept.size, q), values[1][kept]])
-        done = i * values[1].size
-        tell = None if report is None else lambda count, done=done: report(done + count)
-        if kept.size:
-            near = columns[i] or start
-            gains[i, kept], said = fold_gains(servo, model, names, rows, options=options, fold=near, report=tell)
-            failures.update({(i, int(kept[k])): sentence for k, sentence in said.items()})
+        gains[i, kept], said = task.gains(base, q, values[1][kept])
+        failures.update({(i, int(kept[k])): sentence for k, sentence in said.items()})
         if report is not None:
-            report(done + values[1].size)
+            report((i + 1) * values[1].size)
     return FoldMap(servo, model, names, values, gains, options.tol, failures, time.perf_counter() - began)
 
 
@@ -207,20 +202,3 @@ def _is_servo(servo: Servo, changed: dict[str, float]) -> bool:
     except InputError:
         return False
     return True
-
-
-def _columns(
-    servo: Servo, model: Model, name: str, values: Array, start: HuntingFold, options: Options
-) -> list[HuntingFold | None]:
-    """The fold at each value of the first parameter, the second as it is: outwards from the servo's own value."""
-    found: list[HuntingFold | None] = [None] * values.size
-    middle = int(np.argmin(np.abs(values - flatten(servo)[name])))
-    for way in (range(middle, values.size), range(middle - 1, -1, -1)):
-        last = start
-        for i in way:
-            try:
-                found[i] = fold_beside(servo.replace(**{name: float(values[i])}), model, last, options=options)
-            except (NoOrbit, InputError):
-                continue
-            last = found[i] or last
-    return found

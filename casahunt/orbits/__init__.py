@@ -16,6 +16,8 @@ restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 marched_mesh.py  the mesh of a motion that is not yet the orbit
 rows.py      an ensemble as a table
+fold_side.py on which side of a fold a cycle lies
+ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it

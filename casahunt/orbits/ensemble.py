@@ -4,13 +4,14 @@
 
     expected -> Newton for all, who is done leaves the batch -> judged, error estimated -> "batch"
                         |                                        | other phases, or another mesh
-                        |                                        v
+                        | far off, or behind a fold              v
                         |                         solve_adaptively from there (adapt.py) -> "recut"
-                        v                                        |
+                        v                                        | behind a fold
      alone, from nothing of the batch  <-------------------------+
 
-The derivatives are those of the equations, exact.  A member's numbers depend on the member and on the known cycle alone
-(collocation/ensemble.py).
+The derivatives are those of the equations, exact.  What Newton's method finds far from where it was expected, or on the
+other side of a fold than the known cycle (fold_side.py), is not the member's cycle.  A member's numbers depend on the
+member and on the known cycle alone (collocation/ensemble.py).
 
 Symbols: B members, k parameters that differ, y unknowns of the node system.
 """
@@ -19,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,15 +28,18 @@ import numpy as np
 
 from ..checks import known as one_of
 from ..collocation.admissibility import judge
-from ..collocation.ensemble import Settings, linearise_many, settings_of
-from ..collocation.ensemble_error import OF_HALVED_MESH, estimates_of_many
-from ..collocation.newton import DIVERGED
+from ..collocation.ensemble import Settings, linearise_many, nodes_of_many, settings_of
+from ..collocation.ensemble_error import estimates_of_many
+from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from .adapt import LEFT_OUT, TOLERANCE_RANGE, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
+from .ensemble_multipliers import leading_of_many
+from .fold_side import Side, odd_beyond_one, side_of
 from .orbit import Orbit, unknowns_of
+from .restart import Start
 from .rows import Rows
 
 Array = np.ndarray
@@ -58,7 +63,10 @@ class OrbitEnsemble(Rows):
     names : the k parameters in which they differ.
     parameters : (n, k) their values.
     periods, period_errors, amplitudes, amplitude_errors : (n,), nan where there is none; errors relative.
-    multipliers : (n,) leading nontrivial Floquet multipliers, where they were asked for, else (0,).
+    multipliers, multiplier_errors : (n,) complex leading nontrivial multipliers, each that of the map of its computed
+        piece as `Orbit.multipliers.leading` (of half a period where half a period was computed), and their estimated
+        errors, relative above 1 in size; nan where they are not trusted, or there is no cycle.  (0,) where they were
+        not asked for.
     statuses : of each; None where a refusal has none.
     how : "batch"; "recut" where its cycle has other phases, or needs a mesh of its own; "alone" where it was looked for
         without the batch.
@@ -82,6 +90,7 @@ class OrbitEnsemble(Rows):
     amplitudes: Array
     amplitude_errors: Array
     multipliers: Array
+    multiplier_errors: Array
     statuses: tuple[Status | None, ...]
     how: tuple[str, ...]
     failures: tuple[tuple[int, str], ...]
@@ -101,6 +110,7 @@ class _Task:
     """A batch, for whoever computes it."""
 
     orbit: Orbit
+    side: Side
     names: tuple[str, ...]
     rows: Array
     options: Options
@@ -110,9 +120,10 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Done:
-    """numbers (5, n): period, amplitude, each followed by its error, and multiplier; and the words."""
+    """numbers (4, n): period, amplitude, each with its error; leading (2, n): the multiplier, its error; the words."""
 
     numbers: Array
+    leading: Array
     statuses: list[Status | None]
     how: list[str]
     sentences: list[str]
@@ -140,7 +151,7 @@ def orbit_ensemble(
     options
         `tol` bounds the relative errors of period and amplitude of every cycle.
     multipliers
-        the leading Floquet multiplier of each as well.
+        the leading multiplier of each as well.
     executor
         any concurrent.futures.Executor, to which batches are handed; default: this process.
     report
@@ -169,8 +180,9 @@ def orbit_ensemble(
     table = table_of(orbit.problem, names, rows)
     fine = replace(options, tol=max(ROOM_FOR_KNOWN * options.tol, TOLERANCE_RANGE[0]))
     sharp = orbit if orbit.error_estimate <= fine.tol else refined(orbit, fine)
+    side = side_of(*unknowns_of(sharp))
     batches = [table[i : i + ROWS_OF_A_TASK] for i in range(0, len(table), ROWS_OF_A_TASK)]
-    tasks = [_Task(sharp, names, batch, options, multipliers, alone) for batch in batches]
+    tasks = [_Task(sharp, side, names, batch, options, multipliers, alone) for batch in batches]
     parts: list[_Done] = []
     for part in map(work, tasks) if executor is None else executor.map(work, tasks):
         parts.append(part)
@@ -183,15 +195,17 @@ def _ensemble(
     orbit: Orbit, names: tuple[str, ...], table: Array, parts: list[_Done], multipliers: bool
 ) -> OrbitEnsemble:
     """The batches as one."""
-    numbers = np.concatenate([np.zeros((5, 0)), *(part.numbers for part in parts)], axis=1)
+    numbers = np.concatenate([np.zeros((4, 0)), *(part.numbers for part in parts)], axis=1)
+    leading = np.concatenate([np.zeros((2, 0), complex), *(part.leading for part in parts)], axis=1)
+    leading = leading if multipliers else np.zeros((2, 0), complex)
     statuses, how, sentences = (
         tuple(x for part in parts for x in getattr(part, name)) for name in ("statuses", "how", "sentences")
     )
     failures = tuple((i, sentence) for i, sentence in enumerate(sentences) if sentence)
-    period, period_error, amplitude, amplitude_error, leading = numbers
+    period, period_error, amplitude, amplitude_error = numbers
     return OrbitEnsemble(
-        orbit.problem.title, names, table, period, period_error, amplitude, amplitude_error,
-        leading if multipliers else np.zeros(0), statuses, how, failures,
+        orbit.problem.title, names, table, period, period_error, amplitude, amplitude_error, leading[0],
+        leading[1].real, statuses, how, failures,
     )  # fmt: skip
 
 
@@ -232,7 +246,8 @@ def table_of(problem: Problem, names: Sequence[str], rows: Array) -> Array:
 def work(task: _Task) -> _Done:
     """The cycles of a batch; a function of the batch alone, whoever computes it."""
     n = len(task.rows)
-    done = _Done(np.full((5, n), np.nan), [None] * n, ["alone"] * n, [""] * n)
+    unknown = complex(np.nan, np.nan)
+    done = _Done(np.full((4, n), np.nan), np.full((2, n), unknown), [None] * n, ["alone"] * n, [""] * n)
     for first in range(0, n, MEMBERS_OF_A_PASS):
         _pass(task, np.arange(first, min(first + MEMBERS_OF_A_PASS, n)), done)
     return done
@@ -246,18 +261,22 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
     p[:, [problem.names.index(name) for name in task.names]] = task.rows[rows]
     settings = settings_of(setting, p, np.zeros((rows.size, 1, p.shape[1])))
     start = _expected(task, p)
-    u, converged = newton_of_many(t, start, settings, tol)
+    u, converged = newton_of_many(t, start, settings, tol, task.side)
     there = np.flatnonzero(converged)
     if there.size:
         own, x = settings.of(there), u[there]
         goals, period, amplitude = goals_of_many(t, x, own)
-        errors = (1 + OF_HALVED_MESH) * estimates_of_many(t, x, own, goals, _fixed(t, there.size))
+        errors = estimates_of_many(t, x, own, goals, _fixed(t, there.size))
         for i, b in enumerate(there.tolist()):
             if errors[i].max() <= tol and judge(t, x[i], own.one(i)).admissible:
                 done.numbers[:4, rows[b]] = period[i], errors[i, 0], amplitude[i], errors[i, 1]
                 done.statuses[rows[b]], done.how[rows[b]] = Status.CONVERGED, "batch"
+        kept = [i for i, b in enumerate(there.tolist()) if done.how[rows[b]] == "batch"]
+        if task.multipliers and kept:
+            done.leading[:, rows[there[kept]]] = leading_of_many(t, x[kept], settings.of(there[kept]))
     for b, row in enumerate(rows):
-        if done.how[row] == "alone" or task.multipliers:
+        left_over = task.multipliers and np.isnan(done.leading[0, row])
+        if done.how[row] == "alone" or left_over:
             _one(task, row, (t, u[b], settings.one(b)) if converged[b] else None, done)
 
 
@@ -266,24 +285,37 @@ def _one(task: _Task, row: int, root: Any, done: _Done) -> None:
     problem = task.orbit.problem.with_values(task.names, task.rows[row])
     orbit, how = None, done.how[row]
     if root is not None:
-        try:
-            solved = solve_adaptively(problem, root, task.options, solver="newton")
-            orbit = finished(solved, problem, task.options, 0.0, "the cycle")
+        with suppress(NoOrbit):
+            orbit = _on_its_side(task, problem, root)
             how = "batch" if how == "batch" else "recut"
-        except NoOrbit:
-            orbit = None
     if orbit is None:
+        if how == "batch":
+            return  # its multipliers alone are not known
         try:
             orbit = (task.alone or _from_known(task))(problem, task.options)
         except NoOrbit as error:
             done.statuses[row], done.sentences[row] = error.status, str(error)
             return
     if how != "batch":
-        done.numbers[:4, row] = orbit.period, orbit.period_error, orbit.amplitude, orbit.amplitude_error
-    if task.multipliers:
-        leading = orbit.multipliers.leading
-        done.numbers[4, row] = leading.real if abs(leading.imag) <= 1e-12 * abs(leading) else abs(leading)
+        done.numbers[:, row] = orbit.period, orbit.period_error, orbit.amplitude, orbit.amplitude_error
+    if task.multipliers and orbit.multipliers.trusted:
+        done.leading[:, row] = orbit.multipliers.leading, orbit.multipliers.error
     done.statuses[row], done.how[row] = Status.CONVERGED, how
+
+
+def _on_its_side(task: _Task, problem: Problem, start: Start) -> Any:
+    """The cycle that a start leads to, on the known cycle's side of a fold.
+
+    Raises
+    ------
+    NoOrbit : none, or one on the other side.
+    """
+    solved = solve_adaptively(problem, start, task.options, solver="newton")
+    orbit = finished(solved, problem, task.options, 0.0, "the cycle")
+    if odd_beyond_one(solved.t, solved.solution.u, solved.setting, solved.solution.linearisation) != task.side.odd:
+        sentence = f"the cycle of {problem.title} that was found lies on the other side of a fold than the known one"
+        raise NoOrbit(sentence, Status.FAR_FROM_GUESS)
+    return orbit
 
 
 def _from_known(task: _Task) -> Callable[[Problem, Options], Any]:
@@ -291,8 +323,7 @@ def _from_known(task: _Task) -> Callable[[Problem, Options], Any]:
 
     def find(problem: Problem, options: Options) -> Any:
         t, u, setting = unknowns_of(task.orbit)
-        solved = solve_adaptively(problem, (t, u, replace(setting, p=problem.vector())), options, solver="newton")
-        return finished(solved, problem, options, 0.0, "the cycle")
+        return _on_its_side(task, problem, (t, u, replace(setting, p=problem.vector())))
 
     return find
 
@@ -325,7 +356,9 @@ def _expected(task: _Task, p: Array) -> Array:
     return out
 
 
-def newton_of_many(t: Transcription, u: Array, settings: Settings, tol: float) -> tuple[Array, Array]:
+def newton_of_many(
+    t: Transcription, u: Array, settings: Settings, tol: float, side: Side
+) -> tuple[Array, Array]:
     """Newton's method for many members at fixed parameters; who is done leaves the batch.
 
     Parameters
@@ -334,19 +367,22 @@ def newton_of_many(t: Transcription, u: Array, settings: Settings, tol: float) -
         the equations, and (B, size) starts.
     tol
         relative error that is wanted; what a next step would bring is a small part of it.
+    side
+        the side of a fold on which they must lie.
 
     Returns
     -------
-    ((B, size) unknowns, (B,) whether they solve the equations).
+    ((B, size) unknowns, (B,) whether they solve the equations, close to their start and on that side).
     """
-    u, active = u.copy(), np.arange(len(u))
+    start, u, active = u, u.copy(), np.arange(len(u))
     converged, last = np.zeros(len(u), dtype=bool), np.full(len(u), np.inf)
     for iteration in range(MOST_NEWTON_STEPS):
         if not active.size:
             break
         lin = linearise_many(t, u[active], settings.of(active))
-        y = lin.solve(_fixed(t, active.size), lin.rhs()[:, None])[:, 0]
-        du = lin.expand(y, 1.0)
+        rhs = np.stack([lin.rhs(), np.broadcast_to(side.right, (active.size, t.system.size))], axis=1)
+        y = lin.solve(_fixed(t, active.size), rhs)
+        du = lin.expand(y[:, 0], 1.0)
         with np.errstate(all="ignore"):
             size = sizes_of_steps(t, u[active], du)
             u[active] += du
@@ -355,7 +391,8 @@ def newton_of_many(t: Transcription, u: Array, settings: Settings, tol: float) -
         done = sound & (foreseen <= LEFT_OUT * tol)
         grows = (iteration > 2) & (size > 2 * last[active])
         last[active] = size
-        converged[active[done]] = True
+        near = np.abs(nodes_of_many(t, u[active] - start[active])).reshape(active.size, -1).max(axis=1) <= LARGEST_MOVE
+        converged[active[done & near & side.holds(y[:, 1])]] = True
         active = active[sound & ~done & ~grows]
     return u, converged
 

@@ -191,6 +191,7 @@ def test_the_first_order_estimate_is_the_error(cycle, kind, degree, intervals):
     assert rough.indicators.sum() >= 0.99 * rough.error, "some interval is to blame for every part of it"
     # What may have been overlooked is added, no more than a few times as much where nothing was.
     whole = error_estimate.estimate(t, u, setting)
+    assert whole.period >= abs(period) and whole.amplitude >= abs(amplitude)
     assert rough.period <= whole.period <= 10 * rough.period
     assert rough.amplitude <= whole.amplitude and np.all(rough.indicators <= whole.indicators)
 

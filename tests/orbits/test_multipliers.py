@@ -299,7 +299,7 @@ def test_an_event_hardly_crossed(slope, known):
     assert (m.rounding < 1e-9) is known and (m.rounding < floquet.TRUSTED) is known
 
 
-def test_a_motion_that_stands_still_has_no_multipliers():
+def test_an_orbit_that_is_an_equilibrium_but_for_rounding_has_no_multipliers():
     """An orbit within rounding of an equilibrium: at a node, and on the event at which a mode begins."""
     moving, still = np.array([1.0, 0.5]), np.zeros(2)
     pieces = [([np.eye(2)], np.array([moving, still])), ([np.eye(2)], np.array([moving, moving]))]

@@ -40,7 +40,7 @@ def test_any_users_search_finds_the_servos_orbit(form: Servo, model, K):
     theirs = find_cycle(hunting_system(form, model, K), mode, start=start, follow="gain", tol=1e-9)
     ours = find_orbit(form, model, K, options=Options(tol=1e-9))
     for name in ("period", "amplitude"):
-        both = 1.1 * (theirs.error_estimate + ours.error_estimate)  # estimates are of first order
+        both = theirs.error_estimate + ours.error_estimate
         assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=both)
         for one in (theirs, ours):  # the reference's last digit but one: 1e-11 of LuGre's
             assert getattr(one, name) == pytest.approx(truth[name], rel=10 * one.error_estimate + 2e-11)

@@ -1,0 +1,50 @@
+"""Leading multipliers of many cycles whose equations are solved: multiplier_mesh.py with members in front.
+
+    u_b on the mesh with halved intervals, one Newton step -> multipliers there, compared with those of the own mesh
+
+Those that are not sure after that, or too large to be, are left to meshes of their own.
+
+Symbols: B members.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..collocation.ensemble import Settings, linearise_many
+from ..collocation.ensemble_error import halved_for_many
+from ..collocation.transcription import Transcription
+from . import floquet
+from .map_chain import collocation_chain
+from .multiplier_mesh import LARGE_MULTIPLIER
+
+Array = np.ndarray
+
+
+def leading_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array, Array]:
+    """The leading nontrivial multipliers of many cycles.
+
+    Parameters
+    ----------
+    t, u, settings
+        transcription, (B, size) solutions, and settings.
+
+    Returns
+    -------
+    (B,) complex, as `Multipliers.leading`, and (B,) errors, as `Multipliers.error`; nan where not trusted here.
+    """
+    B = len(u)
+    fine, finer, halves = halved_for_many(t, u, settings)
+    lin = linearise_many(fine, finer, halves)
+    fixed = np.repeat(fine.system.border(parameter=1.0)[None], B, axis=0)
+    finer = finer + lin.expand(lin.solve(fixed, lin.rhs()[:, None])[:, 0], 1.0)
+    lin, own = linearise_many(fine, finer, halves), linearise_many(t, u, settings)
+    leading, errors = np.full(B, complex(np.nan, np.nan)), np.full(B, np.nan)
+    for b in np.flatnonzero(np.isfinite(finer).all(axis=1) & lin.finite()).tolist():
+        exact = collocation_chain(fine, finer[b], halves.one(b), lin.one(b))
+        found = floquet.chain_multipliers(exact, fine.cycle.repeats)
+        rough, _ = floquet.rough_multipliers(collocation_chain(t, u[b], settings.one(b), own.one(b)), found.frame)
+        found = floquet.compared(found, rough)
+        if found.trusted and abs(found.leading) < LARGE_MULTIPLIER:
+            leading[b], errors[b] = found.leading, found.error
+    return leading, errors
