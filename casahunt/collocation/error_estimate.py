@@ -48,7 +48,7 @@ SMALL_AMPLITUDE = 0.1
 
 LEFT_ON_HALVED, LEFT_OF_LOW_ORDER = 1 / 16, 1 / 4
 """Part of the blame of an interval that its halves keep: that of order four, below the order of the schemes, and of
-order two, to which stiffness and kinks reduce it.  Measured with 60 servos at five tolerances: at most 0.02; in
+order two, to which stiffness and kinks reduce it.  Measured on 60 cycles at five tolerances: at most 0.02; in
 stiff modes at most 0.24, but for one solution in thirty, where up to 2."""
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""

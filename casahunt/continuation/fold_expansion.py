@@ -87,7 +87,17 @@ class Expansion:
         return u, self.problem.value(self.vary) * np.exp(change[:, -1])
 
     def changes(self, u: Array, values: Array) -> Array:
-        """(B, size + 1) changes of (x, ln T, ln value) that lead to unknowns (B, size) and values (B,)."""
+        """What leads from the known fold to another point.
+
+        Parameters
+        ----------
+        u, values
+            (B, size) unknowns, and (B,) values of the parameter.
+
+        Returns
+        -------
+        (B, size + 1) changes of (x, ln T, ln value).
+        """
         P = self.t.phases
         change = np.column_stack([u - self.u, np.log(values / self.problem.value(self.vary))])
         change[:, -1 - P : -1] = np.log(u[:, -P:] / self.u[-P:])

@@ -204,6 +204,18 @@ def test_folds_of_a_ball():
     assert set(found.how) == {"batch"}
 
 
+def test_by_way_of_the_fold_halfway(folds, monkeypatch):
+    """Twice the drop, or half the Stribeck velocity: the same fold, exactly, too far for the expansion alone."""
+    rows = [[0.62, 0.02], [0.53, 0.01]]
+    names = ("friction.static", "friction.stribeck_velocity")
+    found = fold_ensemble(Servo(), "switch", names, rows, options=SHARP, fold=folds["switch"])
+    assert "alone" not in found.how
+    assert found.gains[0] == pytest.approx(found.gains[1], rel=found.gain_errors.sum())
+    known = batch.known_fold(Servo(), names, folds["switch"], 1e-8)
+    p = np.array([Servo().replace(**dict(zip(names, row, strict=True))).parameters(1.0) for row in rows])
+    assert any(s is not Status.CONVERGED for s in turning_points.from_expansion(known, p, 1e-8, 0)[0].statuses)
+
+
 def test_bad_tables(folds):
     with pytest.raises(InputError, match="row 2 of 2: friction.static = 0.3: must be at least 0.44"):
         fold_ensemble(Servo(), "switch", ["friction.static"], [[0.53], [0.3]], fold=folds["switch"])

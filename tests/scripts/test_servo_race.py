@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from problems import table1
-from scripts.race import taylor
-from scripts.race.rows import reference
+from scripts.race import scaling, taylor
+from scripts.race.rows import Row, reference
 
 RIGHT = 1e-9
 """Error that the tightest settings are far below; loose ones need not be."""
@@ -49,3 +49,14 @@ def test_a_missing_heyoka_is_a_row_with_the_reason(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
     rows = taylor.taylor_rows("fold", "switch", 1)
     assert all(r.seconds is None and "left out" in r.note and "heyoka" in r.note for r in rows) and rows
+
+
+def test_slopes_of_known_lines(tmp_path):
+    """Seconds that go like the square of the servos, and a picture of them."""
+    rows = [Row(scaling.SCENE, "switch", "folds together", "servos", 1e-3 * n**2, 1e-9, n) for n in (1, 4, 16, 64)]
+    rows.append(Row(scaling.SCENE, "switch", "heyoka", "servos", None, None, None, "no module named heyoka"))
+    assert scaling.slopes(rows) == {("switch", "folds together", "servos"): pytest.approx(2, rel=1e-12)}
+    scaling.drawn(rows, tmp_path / "lines.png")
+    assert (tmp_path / "lines.png").stat().st_size > 10_000
+    scaling.drawn(rows[-1:], tmp_path / "none.png")
+    assert not (tmp_path / "none.png").exists()
