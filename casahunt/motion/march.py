@@ -9,8 +9,8 @@ Each mode is followed to its exit, and the exit located to rounding.  What comes
 stages, whichever way it was found: the starting guess of a transcription, and its phase sequence.
 
 The length of an interval is chosen so that the last Legendre coefficient of the polynomial through its start and
-stages, in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; its end is far better
-either way: superconvergent, or bounded by a small part of `tol`.
+stages, in units of the state scale, equals `tol`.  That bounds the polynomial inside the interval; its end is far
+better either way: superconvergent, or bounded by a small part of `tol`.
 
 Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 """

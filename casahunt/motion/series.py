@@ -40,10 +40,11 @@ AT_MOST_LONGER = 100.0
 """A step in units of the one before, at most."""
 LOG_LONGEST, LEAST_UNIT = 700.0, 1e-300
 """Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
-WITHIN_TOLERANCE, ONE_STEP = 0.75, 1e-6
-"""Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance; tolerance below which an
-interval is at most as long as a step.  Steps are short where neighbouring motions part or meet fast, which the motion
-itself does not show, and where what is small changes fast."""
+WITHIN_TOLERANCE = 0.75
+"""Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance."""
+MOST_OF_STEPS, ONE_STEP = 2.0, 5e-9
+"""Length of an interval in steps, at most; tolerance below which it is at most one.  Steps are short where neighbouring
+motions part or meet fast, which the motion itself does not show, and where what is small changes fast."""
 MONITORED = 9
 """Places of a step, both ends among them, at which the lengths of intervals are chosen."""
 MOST_HALVINGS = 40
@@ -314,7 +315,7 @@ def meshed(
     kappa = math.factorial(d) ** 2 / math.factorial(2 * d)
     top = np.max(np.abs(_derivative(d) @ motion.C), axis=2)
     density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE
-    density = np.maximum(density, min(1.0, (ONE_STEP / tol) ** (1 / d)))
+    density = np.maximum(density, np.clip((ONE_STEP / tol) ** (1 / d), 1 / MOST_OF_STEPS, 1.0))
     # Intervals in a step, were it like this all along; each part of it as it is where it needs more of them.
     parts = (np.maximum(density[:, :-1], density[:, 1:]) / (MONITORED - 1)).ravel()
     count = np.concatenate([[0.0], np.cumsum(parts)])
