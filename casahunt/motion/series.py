@@ -40,9 +40,11 @@ AT_MOST_LONGER = 100.0
 """A step in units of the one before, at most."""
 LOG_LONGEST, LEAST_UNIT = 700.0, 1e-300
 """Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
-WITHIN_TOLERANCE, STEPS_IN_ONE = 0.75, 2.0
-"""Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance; and at most, in steps:
-these are short where neighbouring motions part or meet fast, which the motion itself does not show."""
+WITHIN_TOLERANCE = 0.75
+"""Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance."""
+MOST_OF_STEPS, ONE_STEP = 2.0, 5e-9
+"""Length of an interval in steps, at most; tolerance below which it is at most one.  Steps are short where neighbouring
+motions part or meet fast, which the motion itself does not show, and where what is small changes fast."""
 MONITORED = 9
 """Places of a step, both ends among them, at which the lengths of intervals are chosen."""
 MOST_HALVINGS = 40
@@ -313,7 +315,8 @@ def meshed(
     kappa = math.factorial(d) ** 2 / math.factorial(2 * d)
     top = np.max(np.abs(_derivative(d) @ motion.C), axis=2)
     density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE
-    density = np.maximum(density, 1 / STEPS_IN_ONE)  # intervals in a step, were it like this all along
+    density = np.maximum(density, np.clip((ONE_STEP / tol) ** (1 / d), 1 / MOST_OF_STEPS, 1.0))
+    # Intervals in a step, were it like this all along; each part of it as it is where it needs more of them.
     parts = (np.maximum(density[:, :-1], density[:, 1:]) / (MONITORED - 1)).ravel()
     count = np.concatenate([[0.0], np.cumsum(parts)])
     if not count[-1] <= most:
