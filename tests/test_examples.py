@@ -39,6 +39,8 @@ def public() -> Iterator[tuple[str, Any]]:
 
 
 PUBLIC = dict(public())
+TUNED = ("casahunt.Tuning", "casahunt.tune", "casahunt.pictures.operating_point", "casahunt.pictures.tasks")
+"""Examples of a tuning, which takes more than a second."""
 
 
 def example_of(name: str, value: Any) -> doctest.DocTest:
@@ -101,7 +103,9 @@ def test_what_is_no_example(doc, said):
     assert shortcomings("thing", SimpleNamespace(__doc__=doc)) == said
 
 
-@pytest.mark.parametrize("name", PUBLIC)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in TUNED else ()) for name in PUBLIC]
+)
 def test_an_example_runs(name):
     said: list[str] = []
     result = doctest.DocTestRunner(verbose=False).run(example_of(name, PUBLIC[name]), out=said.append)

@@ -107,6 +107,10 @@ TABLES = {
 """By result: a column of its table, and where the numbers come from."""
 
 
+RESULTS = [pytest.param(name, marks=pytest.mark.slow if name == "tuning" else ()) for name in MADE]
+"""A tuning takes more than a second."""
+
+
 @cache
 def made(name: str) -> Any:
     return MADE[name]()
@@ -128,7 +132,7 @@ def assert_same(given: Any, attribute: Any) -> None:
         assert given == attribute and isinstance(given, bool) == isinstance(attribute, bool | np.bool_)
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", RESULTS)
 def test_one_line(name):
     result = made(name)
     text = repr(result)
@@ -136,7 +140,7 @@ def test_one_line(name):
     assert "object at" not in text and "array(" not in text
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", RESULTS)
 def test_the_mapping_holds_the_attributes(name):
     result = made(name)
     mapping = result.to_dict()
@@ -174,7 +178,7 @@ class Cells(HTMLParser):
             self.cells[-1] += data
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", RESULTS)
 def test_the_notebook_table(name):
     parser = Cells()
     parser.feed(made(name)._repr_html_())
@@ -188,7 +192,7 @@ def test_the_notebook_table(name):
             assert unit == quantity.unit and bool(error) == (quantity.error is not None)
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", RESULTS)
 def test_files_are_read_back(name, tmp_path):
     result = made(name)
     result.to_json(tmp_path / "r.json")
@@ -220,7 +224,7 @@ def test_the_table_as_a_dataframe(name):
     np.testing.assert_array_equal(frame[column].to_numpy(), truth(made(name)))
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", RESULTS)
 def test_matlab_files_are_read_back(name, tmp_path):
     io = pytest.importorskip("scipy.io")
     result = made(name)

@@ -53,6 +53,10 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     -------
     A clause that says why; "" where that is not proved.
 
+    Raises
+    ------
+    InputError : what was given is no servo.
+
     Examples
     --------
     >>> from casahunt import Friction, Servo, no_cycle

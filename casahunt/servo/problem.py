@@ -38,6 +38,13 @@ class HuntingOrbit(Orbit):
 
     States are x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
 
+    Attributes
+    ----------
+    model, servo, gain : the friction model, the servo, and the gain K [V/rad].
+    period, amplitude, period_error, amplitude_error : [s], [rad], and their estimated relative errors.
+    multipliers, half_multiplier, stable : Floquet multipliers, computed when they are read.
+    status, arcs and all else : as of `casahunt.orbits.Orbit`.
+
     Examples
     --------
     >>> from casahunt import Servo, find_orbit
@@ -81,6 +88,13 @@ class HuntingOrbit(Orbit):
 
 class HuntingFold(Fold[HuntingOrbit]):
     """The largest (at a second fold the smallest) gain at which a servo hunts.
+
+    Attributes
+    ----------
+    gain, gain_error : the fold gain K [V/rad], and its estimated relative error.
+    orbit : the cycle there.
+    optimised_gain, multipliers : what the optimisation problem on the same mesh says [V/rad], and its multipliers.
+    status, wall_s : how it ended, and the time that it took [s].
 
     Examples
     --------

@@ -28,7 +28,20 @@ def _pose(record: Mapping[str, Any]) -> Hunting:
 
 
 def load_orbit(path: str | Path) -> HuntingOrbit:
-    """Read an orbit written by `save_orbit`.  Raises InputError for anything else, saying what is wrong.
+    """Read an orbit written by `save_orbit`.
+
+    Parameters
+    ----------
+    path
+        the file (npz).
+
+    Returns
+    -------
+    HuntingOrbit.
+
+    Raises
+    ------
+    InputError : it is anything else; says what is wrong.
 
     Examples
     --------
@@ -94,7 +107,20 @@ def save_branch(
 
 
 def load_branch(path: str | Path) -> Branch:
-    """Read a branch written by `save_branch`.  Raises InputError for anything else, saying what is wrong.
+    """Read a branch written by `save_branch`.
+
+    Parameters
+    ----------
+    path
+        the file (npz).
+
+    Returns
+    -------
+    Branch.
+
+    Raises
+    ------
+    InputError : it is anything else; says what is wrong.
 
     Examples
     --------

@@ -222,6 +222,15 @@ def load(path: str | Path) -> Servo:
 
     Keys that the file leaves out keep the value of Table 1.
 
+    Parameters
+    ----------
+    path
+        the file; units are SI, as in `KEYS`' records.
+
+    Returns
+    -------
+    Servo.
+
     Raises
     ------
     InputError : missing file, broken TOML, unknown key, a value that is not a number or out of range.

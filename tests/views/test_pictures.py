@@ -77,6 +77,8 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "time_traces": (3, lambda: ([branch().orbits[0]],)),
 }  # fmt: skip
 """By name: panels, and what is drawn."""
+NAMES = [pytest.param(n, marks=pytest.mark.slow if n in ("operating_point", "tasks") else ()) for n in DRAWN]
+"""What shows a tuning takes more than a second."""
 
 
 def figure_for(name: str, panels: int) -> tuple[Figure, np.ndarray]:
@@ -100,7 +102,7 @@ def test_every_picture_is_tested():
     assert sorted([*DRAWN, "save"]) == pictures.__all__
 
 
-@pytest.mark.parametrize("name", DRAWN)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_picture_is_drawn_into_the_axes_given(name):
     panels, what = DRAWN[name]
     draw, given = getattr(pictures, name), what()
@@ -111,7 +113,6 @@ def test_a_picture_is_drawn_into_the_axes_given(name):
     assert (drawn is mine[0]) if keyword == "ax" else (list(drawn) == list(mine))
     assert not other.has_data() and other.get_legend() is None and not figure.legends
     assert set(figure.axes) - set(all_of_them) == ({figure.axes[-1]} if name == "fold_map" else set())
-    figure.canvas.draw()  # whatever was given can be drawn
 
     own = draw(*given)
     alone = np.ravel(np.asarray(own, dtype=object))[0].get_figure()
@@ -121,7 +122,7 @@ def test_a_picture_is_drawn_into_the_axes_given(name):
         assert a.has_data() or name == "phase_portrait"
 
 
-@pytest.mark.parametrize("name", [name for name in DRAWN if DRAWN[name][0] > 1])
+@pytest.mark.parametrize("name", [name for name in NAMES if DRAWN[str(name.values[0])][0] > 1])
 def test_too_few_axes_are_refused(name):
     panels, what = DRAWN[name]
     _, axes = figure_for(name, panels)

@@ -151,6 +151,15 @@ class Measurement(Result):
 def record_of(trajectory: Trajectory) -> Record:
     """The position theta of a simulated motion as a record.
 
+    Parameters
+    ----------
+    trajectory
+        the motion.
+
+    Returns
+    -------
+    Record of `MOTION_SAMPLES` positions [rad], evenly spaced in time [s].
+
     Examples
     --------
     >>> from casahunt import Servo, record_of, simulate

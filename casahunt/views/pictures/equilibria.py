@@ -27,6 +27,10 @@ def picture(found: Equilibria, *, axes: Any = None) -> Array:
     -------
     The axes (1,), or (2,): the largest real part, and the eigenvalues.
 
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
+
     Examples
     --------
     >>> from casahunt import Servo, equilibria, pictures

@@ -28,6 +28,10 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     -------
     The axes.
 
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
+
     Examples
     --------
     >>> from casahunt import Servo, fixed_points, pictures

@@ -40,6 +40,10 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     -------
     The three axes.
 
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
+
     Examples
     --------
     >>> from casahunt import Servo, simulate, pictures
@@ -89,10 +93,8 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None,
 
     Parameters
     ----------
-    record
-        the samples that were measured.
-    measurement
-        of a record with whole periods (record.measure).
+    record, measurement
+        samples with whole periods, and what `measure` makes of them.
     orbit
         the prediction, or None.
     axes
@@ -101,6 +103,10 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None,
     Returns
     -------
     The two axes.
+
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -137,13 +143,9 @@ def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None,
         times, states = orbit.sample(PER_INTERVAL)
         times, states = rolled(times, sense * states)
         below.plot(times, sense * states[0], color=look.colour, linewidth=2.0, zorder=5)
-        handles.append(
-            Line2D(
-                [], [], color=look.colour, linewidth=2.0,
-                label=f"{NAMES[orbit.model]} at K = {orbit.gain:.4g}: amplitude {orbit.amplitude:.4g} rad, "
-                f"frequency {1 / orbit.period:.4g} Hz",
-            )
-        )  # fmt: skip
+        foretold = f"amplitude {orbit.amplitude:.4g} rad, frequency {1 / orbit.period:.4g} Hz"
+        label = f"{NAMES[orbit.model]} at K = {orbit.gain:.4g}: {foretold}"
+        handles.append(Line2D([], [], color=look.colour, linewidth=2.0, label=label))
     below.axhline(0, color="0.6", linewidth=0.7, zorder=1)
     rise = "rise" if measurement.rising else "fall"
     below.set(xlabel=f"time from the {rise} through the level [s]", ylabel="position − level [rad]")

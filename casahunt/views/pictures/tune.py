@@ -41,6 +41,10 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
     -------
     The two axes, amplitude above period.
 
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
+
     Examples
     --------
     >>> from casahunt import Servo, collect, diagram, tune, pictures
@@ -84,6 +88,10 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, ax
     Returns
     -------
     The axes, one for every task.
+
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
