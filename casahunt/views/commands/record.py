@@ -33,7 +33,7 @@ from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
 from .arguments import add_common, add_csv, csv_of, finite, picture_of, positive, servo_of
 from .console import complain, progress, say
-from .printed import show, write_table
+from .printed import HARD_SPACE, show, write_table
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
@@ -126,7 +126,7 @@ def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:
 def _lines(
     file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None
 ) -> Iterator[str]:
-    kind = "no oscillation" if m.kind == "still" else m.kind
+    kind = f"no{HARD_SPACE}oscillation" if m.kind == "still" else m.kind
     yield f"record {file}: {kind}, {m.periods.size} whole periods"
     if record.reading is not None:
         yield f"  {record.reading.sentence}"
