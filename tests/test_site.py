@@ -70,7 +70,7 @@ def test_tustins_law(capsys):
 def test_results_as_they_are_shown(capsys):
     scope = run("python.md")
     printed = capsys.readouterr().out
-    assert "0.0500469727" in printed and "amplitude" in printed and len(scope["axes"]) == 3
+    assert "0.05004697" in printed and "amplitude" in printed and len(scope["axes"]) == 3
 
 
 def test_many_servos(capsys):

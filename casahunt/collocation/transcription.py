@@ -218,19 +218,22 @@ class Transcription:
 
     # Equations ---------------------------------------------------------------------------------------
 
-    def linearise(self, u: Array, setting: Setting) -> Linearisation:
+    def linearise(self, u: Array, setting: Setting, *, counted: bool = True) -> Linearisation:
         """Residual and condensed Jacobian.
 
         Parameters
         ----------
         u, setting
             the point: unknowns and setting.
+        counted
+            as work (effort.py); False where whoever keeps it counts it at every reading.
 
         Returns
         -------
         Linearisation; not finite where the iterate is wild.
         """
-        effort.problem(self.intervals)
+        if counted:
+            effort.problem(self.intervals)
         with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
             return self._linearise(u, setting)
 

@@ -318,29 +318,35 @@ def _with_second_place(
 ) -> AnyOrbit:
     """The orbit with the errors that the fold on the halved mesh shows.  Raises NoOrbit where that is not found.
 
-    Its turning point; the optimum where Newton's method does not lead there, or is not to work.
+    Its turning point; the optimum where Newton's method does not lead there, or is not to work, or is left so far off
+    by rounding that the tolerance would not hold.
     """
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     halves = replace(setting.moved(best.parameter), fractions=fractions)
-    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=SECOND_PLACE * options.tol)
-    if place is None:
-        check = _largest(finer, u, halves, options)
-        if not check.status.ok:
-            raise NoOrbit(
-                f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
-                "solved; try another tolerance",
-                check.status,
-            )
-        place = check.u, check.parameter
-    u, moved = place
-    period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
     off = 1 + float(left_on_halved(t).max(initial=0.0))  # the fold on the halved mesh is not the exact one either
-    return replace(
-        orbit,
-        period_error=max(orbit.period_error, off * abs(period / orbit.period - 1)),
-        amplitude_error=max(orbit.amplitude_error, off * amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)),
-        parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
-    )
+
+    def with_errors(u: Array, moved: float) -> AnyOrbit:
+        period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
+        apart = amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)
+        return replace(
+            orbit,
+            period_error=max(orbit.period_error, off * abs(period / orbit.period - 1)),
+            amplitude_error=max(orbit.amplitude_error, off * apart),
+            parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
+        )
+
+    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=SECOND_PLACE * options.tol)
+    if place is not None and (found := with_errors(*place)).error_estimate <= options.tol:
+        return found
+    check = _largest(finer, u, halves, options)
+    if not check.status.ok:
+        raise NoOrbit(
+            f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
+            "solved; try another tolerance",
+            check.status,
+        )
+    return with_errors(check.u, check.parameter)
+
 
 
 def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:

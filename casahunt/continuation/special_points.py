@@ -19,6 +19,7 @@ The parameter value of a fold is second order in the place on the curve: it come
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -279,23 +280,24 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
     """
     before = _accurate(before, options)
     here, there = ends(before, after, vary)
+    found: AnyOrbit | None = None
     for _ in range(CUBIC_ROUNDS):
         cubic = bend(there, here, seen_from(here, before, vary, parameter_value(after, vary)), side=1.0)
-        if cubic is None:
-            return None
-        ds = _turning_point(here.row[-1], cubic[:, -1])
+        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic[:, -1])
         if not abs(ds) < _length_to(after, before, here, vary):
-            return None
+            return found
         here = replace(here, bend=cubic)
         there = here if ds > 0 else backwards(here)
         outcome = step_along(there, before, vary, abs(ds), *before.problem.range_of(vary), options)
         if isinstance(outcome, str):
-            return None
+            return found
         before, after, there = outcome[0], before, backwards(there)
         here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
-        if abs(FOLD.value(before, here)) <= FOLD.tolerance:
+        off = abs(FOLD.value(before, here))
+        found = before if off <= FOLD.tolerance else None
+        if off <= min(FOLD.tolerance, options.tol):  # period and amplitude move with the place along the branch
             return before
-    return None
+    return found
 
 
 def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:

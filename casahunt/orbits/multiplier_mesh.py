@@ -127,7 +127,11 @@ def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
 
 def _parts(solved: _Solved) -> Array:
     """(N,) parts for every interval, by how much its map misses the flow."""
-    defects = solved.chain.flow_defects()[solved.place[0].interval_elements]
+    t = solved.place[0]
+    jumps = [end for phase, end in zip(t.cycle.phases, t.phase_end, strict=True) if phase.reset is not None]
+    # A jump is an element of the node system, and none of the chain's: it stands in the saltation.
+    own = t.interval_elements - np.searchsorted(np.array(jumps, dtype=int), t.interval_elements)
+    defects = solved.chain.flow_defects()[own]
     return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_CUTS).astype(int)
 
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from .. import effort
 from ..collocation.error_estimate import Estimate
 from ..collocation.joints import flow_at
 from ..collocation.linearisation import Linearisation
@@ -283,7 +284,6 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
     return t, u, Setting(fractions, problem.vector(), orbit.scale, problem.direction(problem.principal))
 
 
-@lru_cache(maxsize=4)
 def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, Linearisation]:
     """What `unknowns_of` says of an orbit, and the equations linearised there.
 
@@ -298,9 +298,16 @@ def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, 
     -------
     Transcription, unknowns, setting, and linearisation: not to be written into.
     """
+    found = _linearised(orbit, vary)
+    effort.problem(found[0].intervals)  # kept or not: when work is given up must not depend on what was asked before
+    return found
+
+
+@lru_cache(maxsize=4)
+def _linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, Linearisation]:
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=orbit.problem.direction(vary) * orbit.problem.unit(vary))
-    return t, u, setting, t.linearise(u, setting)
+    return t, u, setting, t.linearise(u, setting, counted=False)
 
 
 class Complaint(str):

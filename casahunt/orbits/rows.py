@@ -1,6 +1,8 @@
 """An ensemble as a table: a row for every member.
 
 q_1 ... q_k | every array of n values, by the singular of its name | status | how
+
+A complex array is two columns, its real and its imaginary parts.
 """
 
 from __future__ import annotations
@@ -30,6 +32,9 @@ class Rows(Result):
         for field in fields(self):  # type: ignore[arg-type]
             values, word = getattr(self, field.name), _singular(field.name)
             if field.name == "parameters" or not isinstance(values, np.ndarray) or values.shape[:1] != (n,):
+                continue
+            if np.iscomplexobj(values):
+                columns |= {f"{word}_real": values.real, f"{word}_imag": values.imag}
                 continue
             columns |= {word: values} if values.ndim == 1 else {
                 f"{word} of {name}": column for name, column in zip(self.names, values.T, strict=False)

@@ -63,7 +63,7 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
         ax.axvline(tuning.gain, color=AFTER, linewidth=2.0, zorder=3)
         ax.set_xlim(low, reach)
     for text in list(both[0].texts):  # the label of the fold would stand where the line of the gain is
-        text.remove()
+        text.set_visible(False)
     handles = [
         Line2D([], [], color=NEUTRAL, linestyle="", marker="o", label=f"hunting up to {tuning.fold_gain:.4g}"),
         Line2D([], [], color=AFTER, linewidth=2.0, label=f"recommended gain {tuning.gain:.4g}"),
