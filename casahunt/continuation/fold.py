@@ -325,18 +325,19 @@ def _with_second_place(
     halves = replace(setting.moved(best.parameter), fractions=fractions)
     off = 1 + float(left_on_halved(t).max(initial=0.0))  # the fold on the halved mesh is not the exact one either
 
-    def with_errors(u: Array, moved: float) -> AnyOrbit:
+    def with_errors(u: Array, moved: float, left: float = 0.0) -> AnyOrbit:
         period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
         apart = amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)
         return replace(
             orbit,
-            period_error=max(orbit.period_error, off * abs(period / orbit.period - 1)),
-            amplitude_error=max(orbit.amplitude_error, off * apart),
+            period_error=max(orbit.period_error, off * abs(period / orbit.period - 1) + left),
+            amplitude_error=max(orbit.amplitude_error, off * apart + left),
             parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
         )
 
-    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=SECOND_PLACE * options.tol)
-    if place is not None and (found := with_errors(*place)).error_estimate <= options.tol:
+    left = SECOND_PLACE * options.tol
+    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=left)
+    if place is not None and (found := with_errors(*place, left)).error_estimate <= options.tol:
         return found
     check = _largest(finer, u, halves, options)
     if not check.status.ok:

