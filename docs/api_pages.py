@@ -8,6 +8,7 @@ from typing import Any
 
 MODULES = {
     "casahunt": "The servo",
+    "casahunt.pictures": "Pictures",
     "casahunt.hybrid": "Any system",
     "casahunt.motion": "Its motion",
     "casahunt.orbits": "Its cycles",

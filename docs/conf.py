@@ -99,7 +99,9 @@ def inherited(app: Any, what: str, name: str, obj: Any, options: Any, lines: lis
     """A class that adds to another one has the attributes of that, too."""
     if what == "class" and "Attributes" not in lines:
         docs = [inspect.cleandoc(base.__doc__ or "").partition("Attributes\n---") for base in obj.__mro__[1:]]
-        lines += next((["", *(title + rest).splitlines(), ""] for _, title, rest in docs if title), [])
+        theirs = next((title + rest.partition("\n\nExamples\n")[0] for _, title, rest in docs if title), "")
+        before = lines.index("Examples") if "Examples" in lines else len(lines)
+        lines[before:before] = ["", *theirs.splitlines(), ""]
 
 
 def plain(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

@@ -8,8 +8,7 @@ motions, one from each side, confirm it.
 
 import matplotlib.pyplot as plt
 
-from casahunt import Servo
-from casahunt.servo.basin import basin
+from casahunt import Servo, basin
 from problems import table1
 
 found = basin(Servo(), "switch", 0.4)

@@ -8,8 +8,7 @@ The hunting cycles of servos that differ in friction and gain, solved side by si
 import matplotlib.pyplot as plt
 import numpy as np
 
-from casahunt import Servo, find_orbit
-from casahunt.design.ensemble import orbit_ensemble
+from casahunt import Servo, find_orbit, orbit_ensemble
 from problems import table1
 
 random = np.random.default_rng(3)

@@ -9,8 +9,7 @@ fixed points are the hunting cycles; a scan shows all of them between two positi
 import matplotlib.pyplot as plt
 import numpy as np
 
-from casahunt import Servo
-from casahunt.servo.event_map.fixed_points import fixed_points
+from casahunt import Servo, fixed_points
 from problems import table1
 
 seen = fixed_points(Servo(), 0.4)

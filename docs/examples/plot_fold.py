@@ -8,8 +8,7 @@ solve tells by how much each parameter of the servo moves that gain.
 
 import matplotlib.pyplot as plt
 
-from casahunt import Options, Servo, find_fold
-from casahunt.design.sensitivity import fold_sensitivities
+from casahunt import Options, Servo, find_fold, fold_sensitivities
 from problems import table1
 
 fold = find_fold(Servo(), "switch", options=Options(tol=1e-9))

@@ -8,8 +8,7 @@ Which combinations of static and Coulomb friction need which gain? Contours of t
 import matplotlib.pyplot as plt
 import numpy as np
 
-from casahunt import Servo, find_fold
-from casahunt.design.fold_map import fold_map
+from casahunt import Servo, find_fold, fold_map
 
 static, coulomb = np.linspace(0.5, 0.56, 9), np.linspace(0.42, 0.46, 9)
 folds = fold_map(Servo(), "switch", ("friction.static", "friction.coulomb"), static, coulomb)

@@ -9,9 +9,7 @@ search, by folds, loops, the event map and simulated tasks.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from casahunt import Servo, simulate
-from casahunt.design.tune.tuning import tune
-from casahunt.design.uncertainty.set import Uncertainty
+from casahunt import Servo, Uncertainty, simulate, tune
 
 servo = Servo()
 friction = Uncertainty({"friction.static": (0.52, 0.54)})

@@ -9,13 +9,11 @@ largest.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from casahunt import Options, Servo, find_fold
-from casahunt.design.uncertainty.samples import sample
-from casahunt.design.uncertainty.set import Uncertainty
+from casahunt import Options, Servo, Uncertainty, find_fold, sample_fold_gains
 
 servo = Servo()
 known = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.435, 0.445)})
-drawn = sample(servo, "switch", known, 1000, seed=1, options=Options(tol=1e-7))
+drawn = sample_fold_gains(servo, "switch", known, 1000, seed=1, options=Options(tol=1e-7))
 print(np.nanmin(drawn.gains), np.nanmax(drawn.gains))
 
 figure, ax = plt.subplots(figsize=(6.4, 4), layout="constrained")
