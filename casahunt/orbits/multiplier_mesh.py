@@ -135,22 +135,26 @@ def _parts(solved: _Solved) -> Array:
     return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_CUTS).astype(int)
 
 
-def _cut(place: Place, parts: Array) -> Place:
-    """The same orbit with every interval cut in some parts, not solved again."""
+def _cut(place: Place, parts: Array, *, whole: bool = False) -> Place:
+    """The same orbit with every interval cut in some parts, not solved again; `whole`: with a node system of its own."""
     t, u, setting = place
-    t, u, fractions = divided(t, u, setting.fractions, parts, PartedTranscription(t, parts))
+    t, u, fractions = divided(t, u, setting.fractions, parts, None if whole else PartedTranscription(t, parts))
     return t, u, replace(setting, fractions=fractions)
 
 
 def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -> _Solved | None:
-    """The orbit with every interval cut in some parts, solved anew; None where the solver fails."""
-    t, u, setting = _cut(place, parts)
-    border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
-    solution = solve(t, u, setting, solver=solver, border=border, accuracy=NO_STEP)
-    if not solution.status.ok:
-        return None
-    u, setting = solution.u, setting.moved(solution.parameter)
-    return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
+    """The orbit with every interval cut in some parts, solved anew; None where the solver fails.
+
+    Where an interval expands so much that products along its parts drown what is small, by a node system of its own.
+    """
+    for whole in (False, True):
+        t, u, setting = _cut(place, parts, whole=whole)
+        border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
+        solution = solve(t, u, setting, solver=solver, border=border, accuracy=NO_STEP)
+        if solution.status.ok:
+            u, setting = solution.u, setting.moved(solution.parameter)
+            return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
+    return None
 
 
 def _fold_border(t: Transcription, lin: Linearisation) -> Array | None:

@@ -167,7 +167,7 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
     assert a < 0.5 * found.border
     words = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
     assert cli.main(["basin", "--gain", "1.1773", *words]) == 1
-    out = capsys.readouterr().out
+    out, _, _ = capsys.readouterr().out.partition("what the words mean")
     assert "stable cycle  " not in out.replace("unstable cycle", "") and "not stable (half multiplier -1.03" in out
 
 
