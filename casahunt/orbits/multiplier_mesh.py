@@ -136,7 +136,7 @@ def _parts(solved: _Solved) -> Array:
 
 
 def _cut(place: Place, parts: Array, *, whole: bool = False) -> Place:
-    """The same orbit with every interval cut in some parts, not solved again; `whole`: with a node system of its own."""
+    """The same orbit with every interval cut in some parts, not solved again; `whole`: with its own system."""
     t, u, setting = place
     t, u, fractions = divided(t, u, setting.fractions, parts, None if whole else PartedTranscription(t, parts))
     return t, u, replace(setting, fractions=fractions)
