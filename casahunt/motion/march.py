@@ -28,7 +28,7 @@ from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
-from .march_series import Following, Reached, StepVanished, intervals_of
+from .march_series import Following, Reached, intervals_of
 from .march_step import Stepper, last_mode, predict, reaches
 from .series import Piece, TooMany, series_of
 
@@ -291,13 +291,8 @@ def _followed(
     reached = Reached(0.0, x / scale, None, False, 0.0)
     series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
-        try:
-            following = Following(
-                exits, stepper, series, x / scale, tol, max_time, max_intervals, passes, VANISHING_STEP
-            )
-            reached, stretches = following.run(), following.stretches
-        except StepVanished as vanished:
-            raise MarchFailure(f"mode {name!r}: {VANISHED} at {vanished.time:.6g} s") from None
+        following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
+        reached, stretches = following.run(), following.stretches
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:

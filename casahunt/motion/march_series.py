@@ -78,17 +78,9 @@ class NotLocated(Exception):
         self.step = step
 
 
-class StepVanished(Exception):
-    """A step that is too short, at this time."""
-
-    def __init__(self, time: float) -> None:
-        super().__init__(time)
-        self.time = time
-
-
 @dataclass
 class Following:
-    """A mode that is being followed; the attributes below `vanishing` change on the way.
+    """A mode that is being followed; the attributes below `passes` change on the way.
 
     Attributes
     ----------
@@ -97,7 +89,6 @@ class Following:
     tol, max_time, most : tolerance of intervals; time after which it ends; steps after which the rest is left to
         intervals.
     passes : whether the mode goes on through an exit at a scaled state.
-    vanishing : step that is too short, relative to the time, or to one.
     stretches : steps so far, in stretches from one exit that was passed to the next.
     t, h : time in the mode; length of the last step.
     longest : that the next step may be.
@@ -113,7 +104,6 @@ class Following:
     max_time: float
     most: int
     passes: Callable[[Exit, Array], bool]
-    vanishing: float
     stretches: list[list[Piece]] = field(default_factory=lambda: [[]])
     t: float = 0.0
     h: float = 1.0
@@ -123,7 +113,7 @@ class Following:
     trial: int = FIRST_TRIAL
 
     def run(self) -> Reached:
-        """To its exit, or as far as series lead.  Raises StepVanished."""
+        """To its exit, or as far as series lead."""
         while not self._is_over(self.t):  # beyond, it is at rest for ever, or as good as
             if self.taken >= self.trial:
                 if self.taken >= self.most or _is_stiff(self.stepper, self.x, self.h, self.tol):
@@ -148,7 +138,7 @@ class Following:
         theta = max(SERIES_TOLERANCE * self.tol, LEAST_TERM)
         steps = self.series(self.x, self.h, self.longest, min(self.max_time - self.t, FOLLOWED_AT_MOST), theta)
         began = self.t + np.concatenate([[0.0], np.cumsum(steps.h)])
-        known = _count(~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0) | self._is_over(began[:-1]))
+        known = _count(~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0))
         points, rates = looked_at(steps.C[:known])
         right = _right(self.series, steps.h[:known], points, rates, theta)
         j, s, way_out, lost = right, 1.0, None, False
@@ -171,8 +161,8 @@ class Following:
         if j < known:  # it is not what the field says: taken again, and less of it
             left = s * float(steps.h[j])
             self.h = self.longest = left * _right_part(self.series, cut_off(steps.C[j], s), left, theta)
-            if self.h < self.vanishing * max(self.t, 1.0):
-                raise StepVanished(self.t)
+            if self.h == 0:  # no part of it is right
+                return self._reached(None, False)
         return None
 
     def _append(self, began: Array, lengths: Array, C: Array) -> None:

@@ -108,7 +108,7 @@ def test_the_mesh_of_a_motion(degree: int, kind: Any) -> None:
     assert found.breaks[0] == 0 and found.breaks[-1] == 1
 
 
-def test_no_step_is_taken_for_what_rounding_leaves_of_the_time() -> None:
+def test_no_interval_is_left_for_what_rounding_leaves_of_the_time() -> None:
     for k in range(1, 60):
         found = marched(lambda x: (x[1], -x[0]), [0.0, 1.0], 0.1 * k)
         assert np.diff(found.breaks).min() > 1e-3 and found.duration == pytest.approx(0.1 * k, rel=1e-14)
@@ -117,6 +117,30 @@ def test_no_step_is_taken_for_what_rounding_leaves_of_the_time() -> None:
 def test_a_mesh_that_would_be_endless_is_refused() -> None:
     with pytest.raises(Exception, match="no exit after 1 s and 20000 intervals"):
         marched(lambda x: (1e4 * x[1], -1e4 * x[0]), [0.0, 1.0], 1.0, 1e-10)
+
+
+def test_intervals_that_hide_something_are_halved_until_they_do_not() -> None:
+    """Something at a third of the way is seen in intervals of less than 1e-3, and only there they are halved."""
+    third = 1 / 3
+    C = np.zeros((1, series.SERIES_ORDER + 1, 1))
+    C[0, 1] = 1.0  # x = t
+
+    def hidden(states: Any) -> Any:
+        begin, end = states[:, 0, 0], states[:, -1, 0]
+        return (begin < third) & (third < end) & (end - begin > 1e-3)
+
+    motion = series.Piece(np.zeros(1), np.ones(1), C)
+    breaks, _ = series.meshed([motion], scheme(6, "gauss"), 1e-6, hidden, 1000)
+    k = int(np.searchsorted(breaks, third))
+    assert breaks[k] - breaks[k - 1] <= 1e-3 and np.diff(breaks).max() > 0.1
+
+
+@pytest.mark.parametrize(("right", "part"), [(0.9, 0.875), (0.999, 1 - 2.0**-9), (0.3, 0.25), (0.01, 2.0**-7), (0, 0)])
+def test_of_a_step_that_is_wrong_most_of_what_is_right_is_kept(monkeypatch, right: float, part: float) -> None:
+    """1 - 2^-k or else 2^-k: no more than is right, and more than half of it."""
+    monkeypatch.setattr(march_series, "_is_right", lambda series, C, h, theta: h <= right)
+    C = np.ones((series.SERIES_ORDER + 1, 1))
+    assert march_series._right_part(None, C, 1.0, 1e-12) == part  # type: ignore[arg-type]
 
 
 # What series do not see -----------------------------------------------------------------------------------------------
