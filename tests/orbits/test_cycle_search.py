@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from casahunt import effort
+from casahunt.collocation.admissibility import judge
 from casahunt.errors import InputError, NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
 from casahunt.orbits import Options, find_cycle
-from casahunt.orbits.orbit import Orbit
+from casahunt.orbits.orbit import Orbit, unknowns_of
 from problems import rossler
 
 START = {"x": 2.0, "v": 0.0}
@@ -271,6 +272,36 @@ def test_no_event_is_passed_inside_a_phase():
     assert orbit.period == pytest.approx(2 * math.pi / p["w"], rel=1e-12) and len(orbit.arcs) == 1
     high = p["b"] / p["k"] + 1 / abs(p["k"] - p["w"] ** 2 + 1j * p["c"] * p["w"])
     assert orbit.extrema("x").high.value == pytest.approx(high, rel=1e-8)
+
+
+def through_zero(to):
+    """x'' = cos t - x'/2 - x/5, with an event where x rises through zero."""
+    mode = Mode(
+        "swings", lambda x, p: {"x": x.v, "v": ca.cos(x.t) - x.v / 2 - x.x / 5},
+        ends=(Event("rises", lambda x, p: x.x, +1, to=to),),
+    )  # fmt: skip
+    return System("swing", ("x", "v"), {}, (mode,), forcing_period=lambda p: 2 * math.pi)
+
+
+def test_an_event_that_leads_on_may_be_passed_inside_a_phase():
+    """A function that returns the mode's own name says that it was only touched."""
+    orbit = find_cycle(through_zero(lambda x, p: "swings"), x=0.9, v=0.3, tol=1e-8)
+    assert orbit.period == pytest.approx(2 * math.pi, rel=1e-12)
+    assert orbit.extrema("x").high.value == pytest.approx(1 / abs(0.2 - 1 + 0.5j), rel=1e-8)
+    assert all(arc.event != "rises" for arc in orbit.arcs)
+
+
+@pytest.mark.parametrize("top, unclear", [(-0.4, False), (-0.05, True)])
+def test_where_an_event_may_have_been_passed_the_intervals_are_unclear(top, unclear):
+    """A polynomial that peaks between its points, above zero by less than it resolves, or not at all."""
+    t, u, setting = unknowns_of(find_cycle(through_zero("swings"), x=0.9, v=0.3, tol=1e-6))
+    u = u.copy()
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+    w[:, :, 0] = -1.0 / setting.scale[0]
+    middle = t.degree // 2
+    w[0, middle : middle + 2, 0] = top / setting.scale[0]
+    verdict = judge(t, u, setting)
+    assert not verdict.violated and verdict.unclear[0] == unclear and not verdict.unclear[1:].any()
 
 
 def test_an_unstable_cycle_next_to_the_start():
