@@ -318,35 +318,30 @@ def _with_second_place(
 ) -> AnyOrbit:
     """The orbit with the errors that the fold on the halved mesh shows.  Raises NoOrbit where that is not found.
 
-    Its turning point; the optimum where Newton's method does not lead there, or is not to work, or is left so far off
-    by rounding that the tolerance would not hold.
+    Its turning point; the optimum where Newton's method does not lead there, or is not to work.
     """
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
-    halves = replace(setting.moved(best.parameter), fractions=fractions)
-    off = 1 + float(left_on_halved(t).max(initial=0.0))  # the fold on the halved mesh is not the exact one either
-
-    def with_errors(u: Array, moved: float, left: float = 0.0) -> AnyOrbit:
-        period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
-        apart = amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)
-        return replace(
-            orbit,
-            period_error=max(orbit.period_error, off * abs(period / orbit.period - 1) + left),
-            amplitude_error=max(orbit.amplitude_error, off * apart + left),
-            parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
-        )
-
-    left = SECOND_PLACE * options.tol
+    halves, left = replace(setting.moved(best.parameter), fractions=fractions), SECOND_PLACE * options.tol
     place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=left)
-    if place is not None and (found := with_errors(*place, left)).error_estimate <= options.tol:
-        return found
-    check = _largest(finer, u, halves, options)
-    if not check.status.ok:
-        raise NoOrbit(
-            f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
-            "solved; try another tolerance",
-            check.status,
-        )
-    return with_errors(check.u, check.parameter)
+    if place is None:
+        check = _largest(finer, u, halves, options)
+        if not check.status.ok:
+            raise NoOrbit(
+                f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
+                "solved; try another tolerance",
+                check.status,
+            )
+        place = check.u, check.parameter
+    u, moved = place
+    period = float(np.sum(finer.durations_of(u))) * t.cycle.repeats
+    apart = amplitude_off(finer, u, halves.moved(moved), orbit.amplitude)
+    off = 1 + float(left_on_halved(t).max(initial=0.0))  # the fold on the halved mesh is not the exact one either
+    return replace(
+        orbit,
+        period_error=max(orbit.period_error, off * abs(period / orbit.period - 1) + left),
+        amplitude_error=max(orbit.amplitude_error, off * apart + left),
+        parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
+    )
 
 
 

@@ -14,7 +14,7 @@ from ... import effort
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
 from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
-from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
+from ...design.fold_curve.points import CSV_COLUMNS, FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
 from ...files import together, whole_text
 from ...interrupts import held, word
@@ -28,19 +28,6 @@ from .console import complain, of_this, progress, say
 from .fold import sensitivity_text
 from .printed import show
 
-CSV_COLUMNS = (
-    "model",
-    "parameter",
-    "value",
-    "gain",
-    "amplitude_rad",
-    "period_s",
-    "slope",
-    "elasticity",
-    "error_estimate",
-    "status",
-    "special",
-)
 MOST_CURVE_POINTS = 1000
 
 
