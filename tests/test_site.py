@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from casahunt import Servo, find_orbit
+from problems import taylor
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -76,7 +77,13 @@ def test_results_as_they_are_shown(capsys):
 def test_many_servos(capsys):
     scope = run("uncertainty.md")
     folds = scope["folds"]
-    assert math.isfinite(folds.gains.max()) and not folds.failures and callable(scope["on_all_cores"])
+    assert not folds.failures and callable(scope["on_all_cores"])
+    least, largest = int(folds.gains.argmin()), int(folds.gains.argmax())
+    for i in (least, largest):
+        servo = Servo().replace(**dict(zip(folds.names, map(float, folds.parameters[i]), strict=True)))
+        gain, amplitude = taylor.switch_fold(servo, float(folds.gains[i]), float(folds.amplitudes[i]))
+        assert abs(folds.gains[i] / gain - 1) <= folds.gain_errors[i] + 1e-12
+        assert abs(folds.amplitudes[i] / amplitude - 1) <= folds.amplitude_errors[i] + 1e-11
 
 
 @pytest.mark.slow

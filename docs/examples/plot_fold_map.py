@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Servo, find_fold, fold_map
+from problems import taylor
 
 static, coulomb = np.linspace(0.5, 0.56, 9), np.linspace(0.42, 0.46, 9)
 folds = fold_map(Servo(), "switch", ("friction.static", "friction.coulomb"), static, coulomb)
@@ -19,7 +20,10 @@ ax.clabel(lines)
 ax.set(xlabel="static friction [N m]", ylabel="Coulomb friction [N m]", title="fold gain [V/rad]")
 
 # %%
-# A fold computed alone, at a corner of the map.
+# At two corners of the map: the fold of an event map marched by Taylor series, apart from the package's solvers.
 
-corner = find_fold(Servo().replace(**{"friction.static": 0.56, "friction.coulomb": 0.46}), "switch")
-assert abs(folds.gains[-1, -1] / corner.gain - 1) < 2e-6
+for i, j in ((0, 0), (-1, -1)):
+    servo = Servo().replace(**{"friction.static": float(static[i]), "friction.coulomb": float(coulomb[j])})
+    near = find_fold(servo, "switch").orbit.amplitude
+    truth, _ = taylor.switch_fold(servo, float(folds.gains[i, j]), near)
+    assert abs(folds.gains[i, j] / truth - 1) < 2e-6
