@@ -46,6 +46,11 @@ cycles stick nearer, and a secant from too far out ends inside the unstable one.
 OUTSIDE = 1.05
 """A LuGre motion starts by this factor outside the Switch cycle, whence it comes in as long as there is a cycle: the
 unstable LuGre cycle, inside which motions creep to rest for hundreds of intervals, lies farther out than the rigid."""
+RINGING, RINGS_OUT = 20, 1e-8
+"""Phases of a motion from which it is followed again, to the tolerance that sees a stiff bristle ring out: a coarse one
+steps over the last hundred reversals, and equations that start without them have a root that is no motion."""
+RINGING_NEARBY = 1.1
+"""As NEARBY for such a motion: farther off other reversals are there, and IPOPT takes 20 s over so many equations."""
 CAME_TO_REST = 0.1
 """P(a)/a below which a motion has come to rest: what starts from there is none."""
 
@@ -143,7 +148,8 @@ def _at_once(q: AtGain) -> Met | None:
                 return None
             motion = half_cycle(q.model, q.servo, q.gain, a, degree=degree, kind=kind)
             a = motion.position if motion.ratio > CAME_TO_REST else 0.0
-            if 1 / NEARBY[q.model] < motion.ratio < NEARBY[q.model]:
+            nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.model]
+            if 1 / nearby < motion.ratio < nearby:
                 break
         else:
             return None
@@ -244,9 +250,14 @@ def _solved_from(
     degree, kind = options.scheme_of(problem)
     if (degree, kind) != problem.scheme:
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
-    solver: Solver = "ipopt" if options.solver == "auto" else options.solver
+    first: Solver = "newton" if _rings(start) else "ipopt"
+    solver = first if options.solver == "auto" else options.solver
     solved = solve_adaptively(problem, _start(start, problem, options), options, solver=solver)
     return finished(solved, problem, options, began, what)
+
+
+def _rings(motion: HalfCycle) -> bool:
+    return len(motion.segments) > RINGING
 
 
 def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
@@ -258,6 +269,10 @@ def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
             Status.NOT_CONVERGED,
         )
     degree, kind = options.scheme_of(problem)
+    if _rings(motion):
+        motion = half_cycle(
+            problem.model, problem.servo, problem.gain, motion.start, tol=RINGS_OUT, degree=degree, kind=kind
+        )
     return from_half_cycle(
         problem.model, motion.segments, problem.vector(), problem.direction(problem.principal),
         degree=degree, kind=kind, half=options.half,
