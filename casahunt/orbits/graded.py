@@ -100,15 +100,8 @@ def spectrum(
     q = _first_frame(n) if frame is None else frame
     previous = np.full(n, np.inf, dtype=complex)
     for _ in range(rounds):
-        start, triangular, exponent = q, np.eye(n), 0
-        steps = []
-        for e in range(0, len(chain), FACTORS_AT_ONCE):
-            q, some, triangular = swept(chain[e : e + FACTORS_AT_ONCE], q, triangular)
-            steps.append(some)
-            size = float(np.abs(triangular).max())
-            if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
-                power = math.frexp(size)[1]
-                triangular, exponent = np.ldexp(triangular, -power), exponent + power
+        start = q
+        q, steps, triangular, exponent = _round(chain, q)
         turn = start.T @ q
         if wanted and not exponent:
             raw, resolved = _resolved(turn, triangular, wanted)
@@ -128,6 +121,19 @@ def spectrum(
         return Spectrum(values, np.zeros(n), 0.0, q)
     r = np.concatenate(steps)
     return Spectrum(values, _floor(r, noise), _uncertainty(r, noise, turn, triangular), q)
+
+
+def _round(chain: Array, q: Array) -> tuple[Array, list[Array], Array, int]:
+    """Once around the cycle: the frame behind, the triangular factors, and their product times 2^-exponent."""
+    triangular, exponent, steps = np.eye(len(q)), 0, []
+    for e in range(0, len(chain), FACTORS_AT_ONCE):
+        q, some, triangular = swept(chain[e : e + FACTORS_AT_ONCE], q, triangular)
+        steps.append(some)
+        size = float(np.abs(triangular).max())
+        if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
+            power = math.frexp(size)[1]
+            triangular, exponent = np.ldexp(triangular, -power), exponent + power
+    return q, steps, triangular, exponent
 
 
 @lru_cache
