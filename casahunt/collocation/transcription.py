@@ -128,48 +128,42 @@ class Transcription:
 
     def _index_chain(self) -> None:
         n, phase_of, is_interval, phase_start, phase_end, signs = self.n, [], [], [], [], []
-        start: list[int] = []
-        w = 0
-        v = self.intervals * self.rows
+        start: list[Array] = []
+        fields: dict[Field, list[Array]] = {}
+        modes: dict[Mode, list[Array]] = {}
+        elements, intervals, v = 0, 0, self.intervals * self.rows
         for k, (phase, count) in enumerate(zip(self.cycle.phases, self.counts, strict=True)):
-            phase_start.append(len(start))
-            for _ in range(max(count, 1)):
-                is_interval.append(count > 0)
-                phase_of.append(k)
-                if count:
-                    start.append(w)
-                    signs.append(phase.mode.sign)
-                    w += self.rows
-                else:
-                    start.append(v)
-                    v += n
-            phase_end.append(len(start))
-            if phase.reset is not None:
-                is_interval.append(False)
-                phase_of.append(k)
-                start.append(v)
-                v += n
-        start.append(v)
-        self.node_index = np.array(start)[:, None] + np.arange(n)
+            phase_start.append(elements)
+            elements += max(count, 1)
+            phase_end.append(elements)
+            if count:
+                members = np.arange(intervals, intervals + count)
+                intervals += count
+                start.append(members * self.rows)
+                signs.append(np.full(count, phase.mode.sign))
+                fields.setdefault(phase.mode.field, []).append(members)
+                modes.setdefault(phase.mode, []).append(members)
+            alone = int(count == 0) + int(phase.reset is not None)  # elements that are no intervals
+            start.append(v + n * np.arange(alone))
+            v += n * alone
+            elements = phase_end[-1] + int(phase.reset is not None)
+            is_interval.append(np.repeat([True, False], [count, alone]))
+            phase_of.append(np.full(count + alone, k))
+        start.append(np.array([v]))
+        self.node_index = np.concatenate(start)[:, None] + np.arange(n)
         """(E + 1, n): where the nodes of the chain stand in u."""
-        self.phase_of = np.array(phase_of)
+        self.phase_of = np.concatenate(phase_of)
         """(E,) phase of each element."""
         self.phase_start, self.phase_end = np.array(phase_start), np.array(phase_end)
         """(P,) node at which each phase starts, and at which it ends: where its event is."""
         self.phase_ends = np.concatenate([[0], self.phase_end])
         """(P + 1,) the first node and those at which the phases end."""
-        self.interval_elements = np.flatnonzero(is_interval)
-        self.closed_elements = np.flatnonzero(~np.array(is_interval))
-        self.signs = np.array(signs)
+        collocated = np.concatenate(is_interval)
+        self.interval_elements, self.closed_elements = np.flatnonzero(collocated), np.flatnonzero(~collocated)
+        self.signs = np.concatenate([np.zeros(0, dtype=int), *signs])
         """(N,) number of the mode of each interval."""
-        fields: dict[Field, list[int]] = {}
-        for i, e in enumerate(self.interval_elements):
-            fields.setdefault(self.cycle.phases[phase_of[e]].mode.field, []).append(i)
-        self.groups = [(f, np.array(members)) for f, members in fields.items()]
-        modes: dict[Mode, list[int]] = {}
-        for i, e in enumerate(self.interval_elements):
-            modes.setdefault(self.cycle.phases[phase_of[e]].mode, []).append(i)
-        self.modes = [(mode, np.array(members)) for mode, members in modes.items()]
+        self.groups = [(field, np.concatenate(members)) for field, members in fields.items()]
+        self.modes = [(mode, np.concatenate(members)) for mode, members in modes.items()]
         """The modes that are collocated, each with its intervals."""
         self.collocated_counts = np.array([count for count in self.counts if count], dtype=int)
         self.first_intervals = np.cumsum(self.collocated_counts) - self.collocated_counts

@@ -325,6 +325,7 @@ def _located_from(
     far = seen_from(start, before, vary, parameter_value(after, vary))
     start = replace(start, bend=bend(end, start, far, side=1.0))
     best: tuple[float, AnyOrbit] | None = None
+    accepted = ACCEPTED_TOLERANCES * monitor.tolerance
     for _ in range(LOCATE_ROUNDS):
         if search.failures > MAX_FAILURES:
             break
@@ -340,8 +341,11 @@ def _located_from(
             best = (f, orbit)
         if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
             break
+        last = min((abs(value) for _, value in search.seen), default=np.inf)
         search = search.told(ds, f)
-    return best[1] if best and abs(best[0]) <= ACCEPTED_TOLERANCES * monitor.tolerance else None
+        if abs(f) > last and max(abs(search.bracket.f_a), abs(search.bracket.f_b)) <= accepted:
+            break  # a jump over zero, by the error of the orbits: their meshes change from one step to the next
+    return best[1] if best and abs(best[0]) <= accepted else None
 
 
 def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_branch, load_run, save_branch
 from ..servo.servo import Servo
-from ..tables import cell, table
+from ..tables import table
 from .diagram import DiagramPoint
 
 INTERRUPTED = "interrupted"
@@ -55,18 +56,20 @@ class Words:
 
     Attributes
     ----------
-    orbits, rows : records of orbits, and the rows of points in the table.
+    orbits, rows : records of orbits, and the lines of points in the table.
     """
 
     orbits: Said = field(default_factory=dict)
-    rows: dict[DiagramPoint, list[list[str]]] = field(default_factory=dict)
+    rows: dict[DiagramPoint, str] = field(default_factory=dict)
 
-    def of(self, point: DiagramPoint) -> list[list[str]]:
-        """The rows of a point."""
+    def of(self, point: DiagramPoint) -> str:
+        """The lines of a point."""
         if point not in self.rows:
             rows = [csv_row(found.orbit, found.kind) for found in point.special]
             rows += [] if point.is_special else [csv_row(point.orbit, "")]
-            self.rows[point] = [[cell(value) for value in row] for row in rows]
+            whole = StringIO(newline="")
+            table(whole, CSV_COLUMNS)(rows)
+            self.rows[point] = whole.getvalue().partition("\n")[2]  # without the header
         return self.rows[point]
 
 
@@ -108,9 +111,8 @@ def keep(
         run = {**task.settings, "special_before": [i for _, i in special]}
         save_branch(branch, out / f"{model}.npz", run=run, said=words.orbits)
         with whole_text(out / f"{model}.csv") as stream:
-            write = table(stream, CSV_COLUMNS)
-            for point in points:
-                write(words.of(point))
+            table(stream, CSV_COLUMNS)
+            stream.writelines(words.of(point) for point in points)
     return branch
 
 

@@ -42,6 +42,8 @@ TRUSTED = 1e-5
 SHARE_LEFT = 0.1
 """Error of a multiplier in units of its difference from that on a mesh of intervals twice as long: measured, 1e-2 to
 1e-5 where the field is smooth, 1e-1 where kinks lie inside intervals."""
+NEXT_TO_TRIVIAL = 0.5
+"""No multiplier that is smaller is taken for the trivial one."""
 NOT_THE_SAME = 0.1
 """Values of one multiplier on two meshes that differ by more than this, relative, are bounds of it only."""
 
@@ -139,7 +141,7 @@ def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None)
     # The flow among the transversal directions, by growth: where it comes first, a frame that is right at once.
     place, along = int(np.sum(np.abs(others) > 1)), chain.flows[0] / np.linalg.norm(chain.flows[0])
     start = np.insert(bases[0] @ found.frame, place, along, axis=1)
-    trivial = _trivial(spectrum(chain.factors, frame=start).values.astype(complex), others)
+    trivial = _trivial(spectrum(chain.factors, frame=start, wanted=NEXT_TO_TRIVIAL).values.astype(complex), others)
     leading = complex(others[0]) if others.size else 0j
     half = np.concatenate([[trivial], others])
     floor = np.concatenate([[0.0], found.floor])

@@ -34,6 +34,8 @@ Array = np.ndarray
 
 MULTIPLIER_ROUNDS = 12
 ROUND_TOLERANCE = 1e-13
+ONE_ROUND, EPS = 1e-12, float(np.finfo(float).eps)
+"""Relative effect of rounding on a value that is known from one round; rounding."""
 SMALLEST_MULTIPLIER = 1e-12
 """Half multipliers below this are zero for every purpose and do not delay the iteration."""
 LARGEST_MULTIPLIER = 1e150
@@ -70,6 +72,7 @@ def spectrum(
     frame: Array | None = None,
     *,
     rounds: int = MULTIPLIER_ROUNDS,
+    wanted: float = 0.0,
 ) -> Spectrum:
     """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
 
@@ -83,6 +86,8 @@ def spectrum(
         (n, n) directions to start from, such as those of a product that is nearly the same.
     rounds
         around the cycle, at most.
+    wanted
+        those of a smaller modulus delay nothing.
 
     Returns
     -------
@@ -95,22 +100,18 @@ def spectrum(
     q = _first_frame(n) if frame is None else frame
     previous = np.full(n, np.inf, dtype=complex)
     for _ in range(rounds):
-        start, triangular, exponent = q, np.eye(n), 0
-        steps = []
-        for e in range(0, len(chain), FACTORS_AT_ONCE):
-            q, some, triangular = swept(chain[e : e + FACTORS_AT_ONCE], q, triangular)
-            steps.append(some)
-            size = float(np.abs(triangular).max())
-            if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
-                power = math.frexp(size)[1]
-                triangular, exponent = np.ldexp(triangular, -power), exponent + power
+        start = q
+        q, steps, triangular, exponent = _round(chain, q)
         turn = start.T @ q
-        raw = np.linalg.eigvals(turn @ triangular)
+        if wanted and not exponent:
+            raw, resolved = _resolved(turn, triangular, wanted)
+        else:
+            raw, resolved = np.linalg.eigvals(turn @ triangular), False
         values = _cut(raw, exponent)
         values = values[np.argsort(-np.abs(values), kind="stable")]
         alive = np.abs(values) > SMALLEST_MULTIPLIER
         change = np.abs(np.abs(values) - np.abs(previous))[alive] / np.abs(values[alive])
-        if not alive.any() or float(np.max(change)) < ROUND_TOLERANCE:
+        if resolved or not alive.any() or float(np.max(change)) < ROUND_TOLERANCE:
             break
         previous = values
     low = np.abs(values) < READ_OFF * np.abs(values[0])
@@ -120,6 +121,19 @@ def spectrum(
         return Spectrum(values, np.zeros(n), 0.0, q)
     r = np.concatenate(steps)
     return Spectrum(values, _floor(r, noise), _uncertainty(r, noise, turn, triangular), q)
+
+
+def _round(chain: Array, q: Array) -> tuple[Array, list[Array], Array, int]:
+    """Once around the cycle: the frame behind, the triangular factors, and their product times 2^-exponent."""
+    triangular, exponent, steps = np.eye(len(q)), 0, []
+    for e in range(0, len(chain), FACTORS_AT_ONCE):
+        q, some, triangular = swept(chain[e : e + FACTORS_AT_ONCE], q, triangular)
+        steps.append(some)
+        size = float(np.abs(triangular).max())
+        if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
+            power = math.frexp(size)[1]
+            triangular, exponent = np.ldexp(triangular, -power), exponent + power
+    return q, steps, triangular, exponent
 
 
 @lru_cache
@@ -140,6 +154,23 @@ def _cut(values: Array, exponent: int) -> Array:
     size = np.where(values == 0, 1.0, np.abs(values))
     direction = values.real / size + 1j * (values.imag / size)  # a complex quotient of subnormal numbers overflows
     return direction * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
+
+
+def _resolved(turn: Array, triangular: Array, wanted: float) -> tuple[Array, bool]:
+    """Eigenvalues (n,) of turn @ triangular, and whether rounding leaves those alone that are at least `wanted`.
+
+    The one with the right and left eigenvectors x and y, y . x = 1, moves by eps |y| |turn| |triangular| |x|: by no
+    more than its own size says, where the frame has taken the directions apart.
+    """
+    values, right = np.linalg.eig(turn @ triangular)
+    sizes = np.abs(values)
+    try:
+        left = np.abs(np.linalg.inv(right))
+    except np.linalg.LinAlgError:
+        return values, False
+    moved = (((left @ np.abs(turn)) @ np.abs(triangular)) * np.abs(right).T).sum(axis=1)
+    lost = EPS * moved > ONE_ROUND * sizes
+    return values, not (lost & (sizes >= wanted)).any()
 
 
 def _of_blocks(turn: Array, triangular: Array) -> Array:

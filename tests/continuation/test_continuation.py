@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import math
 import re
 
 import pytest
@@ -191,6 +192,21 @@ def test_user_monitor_is_located(orbit):
     assert len(found) == 1
     assert found[0].orbit.period == pytest.approx(15, abs=1e-8)
     assert not any(m.kind == monitor.kind for m in STANDARD)
+
+
+@pytest.mark.parametrize(("jump", "most"), [(0.0, 12), (4e-7, 16)])
+def test_a_monitor_that_jumps_over_zero(orbit, jump, most):
+    """By less than is accepted: halving on to the jump, forty orbits more, tells nothing that is known."""
+    seen = []
+
+    def value(o):
+        seen.append(o.period - 15 + math.copysign(jump, o.period - 15 - 1e-7))
+        return seen[-1]
+
+    monitor, ends = user_monitor("period of 15 s", value), (orbit("switch", 0.3), orbit("switch", 0.4))
+    found, missed = crossings(*ends, vary="gain", monitors=(monitor,), options=Options())
+    assert not missed and abs(found[0].orbit.period - 15) < 1e-6 and len(seen) <= most
+
 
 
 VARIANTS = {

@@ -281,6 +281,19 @@ def test_uncertainty_is_that_of_the_factors(slant):
     assert found.uncertainty / 100 < max(moved) < found.uncertainty
 
 
+@pytest.mark.parametrize("large", [1.0, 1e6, 1e10])
+def test_one_round_where_rounding_leaves_what_is_wanted(large):
+    """From a frame that is right by a thousandth, 1 is lost below 1e10 in one round, and not below 1e6."""
+    rng = np.random.default_rng(7)
+    turns = [np.linalg.qr(rng.standard_normal((3, 3)))[0] for _ in range(24)]
+    turns.append(turns[0])
+    sizes = np.array([large, 1.0, 1e-9]) ** (1 / 24)
+    factors = [b @ np.diag(sizes) @ a.T for a, b in zip(turns, turns[1:], strict=False)]
+    frame = np.linalg.qr(turns[0] + 1e-3 * rng.standard_normal((3, 3)))[0]
+    found = np.sort(np.abs(spectrum(factors, frame=frame, wanted=0.5).values))[::-1]
+    assert found[:2] == pytest.approx([max(large, 1.0), 1.0], rel=1e-11)
+
+
 def test_two_that_merge_near_zero():
     """A product of rank 1 with eigenvalues 1e-13 and 0: noise of 1e-15 moves them by its root, not by 1e-15 / 1e-13."""
     found = spectrum([np.array([[1e-13, 1.0], [0.0, 0.0]])], np.array([1e-15]))

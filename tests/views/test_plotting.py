@@ -144,6 +144,20 @@ def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> N
     assert states[0, before - 1] < 0 < states[0, before + 2]
 
 
+def test_labels_of_logarithmic_axes() -> None:
+    axes = Figure().subplots()
+    plotting.logarithmic(axes, "x")
+    plotting.logarithmic(axes, "y", linear=1e-3)
+    axes.set(xlim=(1.0, 5.0), ylim=(-10.0, 10.0))
+    axes.get_tightbbox()  # which sets the places of the labels
+    major, minor = axes.xaxis.get_major_formatter(), axes.xaxis.get_minor_formatter()
+    signed = axes.yaxis.get_major_formatter()
+    assert [major(10.0**k) for k in (-12, 0, 3)] == ["10⁻¹²", "10⁰", "10³"]
+    assert [minor(value) for value in (2.0, 3.0)] == ["2×10⁰", "3×10⁰"]
+    assert [signed(value) for value in (-0.1, 0.0, 10.0)] == ["−10⁻¹", "0", "10¹"]
+    assert "$" not in "".join(label.get_text() for label in axes.get_xticklabels() + axes.get_yticklabels())
+
+
 def test_nothing_to_draw_is_refused() -> None:
     for draw in (diagram, multipliers, time_traces, phase_portrait):
         with pytest.raises(InputError, match="at least one"):

@@ -31,7 +31,9 @@ from .plotting import (
     NullLocator,
     at_least_one,
     legend,
+    logarithmic,
     panels,
+    power,
 )
 
 SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "grazing": "v", "superstable": "*"}
@@ -72,7 +74,7 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
     >>> above, below = pictures.diagram([branch])
     >>> above.get_ylabel(), below.get_ylabel()
-    ('amplitude max |x$_1$| [rad]', 'period [s]')
+    ('amplitude max |x₁| [rad]', 'period [s]')
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
@@ -82,13 +84,13 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
         for curve in curves:
             values = np.array([getattr(orbit, quantity) for orbit in curve.orbits])
             _draw_curve(ax, curve, values, markers)
-        ax.set_ylabel({"amplitude": "amplitude max |x$_1$| [rad]", "period": "period [s]"}[quantity])
+        ax.set_ylabel({"amplitude": "amplitude max |x₁| [rad]", "period": "period [s]"}[quantity])
         ax.grid(True, which="major", color="0.88", linewidth=0.6)
         ax.margins(x=0.04, y=0.08)
-    above.set_yscale("log")
+    logarithmic(above, "y")
     low, high = below.dataLim.intervaly
     if high > 10 * low:
-        below.set_yscale("log")
+        logarithmic(below, "y")
     below.set_xlabel(GAIN_LABEL)
     if equilibria:
         _draw_equilibria(above)
@@ -342,4 +344,4 @@ def _multiplier_axis(axes: Axes, low: float, high: float) -> None:
 def _multiplier_tick(value: float, position: int) -> str:
     if abs(value) <= 1:
         return f"{value:g}".replace("-", "−")
-    return f"${'-' if value < 0 else ''}10^{{{round(math.log10(abs(value)))}}}$"
+    return f"{'−' if value < 0 else ''}{power(round(math.log10(abs(value))))}"

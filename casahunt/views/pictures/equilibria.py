@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...servo.equilibria import Equilibria, cubic
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, logarithmic, panels
 
 LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
@@ -59,8 +59,8 @@ def _strip(found: Equilibria, given: Any) -> Array:
     axes.plot([0, 0], [-1, 1], color=LOOKS["switch"].colour, linewidth=5, solid_capstyle="butt", label="equilibria")
     axes.set_xlim(-3, 3)
     axes.set_ylim(-4, 4)
-    axes.set_xlabel(f"x$_1$ / (Fs/kp), Fs/kp = {a:.4g} rad")
-    axes.set_ylabel(f"x$_3$ / (Fs/ki), Fs/ki = {b:.4g} rad s")
+    axes.set_xlabel(f"x₁ / (Fs/kp), Fs/kp = {a:.4g} rad")
+    axes.set_ylabel(f"x₃ / (Fs/ki), Fs/ki = {b:.4g} rad s")
     axes.set_title(f"stick region of the Switch servo, K = {found.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.95", linewidth=0.6)
     axes.legend(fontsize=SMALL, loc="upper right")
@@ -74,8 +74,8 @@ def _eigenvalues(found: Equilibria, given: Any) -> Array:
     largest = [float(np.max(np.roots(row).real)) for row in cubic(found.servo, found.gain, c)]
     left.plot(c, largest, color=LOOKS["switch"].colour, linewidth=1.8)
     left.axhline(0, color=NEUTRAL, linewidth=0.9)
-    left.set_xscale("log")
-    left.set_yscale("symlog", linthresh=1e-3)
+    logarithmic(left, "x")
+    logarithmic(left, "y", linear=1e-3)
     left.grid(True, color="0.9", linewidth=0.6)
     left.set_xlabel("c of the member; ends of the segment: c → 0")
     left.set_ylabel("largest real part beside the 0 [1/s]")
@@ -86,11 +86,10 @@ def _eigenvalues(found: Equilibria, given: Any) -> Array:
         right.plot(roots.real, roots.imag, marker=look.marker, linestyle="none", color=look.colour,
                    markeredgecolor="black", markeredgewidth=0.4, label=f"c = {level:g}")  # fmt: skip
     right.axvline(0, color=NEUTRAL, linewidth=0.9)
-    right.set_xscale("symlog", linthresh=1.0)
-    right.set_yscale("symlog", linthresh=1.0)
+    logarithmic(right, "x", "y", linear=1.0)
     right.set_xlabel("real part [1/s]")
     right.set_ylabel("imaginary part [1/s]")
-    right.set_title("c = 1 − (2α − 1) σ$_0$z/Fs", fontsize=10)
+    right.set_title("c = 1 − (2α − 1) σ₀z/Fs", fontsize=10)
     right.grid(True, color="0.9", linewidth=0.6)
     right.legend(fontsize=SMALL)
     if figure is not None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...motion.march import MarchFailure
 from ...servo.event_map.fixed_points import FixedPoints, map_at
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, legend, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, legend, logarithmic, panels
 
 DRAWN_SWINGS = 12
 """Half periods drawn of each motion."""
@@ -64,8 +64,7 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
             x, y = _web(seen, inner * factor)
             axes.plot(x, y, color=more.colour, linewidth=1.1, linestyle=more.dashes, zorder=5,
                       label=f"motion from 2 % {word} the innermost")  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    logarithmic(axes, "x", "y")
     axes.set_xlim(seen.low, seen.high)
     axes.set_ylim(seen.low, seen.high)
     axes.set_xlabel("stick position a [rad]")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...design.fold_curve.points import FoldCurve, hermite
 from ...errors import InputError
-from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, panels
+from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
 
 LABELS = {
     "servo.inertia": "inertia J [kg m$^2$]",
@@ -70,7 +70,7 @@ def regions(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     lowest = min(float(curve.gains.min()) for curve in curves)
     wide = highest > WIDE * lowest and not any(curve.vanishes for curve in curves)
     if wide:
-        axes.set_yscale("log")
+        logarithmic(axes, "y")
     floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * HEADROOM)
     for curve in curves:
         look = LOOKS[curve.model]
@@ -90,7 +90,7 @@ def regions(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     axes.set_ylim(floor, ceiling)
     least, most = min(float(c.values.min()) for c in curves), max(float(c.values.max()) for c in curves)
     if least > 0 and most > WIDE * least:
-        axes.set_xscale("log")
+        logarithmic(axes, "x")
     axes.set_xlim(least, most)
     if not any(curve.cusps for curve in curves):
         _words(axes, curves, wide)

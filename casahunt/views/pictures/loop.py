@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import InputError
 from ...servo.linear_loop import LinearLoop, controller_response, loop_response
 from ...servo.servo import Servo
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
 
 BODE_POINTS = 600
 ROOM = 30.0
@@ -75,8 +75,7 @@ def bode(servo: Servo, loops: Sequence[LinearLoop], *, axes: Any = None) -> Arra
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
     l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)
     for ax, label in ((c_size, "|C| [V/rad]"), (l_size, "|L| [–]")):
-        ax.set_xscale("log")
-        ax.set_yscale("log")
+        logarithmic(ax, "x", "y")
         ax.set_ylabel(label)
     for ax, label in ((c_phase, "phase of C [°], every K"), (l_phase, "phase of L [°], every K")):
         ax.set_ylabel(label)

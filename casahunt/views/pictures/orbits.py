@@ -31,6 +31,7 @@ from .plotting import (
     legend,
     new_figure,
     panels,
+    power,
 )
 
 LONG = 24
@@ -74,7 +75,7 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
     figure, all_of_them = panels(axes, n, sharex=True)
-    names = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"), ("z", "rad"))
+    names = (("x₁", "rad"), ("x₂", "rad/s"), ("x₃", "rad s"), ("z", "rad"))
     for i, (ax, (name, unit)) in enumerate(zip(all_of_them, names, strict=False)):
         peak = max(float(np.max(np.abs(states[i]))) for _, states in traces if i < len(states))
         factor, label = _scaled(name, unit, peak)
@@ -90,7 +91,7 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
         ax.axvline(0, color="0.6", linewidth=0.7, zorder=1)
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01, y=0.1)
-    all_of_them[-1].set_xlabel("time from the rise of x$_1$ through zero [s]")
+    all_of_them[-1].set_xlabel("time from the rise of x₁ through zero [s]")
     align(figure, all_of_them)
     labels = [f"{_name(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
     legend(figure, all_of_them[0], _orbit_handles(orbits, labels), frameon=False)
@@ -127,7 +128,7 @@ def phase_portrait(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array
     at_least_one("orbits", orbits)
     samples = [orbit.sample(DRAWN_POINTS)[1][:3] for orbit in orbits]
     peaks = np.max([np.max(np.abs(states), axis=1) for states in samples], axis=0)
-    units = (("x$_1$", "rad"), ("x$_2$", "rad/s"), ("x$_3$", "rad s"))
+    units = (("x₁", "rad"), ("x₂", "rad/s"), ("x₃", "rad s"))
     scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]
     labels = [label for _, label in scales]
     figure, three = _space_and_planes(axes)
@@ -205,7 +206,7 @@ def _rounded(value: float) -> str:
     exponent = math.floor(math.log10(value))
     if -3 < exponent < 4:
         return f"{value:.4g}"
-    return f"{value / 10.0**exponent:.3f}·10$^{{{exponent}}}$"
+    return f"{value / 10.0**exponent:.3f}·{power(exponent)}"
 
 
 def _orbit_handles(orbits: Sequence[HuntingOrbit], labels: Sequence[str]) -> list[Line2D]:
@@ -218,7 +219,7 @@ def _orbit_handles(orbits: Sequence[HuntingOrbit], labels: Sequence[str]) -> lis
 def _scaled(name: str, unit: str, peak: float) -> tuple[float, str]:
     """(factor, axis label) that bring numbers of size `peak` between 0.1 and 100."""
     exponent = 3 * math.floor((math.log10(peak) + 1) / 3) if peak > 0 else 0
-    return 10.0**exponent, f"{name} [{unit}]" if exponent == 0 else f"{name} [10$^{{{exponent}}}$ {unit}]"
+    return 10.0**exponent, f"{name} [{unit}]" if exponent == 0 else f"{name} [{power(exponent)} {unit}]"
 
 
 def rolled(times: Array, states: Array) -> tuple[Array, Array]:
