@@ -6,24 +6,24 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.collocation.elimination import eliminating_function, elimination, kept_states
+from casahunt.collocation.elimination import compiled, elimination, kept_states
 from casahunt.collocation.interval import interval_function
 from casahunt.collocation.newton import newton
 from casahunt.errors import Status
 from casahunt.orbits.orbit import unknowns_of
 
 
-def rates(*rows: str) -> np.ndarray:
+def pattern(*rows: str) -> np.ndarray:
     return np.array([[entry == "x" for entry in row] for row in rows])
 
 
 def test_states_whose_rates_contain_no_loop_are_substituted():
-    assert kept_states(rates(".x.", "xxx", "x..")) == ((1,), (0, 2))  # a servo: the integral after the position
-    assert kept_states(rates(".x..", "xxxx", "x...", ".x.x")) == ((1, 3), (0, 2))
-    assert kept_states(rates("x")) == ((0,), ())
-    assert kept_states(rates("xx", "xx")) == ((0, 1), ())
-    assert kept_states(rates(".x", "x.")) == ((0,), (1,))  # each the other's integral: one has to stay
-    assert kept_states(rates("..x", "x..", "..x")) == ((2,), (0, 1))
+    assert kept_states(pattern(".x.", "xxx", "x..")) == ((1,), (0, 2))  # a servo: the integral after the position
+    assert kept_states(pattern(".x..", "xxxx", "x...", ".x.x")) == ((1, 3), (0, 2))
+    assert kept_states(pattern("x")) == ((0,), ())
+    assert kept_states(pattern("xx", "xx")) == ((0, 1), ())
+    assert kept_states(pattern(".x", "x.")) == ((0,), (1,))  # each the other's integral: one has to stay
+    assert kept_states(pattern("..x", "x..", "..x")) == ((2,), (0, 1))
     assert kept_states(np.eye(13, dtype=bool)) == (tuple(range(13)), ())
 
 
@@ -51,7 +51,7 @@ FIELDS = {
 def test_the_whole_system_of_an_interval_has_the_same_solution(name, kind):
     """Against the dense block of interval.py, its LU and its own node rows."""
     field, n, kept = FIELDS[name]
-    assert eliminating_function(field, n, 2, 4, kind)[1] == kept
+    assert compiled(field, n, 2, 4).F == kept
     N, d, rng = 3, 4, np.random.default_rng(2)
     w, x_next = rng.standard_normal((N, n * (d + 1))), rng.standard_normal((N, n))
     T, h, sign = rng.uniform(1, 3, N), rng.uniform(0.1, 0.6, N), rng.choice([-1.0, 1.0], N)
