@@ -55,7 +55,8 @@ class Solution:
     parameter : lambda, zero unless a border row let it move.
     status, iterations : how it ended.
     residual : largest residual at u, scaled.
-    linearisation : the equations linearised at u (at the last iterate where the solver failed), or None.
+    linearisation : the equations linearised at u, or where a last step of at most `STEP_TOLERANCE` began (at the last
+        iterate where the solver failed), or None.
     solver : which one found it.
     """
 
@@ -102,7 +103,7 @@ def newton(
     -------
     Solution, whose status says how it ended.
     """
-    row = t.system.border(parameter=1.0) if border is None else border
+    row = t.system.held if border is None else border
     start, u, lam, last = u, u.copy(), parameter, np.inf
     for iteration in range(1, (ROUGH_ITERATIONS if rough else max_iterations) + 1):
         step = _step(t, u, setting.moved(lam), row)
@@ -121,10 +122,11 @@ def newton(
             return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         rounding = step.size <= ROUNDED and step.size > 0.3 * last
         if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or rounding:
-            return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
+            near = lin if step.size <= STEP_TOLERANCE else None
+            return _arrived(t, start, u, lam, setting, row, iteration, largest_move, near)
         if step.size > (LOST if rough else DIVERGED) or (iteration > 3 and step.size > 2 * last):
             break
-        if np.any(t.durations_of(u) <= 0):
+        if (t.durations_of(u) <= 0).any():
             return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)
         last = step.size
     return Solution(u, lam, Status.NOT_CONVERGED, iteration, np.inf, lin)
@@ -155,9 +157,14 @@ def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | S
 
 def _arrived(
     t: Transcription, start: Array, u: Array, lam: float, setting: Setting, row: Array, iteration: int,
-    largest_move: float,
+    largest_move: float, near: Linearisation | None,
 ) -> Solution:
-    """The solution after the last step, judged by the residual and, where that is not small, by the next step."""
+    """The solution after the last step, judged by the residual and, where that is not small, by the next step.
+
+    `near` is the linearisation where that step began, where it serves for both ends.
+    """
+    if near is not None and (residual := t.residual_norm(u, setting.moved(lam))) <= RESIDUAL_LIMIT:
+        return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, near)
     try:
         lin = t.linearise(u, setting.moved(lam))
     except np.linalg.LinAlgError:
@@ -181,8 +188,9 @@ def size_of_step(t: Transcription, u: Array, du: Array) -> float:
     -------
     The largest; NaN stays NaN.
     """
-    relative = np.abs(du[-t.phases :]) / np.maximum(np.abs(u[-t.phases :]), 1e-300)
-    return float(np.maximum(np.abs(du[: -t.phases]).max(), relative.max()))
+    sizes, P = np.abs(du), t.phases
+    sizes[-P:] /= np.maximum(np.abs(u[-P:]), 1e-300)
+    return float(sizes.max())
 
 
 def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
@@ -207,8 +215,8 @@ def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bo
         return Status.NOT_FINITE
     if not small:
         return Status.NOT_CONVERGED
-    if np.any(t.durations_of(u) <= 0):
+    if (t.durations_of(u) <= 0).any():
         return Status.INADMISSIBLE
-    if float(np.max(np.abs(t.nodes_of(u) - t.nodes_of(start)))) > largest_move:
+    if float(np.abs(t.nodes_of(u) - t.nodes_of(start)).max()) > largest_move:
         return Status.FAR_FROM_GUESS
     return Status.CONVERGED

@@ -107,3 +107,17 @@ def test_a_rough_solution_that_is_lost_is_given_up(orbit):
     assert newton(t, start, setting).status is Status.FAR_FROM_GUESS
     lost = newton(t, start, setting, rough=1e-5)
     assert lost.status is Status.NOT_CONVERGED and lost.iterations == 1
+
+
+def test_a_last_step_is_checked_by_what_it_leaves(orbit, monkeypatch):
+    """Without the Jacobian, and where that is too much with it: at the solution itself, by one linearisation more."""
+    t, u, setting = unknowns_of(orbit("switch", 0.4))
+    start = u * (1 + 1e-3 * np.cos(np.arange(u.size)))
+    counted, linearise = [], type(t).linearise
+    monkeypatch.setattr(type(t), "linearise", lambda *args: counted.append(0) or linearise(*args))
+    plain = newton(t, start, setting)
+    before = len(counted)
+    assert plain.status.ok and plain.residual < 1e-10 and before == plain.iterations
+    monkeypatch.setattr(type(t), "residual_norm", lambda *_: 1.0)
+    again = newton(t, start, setting)
+    assert again.status.ok and again.residual < 1e-10 and len(counted) - before == before + 1
