@@ -244,9 +244,10 @@ def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
     -------
     (n,) in the units of u, that is of setting.scale; 1 for a state that is zero all along, whose size nobody knows.
     """
-    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0, initial=0.0)
     nodes = t.nodes_of(u)
-    largest = np.maximum(w, np.abs(nodes).max(axis=0))
+    largest = np.abs(nodes).max(axis=0)
+    if t.intervals:
+        largest = np.maximum(largest, np.abs(t.intervals_of(u)).max(axis=0).reshape(-1, t.n).max(axis=0))
     for k, phase in enumerate(t.cycle.phases):
         if phase.mode.flow is not None and not linear_in_time(phase.mode, t.n, setting.p.size):
             times = float(t.durations_of(u)[k]) * _INSIDE
