@@ -198,7 +198,7 @@ def functional_errors(
     halves = Setting(fractions, setting.p, setting.scale, setting.dp)
     lin = fine.linearise(u_fine, halves)
     maps = _joined(t, fine, lin.maps)
-    row = t.system.held if border is None else border
+    row = t.system.border(parameter=1.0) if border is None else border
     matrix = t.system.nonzeros(maps, lin.closure, lin.events, row)
     rhs = np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
     E, n = t.elements, t.n

@@ -41,6 +41,8 @@ LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
 LOST, ROUGH_ITERATIONS = 1.0, 7
 """A rough solution is given up, and a shorter way gone, after a Newton step larger than this, or that many."""
+QUADRATIC = 0.01
+"""A Newton step below this part of the one before is one of a sequence that shrinks quadratically."""
 DIVERGED = 1e3
 """A Newton step larger than this leads nowhere."""
 
@@ -55,8 +57,8 @@ class Solution:
     parameter : lambda, zero unless a border row let it move.
     status, iterations : how it ended.
     residual : largest residual at u, scaled.
-    linearisation : the equations linearised at u, or where a last step of at most `STEP_TOLERANCE` began (at the last
-        iterate where the solver failed), or None.
+    linearisation : the equations linearised at u (where rough or nearby: where the last step began; at the last iterate
+        where the solver failed), or None.
     solver : which one found it.
     """
 
@@ -74,12 +76,9 @@ def newton(
     u: Array,
     setting: Setting,
     *,
-    border: Array | None = None,
-    parameter: float = 0.0,
-    max_iterations: int = 12,
-    largest_move: float = LARGEST_MOVE,
-    accuracy: float = 0.0,
-    rough: float = 0.0,
+    border: Array | None = None, parameter: float = 0.0,
+    max_iterations: int = 12, largest_move: float = LARGEST_MOVE,
+    accuracy: float = 0.0, rough: float = 0.0, nearby: float = 0.0,
 ) -> Solution:
     """Newton's method from u.
 
@@ -98,37 +97,38 @@ def newton(
     rough
         above zero, a point is a solution too whose next step is sure to be no larger, with no more left of the
         equations; the linearisation is that where the last step began.
+    nearby
+        above zero, so is one, from no further than this, whose next step is below `accuracy` for sure (`_sure`).
 
     Returns
     -------
     Solution, whose status says how it ended.
     """
-    row = t.system.held if border is None else border
-    start, u, lam, last = u, u.copy(), parameter, np.inf
+    row = t.system.border(parameter=1.0) if border is None else border
+    start, u, lam, last, before = u, u.copy(), parameter, np.inf, None
     for iteration in range(1, (ROUGH_ITERATIONS if rough else max_iterations) + 1):
         step = _step(t, u, setting.moved(lam), row)
         if isinstance(step, Status):
             return Solution(u, lam, step, iteration, np.inf, None)
         lin = step.linearisation
-        # Next to a fold lambda may have a way to go where the states have none.
-        if max(step.size, abs(step.dlam)) <= min(accuracy, ROUNDED):
-            residual = lin.residual_norm()
-            return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
+        if step.whole <= min(accuracy, ROUNDED):
+            status = verdict(t, start, u, residual := lin.residual_norm(), True, largest_move)
+            return Solution(u, lam, status, iteration, residual, lin)
         u += step.du
         lam += step.dlam
-        # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
+        # The next step is at most this one times the last reduction; where that is enough, what is left decides.
         foreseen = step.size * (step.size / last) if last < np.inf else np.inf
-        if min(step.size, foreseen) <= rough and (residual := t.residual_norm(u, setting.moved(lam))) <= rough:
+        limit = rough if min(step.size, foreseen) <= rough else RESIDUAL_LIMIT * _sure(step, before, nearby, accuracy)
+        if limit and (residual := t.residual_norm(u, setting.moved(lam))) <= limit:
             return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         rounding = step.size <= ROUNDED and step.size > 0.3 * last
         if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or rounding:
-            near = lin if step.size <= STEP_TOLERANCE else None
-            return _arrived(t, start, u, lam, setting, row, iteration, largest_move, near)
+            return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
         if step.size > (LOST if rough else DIVERGED) or (iteration > 3 and step.size > 2 * last):
             break
         if (t.durations_of(u) <= 0).any():
             return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)
-        last = step.size
+        last, before = step.size, step
     return Solution(u, lam, Status.NOT_CONVERGED, iteration, np.inf, lin)
 
 
@@ -140,6 +140,22 @@ class _Step:
     dlam: float
     size: float
     linearisation: Linearisation
+
+    @property
+    def whole(self) -> float:
+        """How large with lambda, which next to a fold may have a way to go where the states have none."""
+        return max(self.size, abs(self.dlam))
+
+
+def _sure(step: _Step, before: _Step | None, nearby: float, accuracy: float) -> bool:
+    """Whether the step after this one, which is short enough, is below an accuracy for sure.
+
+    |step_(k+1)| <= C |step_k|^2 with the C of the two steps at hand (Deuflhard, Newton methods, 2004, section 2.1),
+    where it shows that the steps have begun to shrink like that.
+    """
+    if before is None or not step.whole <= min(nearby, QUADRATIC * before.whole):
+        return False
+    return step.whole * (step.whole / before.whole) ** 2 <= accuracy
 
 
 def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | Status:
@@ -157,14 +173,9 @@ def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | S
 
 def _arrived(
     t: Transcription, start: Array, u: Array, lam: float, setting: Setting, row: Array, iteration: int,
-    largest_move: float, near: Linearisation | None,
+    largest_move: float,
 ) -> Solution:
-    """The solution after the last step, judged by the residual and, where that is not small, by the next step.
-
-    `near` is the linearisation where that step began, where it serves for both ends.
-    """
-    if near is not None and (residual := t.residual_norm(u, setting.moved(lam))) <= RESIDUAL_LIMIT:
-        return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, near)
+    """The solution after the last step, judged by the residual and, where that is not small, by the next step."""
     try:
         lin = t.linearise(u, setting.moved(lam))
     except np.linalg.LinAlgError:

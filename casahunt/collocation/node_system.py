@@ -45,8 +45,6 @@ class NodeSystem:
             [(joint_nodes[:, None] * n + np.arange(n)).ravel(), (E + 1) * n + np.arange(P), [last]]
         )
         """Columns that the border row may use: phase-end nodes (the very first included), T, lambda."""
-        self.held = self.border(parameter=1.0)
-        """The border row that holds lambda: not to be written into."""
         rows = [
             np.repeat(states, n + 2), states.ravel(), E * n + np.arange(n), E * n + ci,
             np.repeat(first_event + np.arange(P), n), first_event + np.arange(P), first_event + np.arange(P),

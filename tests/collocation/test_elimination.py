@@ -8,7 +8,7 @@ import pytest
 
 from casahunt.collocation.elimination import compiled, elimination, kept_states
 from casahunt.collocation.interval import interval_function
-from casahunt.collocation.newton import newton
+from casahunt.collocation.newton import _Step, _sure, newton
 from casahunt.errors import Status
 from casahunt.orbits.orbit import unknowns_of
 
@@ -109,15 +109,28 @@ def test_a_rough_solution_that_is_lost_is_given_up(orbit):
     assert lost.status is Status.NOT_CONVERGED and lost.iterations == 1
 
 
-def test_a_last_step_is_checked_by_what_it_leaves(orbit, monkeypatch):
-    """Without the Jacobian, and where that is too much with it: at the solution itself, by one linearisation more."""
+def test_a_step_that_is_sure_to_be_small_is_not_computed(orbit, monkeypatch):
     t, u, setting = unknowns_of(orbit("switch", 0.4))
     start = u * (1 + 1e-3 * np.cos(np.arange(u.size)))
-    counted, linearise = [], type(t).linearise
-    monkeypatch.setattr(type(t), "linearise", lambda *args: counted.append(0) or linearise(*args))
-    plain = newton(t, start, setting)
-    before = len(counted)
-    assert plain.status.ok and plain.residual < 1e-10 and before == plain.iterations
-    monkeypatch.setattr(type(t), "residual_norm", lambda *_: 1.0)
-    again = newton(t, start, setting)
-    assert again.status.ok and again.residual < 1e-10 and len(counted) - before == before + 1
+    whole, early = (newton(t, start, setting, accuracy=1e-9, nearby=nearby) for nearby in (0.0, 1e-3))
+    assert early.status.ok and early.iterations == whole.iterations - 1 and early.residual < 1e-8
+    assert np.abs(early.u - whole.u).max() < 1e-9
+    assert newton(t, start, setting, accuracy=1e-9, nearby=1e-12).iterations == whole.iterations
+    monkeypatch.setattr(type(t), "residual_norm", lambda *_: 1.0)  # where the equations do not hold it is
+    assert newton(t, start, setting, accuracy=1e-9, nearby=1e-3).iterations >= whole.iterations
+
+
+@pytest.mark.parametrize(
+    ("sizes", "dlam", "sure"),
+    [
+        ((1e-3, 1e-6), 0.0, True),  # quadratic, with 1e-12 to follow
+        ((5e-5, 1e-6), 0.0, False),  # linear so far: 2e-8 may follow
+        ((1e-3, 1e-6), 2e-5, False),  # next to a fold lambda has still a way to go
+        ((1e-3, 9e-6), 0.0, True),
+        ((1e-3, np.nan), 0.0, False),
+    ],
+)
+def test_what_quadratic_convergence_makes_sure(sizes, dlam, sure):
+    before, step = (_Step(np.zeros(1), dlam, size, None) for size in sizes)
+    assert _sure(step, before, 1e-5, 1e-9) is sure
+    assert not _sure(step, None, 1e-5, 1e-9)
