@@ -323,8 +323,7 @@ def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _
         return _solved_alone(task, start, parameter)
     found, accuracy = [], LEFT_OUT * task.options.tol
     for one in (solver, "newton" if solver == "ipopt" else "ipopt"):
-        newtons = one == "newton"
-        found.append(newton(*start, accuracy=accuracy, nearby=GLANCE) if newtons else ipopt_then_newton(*start))
+        found.append(ipopt_then_newton(*start) if one == "ipopt" else newton(*start, accuracy=accuracy, nearby=GLANCE))
         if found[-1].status.ok:
             return _Root(start[0], start[2], found[-1])
     return _Root(start[0], start[2], found[0])
@@ -334,8 +333,7 @@ def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
     """One solve by one solver, under the border row: the one that the user named, by `auto` Newton's method."""
     t, u, setting = start
     row = None if task.border is None else curve_border(t, u, task.border)
-    solver: Solver = "newton" if task.options.solver == "auto" else task.options.solver
-    tol = task.options.tol
+    solver, tol = "newton" if task.options.solver == "auto" else task.options.solver, task.options.tol
     found = solve(
         t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * tol,
         rough=SKETCHED * tol if task.options.sketched else 0.0, nearby=GLANCE,
