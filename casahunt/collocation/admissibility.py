@@ -216,7 +216,7 @@ def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST
     (N,) bool.
     """
     values = np.asarray(feature(points.reshape(-1, points.shape[-1]).T, p), float).reshape(points.shape[:2])
-    return np.max(np.abs(np.diff(values, axis=1)), axis=1) > largest
+    return np.abs(values[:, 1:] - values[:, :-1]).max(axis=1) > largest
 
 
 @lru_cache(maxsize=256)
@@ -250,21 +250,20 @@ def _not_clear(t: Transcription, values: Array, slack: Array) -> Array:
     """(N,) True where the condition (N, d + 1) at start and stages is not clear of zero by its resolution."""
     s, size = t.scheme, _largest_of_phase(t, values)
     first, last = t.first_intervals, t.first_intervals + t.collocated_counts - 1
-    out, zero_start, zero_end = np.zeros((3, len(values)), dtype=bool)
-    zero_start[first] = np.abs(values[first, 0]) <= AT_ZERO * size[first]
-    zero_end[last] = np.abs(values[last] @ _dense(s.degree, s.kind)[1]) <= AT_ZERO * size[last]
-    for starts in (False, True):
-        for stops in (False, True):
-            chosen = (zero_start == starts) & (zero_end == stops)
-            if not chosen.any():
-                continue
-            keep, divisor, top = _slope_of(s.degree, s.kind, starts, stops)
-            slope = values[chosen][:, keep] / divisor
-            unclear = slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
-            if starts and s.degree == 2:
-                # A slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
-                # is no smaller on a finer mesh, that of v/t^2 is.
-                slope /= s.points[keep]
-                unclear &= slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
-            out[chosen] = unclear
+    starts, stops = np.zeros((2, len(values)), dtype=int)
+    starts[first] = np.abs(values[first, 0]) <= AT_ZERO * size[first]
+    stops[last] = np.abs(values[last] @ _dense(s.degree, s.kind)[1]) <= AT_ZERO * size[last]
+    out = values.min(axis=1) + slack < RESOLUTION * np.abs(values @ s.last_mode)
+    kinds = 2 * starts + stops
+    for kind in set(kinds[kinds > 0].tolist()):
+        chosen = np.flatnonzero(kinds == kind)
+        keep, divisor, top = _slope_of(s.degree, s.kind, kind > 1, kind % 2 == 1)
+        slope = values[chosen][:, keep] / divisor
+        unclear = slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
+        if kind > 1 and s.degree == 2:
+            # A slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
+            # is no smaller on a finer mesh, that of v/t^2 is.
+            slope /= s.points[keep]
+            unclear &= slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
+        out[chosen] = unclear
     return out

@@ -8,12 +8,18 @@ and with x, T and lambda.  Of every state a it has d rows, and
 The rate of a position does not contain itself.  Such states E, as many as leave no loop among themselves, are put in
 terms of the others F by substitution, each after those that its rate contains,
 
-    Y_e = R_e + sum_f M_ef Y_f,       M_ef = h T A (diag(J_ef) + sum_c diag(J_ec) M_cf),       c in E before e,
+    Y_e = R_e + sum_f M_ef Y_f,    R_e = K_e + h T A sum_c diag(J_ec) R_c,                       c in E before e,
+                                   M_ef =      h T A (diag(J_ef) + sum_c diag(J_ec) M_cf),
 
-and what is left to be solved is S Y_F = rhs of |F| d rows in place of n d; det S is that of the whole.  Where J_ac is
-the same at all stages, products of h T A J are powers of A, which are numbers.
+and the same sums for the states of F give what is left to be solved,
 
-Symbols: n states, d stages, R = n (d + 1), N intervals, c = n + 3 columns.
+    S Y_F = rhs,    rhs_f = K_f + h T A sum_c diag(J_fc) R_c,  S_fg = 1 - h T A (diag(J_fg) + sum_c diag(J_fc) M_cg),
+
+|F| d rows in place of n d; det S is that of the whole.  R and M stand side by side as columns [R_e | M_e], which the
+same sums lead from state to state.  Compiled is what the stages of an interval say by themselves, the field and its
+derivatives; the sums are products of A with all columns of all intervals at once.
+
+Symbols: n states, d stages, R = n (d + 1), N intervals, c = n + 3 columns of K, m states whose rate lambda moves.
 """
 
 from __future__ import annotations
@@ -30,6 +36,7 @@ from .interval import sizes_of_parts
 from .scheme import Kind, scheme
 
 Array = np.ndarray
+Place = tuple[int, int]
 
 MOST_SUBSETS = 12
 """States up to which all choices of F are looked through; of more, all stay."""
@@ -76,116 +83,30 @@ def kept_states(rates: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(range(n)), ()
 
 
-class _Polynomial:
-    """sum_k coefficients[k] A^k + rest: a (d, d) matrix of which the powers of A are numbers."""
+@dataclass(frozen=True)
+class Compiled:
+    """What is compiled of an interval, and what stands where in it.
 
-    def __init__(self, A: Array, coefficients: dict[int, ca.SX], rest: ca.SX | None = None) -> None:
-        self.A, self.coefficients, self.rest = A, coefficients, rest
-
-    def times(self, right: Array) -> ca.SX:
-        """Its product with numbers (d, m)."""
-        out = ca.SX.zeros(*right.shape) if self.rest is None else ca.mtimes(self.rest, ca.DM(right))
-        for k, value in self.coefficients.items():
-            out = out + value * ca.DM(np.linalg.matrix_power(self.A, k) @ right)
-        return out
-
-    def full(self) -> ca.SX:
-        """The matrix."""
-        return self.times(np.eye(len(self.A)))
-
-    def after(self, weights: list[ca.SX], step: ca.SX) -> _Polynomial:
-        """step A diag(weights) times it; `weights` has one entry where they are the same."""
-        A = ca.DM(self.A)
-        if len(weights) > 1:
-            if set(self.coefficients) == {0} and self.rest is None:
-                row = (step * self.coefficients[0]) * ca.vertcat(*weights).T
-                return _Polynomial(self.A, {}, A * ca.repmat(row, len(self.A), 1))
-            return _Polynomial(self.A, {}, step * ca.mtimes(A, _weighted(weights, self.full())))
-        factor = step * weights[0]
-        rest = None if self.rest is None else factor * ca.mtimes(A, self.rest)
-        return _Polynomial(self.A, {k + 1: factor * value for k, value in self.coefficients.items()}, rest)
-
-    def minus(self) -> _Polynomial:
-        """Its negative."""
-        coefficients = {k: -value for k, value in self.coefficients.items()}
-        return _Polynomial(self.A, coefficients, None if self.rest is None else -self.rest)
-
-    def __add__(self, other: _Polynomial) -> _Polynomial:
-        both = dict(self.coefficients)
-        for k, value in other.coefficients.items():
-            both[k] = both[k] + value if k in both else value
-        rests = [rest for rest in (self.rest, other.rest) if rest is not None]
-        return _Polynomial(self.A, both, rests[0] + rests[1] if len(rests) == 2 else next(iter(rests), None))
-
-
-def _weighted(weights: list[ca.SX], stages: ca.SX) -> ca.SX:
-    """diag(weights) times (d, m) columns; `weights` has one entry where they are the same."""
-    return (weights[0] if len(weights) == 1 else ca.repmat(ca.vertcat(*weights), 1, stages.size2())) * stages
-
-
-class _Substitution:
-    """Y_a = sum_f M_af Y_f - sum_c M_a(n+c) 1 [column of x_c] + R_a [the three other columns], state by state.
-
-    `rates` (n, n) has the J_ac as lists of one entry or of d, empty where there is none.
+    Attributes
+    ----------
+    function : of w = (x, X) of length R, duration T, fraction h, sign of the mode, p and its direction dp, scale D.
+        Outputs, for arrays that run the other way: h f, and h df/dlambda of `moved`, (d, n + m); h T J_ac of `varying`
+        (d, .) and of `constant` (1, .).
+    varying, constant : the places (a, c) of the J_ac that change from stage to stage, and of those that do not.
+    moved : the states whose rate lambda moves.
+    F, E : states, see the module docstring.
     """
 
-    def __init__(self, A: Array, step: ca.SX, rates: list[list[list[ca.SX]]], known: list[ca.SX]) -> None:
-        present = np.array([[bool(weights) for weights in row] for row in rates])
-        self.F, self.E = kept_states(present)
-        self.A, self.step, self.rates, self.known, self.n = A, step, rates, known, len(rates)
-        self.identity = _Polynomial(A, {0: ca.SX(1.0)})
-        self.M = {f: {f: self.identity} for f in self.F}
-        self.R: dict[int, ca.SX] = {}
-        for e in self.E:
-            factors, rest = self._integrals(e, step)
-            self.M[e] = {**factors, self.n + e: self.identity}  # n + e is new: no loop leads back to e
-            self.R[e] = known[e] + rest
-
-    def _integrals(self, a: int, step: ca.SX) -> tuple[dict[int, _Polynomial], ca.SX]:
-        """step A sum_c diag(J_ac) Y_c as (factors, rest)."""
-        factors: dict[int, _Polynomial] = {}
-        rest = ca.SX.zeros(len(self.A), 3)
-        for c, terms in self.M.items():
-            if weights := self.rates[a][c]:
-                for g, factor in terms.items():
-                    term = factor.after(weights, step)
-                    factors[g] = factors[g] + term if g in factors else term
-                rest += _weighted(weights, self.R[c]) if c in self.R else 0.0
-        return factors, step * ca.mtimes(ca.DM(self.A), rest)
-
-    def _columns(self, factors: dict[int, _Polynomial], rest: ca.SX) -> ca.SX:
-        """(d, n + 3): what belongs to the columns of K."""
-        d = len(self.A)
-        of_x = [-factors[self.n + c].times(np.ones((d, 1))) if self.n + c in factors else ca.SX.zeros(d, 1)
-                for c in range(self.n)]  # fmt: skip
-        return ca.horzcat(rest[:, 0], *of_x, rest[:, 1:])
-
-    def left(self) -> tuple[ca.SX, ca.SX]:
-        """S and rhs."""
-        d, rows, rhs = len(self.A), [], []
-        for f in self.F:
-            factors, rest = self._integrals(f, -self.step)
-            blocks = [factors[g].full() if g in factors else ca.SX.zeros(d, d) for g in self.F]
-            blocks[self.F.index(f)] += np.eye(d)
-            rows.append(ca.horzcat(*blocks))
-            of_x = {key: factor.minus() for key, factor in factors.items() if key >= self.n}
-            rhs.append(self._columns({**of_x, self.n + f: self.identity}, self.known[f] - rest))
-        return ca.vertcat(*rows), ca.vertcat(*rhs)
-
-    def of_others(self) -> tuple[ca.SX, ca.SX]:
-        """Of the states E: R and M, as (|E| d, .)."""
-        d, n = len(self.A), self.n
-        if not self.E:
-            return ca.SX(0, n + 3), ca.SX(0, len(self.F) * d)
-        zero = ca.SX.zeros(d, d)
-        back = [[self.M[e][f].full() if f in self.M[e] else zero for f in self.F] for e in self.E]
-        return ca.vertcat(*(self._columns(self.M[e], self.R[e]) for e in self.E)), ca.blockcat(back)
+    function: ca.Function
+    varying: tuple[Place, ...]
+    constant: tuple[Place, ...]
+    moved: tuple[int, ...]
+    F: tuple[int, ...]
+    E: tuple[int, ...]
 
 
 @kept(maxsize=64)
-def eliminating_function(
-    field: Field, n: int, parameters: int, degree: int, kind: Kind
-) -> tuple[ca.Function, tuple[int, ...], tuple[int, ...]]:
+def compiled(field: Field, n: int, parameters: int, degree: int) -> Compiled:
     """The function behind `Elimination`, for one interval.
 
     Parameters
@@ -194,60 +115,65 @@ def eliminating_function(
         f(x, p, sign) of the mode.
     n, parameters
         numbers of states and of parameters.
-    degree, kind
-        collocation scheme.
+    degree
+        number of stages.
 
     Returns
     -------
-    (function, F, E).  Inputs as `interval.interval_function`.  Outputs, transposed for arrays that run the other way:
-    residual (R), S, rhs, R and M of the states E, all state by state.
+    Compiled.
     """
-    s, d = scheme(degree, kind), degree
-    w, x_next = ca.SX.sym("w", n * (d + 1)), ca.SX.sym("x_next", n)
-    T, h, sign = ca.SX.sym("T"), ca.SX.sym("h"), ca.SX.sym("sign")
+    w, T, h, sign = ca.SX.sym("w", n * (degree + 1)), ca.SX.sym("T"), ca.SX.sym("h"), ca.SX.sym("sign")
     p, dp, scale = ca.SX.sym("p", parameters), ca.SX.sym("dp", parameters), ca.SX.sym("scale", n)
     z = ca.SX.sym("z", n)
     f = field(scale * z, p, sign) / scale
-    J = ca.jacobian(f, z)
-    local = ca.Function("jet", [z, p, dp, scale, sign], [f, J, ca.jtimes(f, p, dp)])
-    x, X = w[:n], ca.reshape(w[n:], n, d).T
-    jets = [local(X[j, :].T, p, dp, scale, sign) for j in range(d)]
-    fields, moved = (ca.horzcat(*(jet[k] for jet in jets)).T for k in (0, 2))
-    rates: list[list[list[ca.SX]]] = [[[] for _ in range(n)] for _ in range(n)]
-    for a, c in zip(*J.sparsity().get_triplet(), strict=True):
-        rates[a][c] = [jet[1][a, c] for jet in jets] if ca.depends_on(J[a, c], z) else [J[a, c]]
-    A, step = s.matrix, h * T
-    sums = ca.mtimes(ca.DM(A), fields)
-    stages = X - ca.repmat(x.T, d, 1) - step * sums
-    of_lambda = -step * ca.mtimes(ca.DM(A), moved)
-    at_node = x_next - x - step * ca.mtimes(fields.T, ca.DM(s.weights))
-    known = [ca.horzcat(stages[:, a], -h * sums[:, a], of_lambda[:, a]) for a in range(n)]
-    reduced = _Substitution(A, step, rates, known)
-    outputs = [ca.vertcat(ca.vec(stages.T), at_node), *reduced.left(), *reduced.of_others()]
-    inputs = [w, x_next, T, h, sign, p, dp, scale]
-    function = ca.Function("elimination", inputs, ca.cse([ca.densify(out.T) for out in outputs]))
-    return function, reduced.F, reduced.E
+    J, change = ca.jacobian(f, z), ca.jtimes(f, p, dp)
+    places = list(zip(*J.sparsity().get_triplet(), strict=True))
+    varying = tuple(place for place in places if ca.depends_on(J[place], z))
+    constant = tuple(place for place in places if place not in varying)
+    moved = tuple(a for a in range(n) if not change[a].is_zero())
+    present = np.zeros((n, n), dtype=bool)
+    for place in places:
+        present[place] = True
+    F, E = kept_states(present)
+    jet = ca.vertcat(f, *(change[a] for a in moved)), ca.vertcat(ca.SX(0, 1), *(J[place] for place in varying))
+    at_stage = ca.Function("jet", [z, p, dp, scale, sign], jet)
+    X = ca.reshape(w[n:], n, degree)
+    stages = [at_stage(X[:, j], p, dp, scale, sign) for j in range(degree)]
+    slopes, rates = (ca.horzcat(*parts).T for parts in zip(*stages, strict=True))
+    rates, steady = h * T * rates, h * T * ca.vertcat(ca.SX(0, 1), *(J[place] for place in constant)).T
+    outputs = ca.cse([ca.densify(out) for out in (h * slopes, rates, steady)])
+    return Compiled(ca.Function("stages", [w, T, h, sign, p, dp, scale], outputs), varying, constant, moved, F, E)
 
 
 @kept(maxsize=128)
-def _part(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> ca.Function:
+def _part(field: Field, n: int, parameters: int, degree: int, intervals: int) -> ca.Function:
     """The function over a number of intervals, all arguments given for each."""
-    return eliminating_function(field, n, parameters, degree, kind)[0].map(intervals)
+    return compiled(field, n, parameters, degree).function.map(intervals)
 
 
 class Elimination:
-    """`eliminating_function` over N intervals, called through fixed buffers (compiled.py), and what numpy does then."""
+    """The stages of N intervals eliminated: `compiled` through fixed buffers (compiled.py), and what numpy does then.
+
+    Arrays have stages last and columns before them, the transpose of what the module docstring has: Y (n, N, C, d) of
+    C = c + |F| d columns, [R | M] of the states E and [rhs | 1 - S] of F.
+    """
 
     def __init__(self, field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> None:
-        function, F, E = eliminating_function(field, n, parameters, degree, kind)
-        parts = [(_part(field, n, parameters, degree, kind, size), size) for size in sizes_of_parts(intervals)]
-        inputs = [n * (degree + 1), n, 1, 1, 1, parameters, parameters, n]
-        outputs = [(function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
-        self._caller = caller_by_rows(parts, inputs, outputs)
-        self._shape = intervals, degree, n
-        end = scheme(degree, kind).interpolation(np.array([1.0]))
-        self._start, self._end, self._own = float(end[0, 0]), end[:, 1:], np.arange(n)
-        self._F, self._E = np.array(F, dtype=int), np.array(E, dtype=int)
+        parts = [(_part(field, n, parameters, degree, size), size) for size in sizes_of_parts(intervals)]
+        found, s, d = compiled(field, n, parameters, degree), scheme(degree, kind), degree
+        outputs = [(n + len(found.moved), d), (len(found.varying), d), (len(found.constant), 1)]
+        self._caller = caller_by_rows(parts, [n * (d + 1), 1, 1, 1, parameters, parameters, n], outputs)
+        self._shape, self._moved, self._F, self._E = (intervals, d, n), found.moved, list(found.F), list(found.E)
+        blocks = {f: slice(n + 3 + i * d, n + 3 + (i + 1) * d) for i, f in enumerate(found.F)}
+        places = list(enumerate((*found.varying, *found.constant)))
+        self._own = [[(blocks[c], k) for k, (b, c) in places if a == b and c in blocks] for a in range(n)]
+        self._through = [[(c, k) for k, (b, c) in places if a == b and c not in blocks] for a in range(n)]
+        self._A, self._sums, self._identity = s.matrix.T.copy(), s.sums.T.copy(), np.eye(len(found.F) * d)
+        self._known = np.zeros((n, 1, n + 3 + len(found.F) * d, d))
+        self._known[np.arange(n), 0, 1 + np.arange(n)] = -1.0
+        end = s.interpolation(np.array([1.0]))[0]
+        self._end, self._left_at_end = end[1:].copy(), np.vstack([np.kron(end[1:, None], np.eye(n)), -np.eye(n)])
+        self._start = end[0] * np.eye(n, n + 3, 1)[:, None]
 
     def __call__(
         self, w: Array, x_next: Array, duration: Array, fraction: Array, sign: Array, p: Array, dp: Array, scale: Array
@@ -259,25 +185,69 @@ class Elimination:
         numpy.linalg.LinAlgError : the stages of an interval cannot be eliminated.
         """
         buffers = self._caller.buffers
-        w_, x_next_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
-        for store, value in ((w_, w), (x_next_, x_next), (p_, p), (dp_, dp), (scale_, scale)):
-            store[:] = value
-        for store, value in ((duration_, duration), (fraction_, fraction), (sign_, sign)):
-            store.T[:] = value
+        w_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
+        w_[:], p_[:], dp_[:], scale_[:] = w, p, dp, scale
+        duration_[:, 0], fraction_[:, 0], sign_[:, 0] = duration, fraction, sign
         buffers.trigger()
-        residual, S, rhs, R, back = buffers.outputs
         N, d, n = self._shape
-        Y = np.linalg.solve(S, rhs)
-        stages = np.empty((N, d, n, n + 3))
-        by_states = stages.transpose(0, 2, 1, 3)
-        by_states[:, self._F] = Y.reshape(N, -1, d, n + 3)
-        if self._E.size:
-            by_states[:, self._E] = (back @ Y + R).reshape(N, -1, d, n + 3)
-        residual = residual.reshape(N, -1).copy()
-        maps = (self._end @ -stages.reshape(N, d, -1)).reshape(N, n, n + 3)
-        maps[:, :, 0] += (self._end @ residual[:, : d * n].reshape(N, d, n))[:, 0] - residual[:, d * n :]
-        maps[:, self._own, 1 + self._own] += self._start
-        return Eliminated(residual, stages.reshape(N, d * n, n + 3), maps)
+        slopes, varying, constant = buffers.outputs
+        residual, Y = self._known_columns(w, x_next, duration, slopes)
+        J = [rates[:, None, k] for rates in (varying, constant) for k in range(rates.shape[1])]
+        for a in (*self._E, *self._F):
+            self._add_integral(J, a, Y)
+        Y = self._solved(Y)
+        maps = self._start - Y @ self._end
+        maps[:, :, 0] += (residual @ self._left_at_end).T
+        stages = np.empty((N, n + 3, d, n))
+        stages.transpose(3, 0, 1, 2)[:] = Y
+        return Eliminated(residual, stages.reshape(N, n + 3, -1).transpose(0, 2, 1), maps.transpose(1, 0, 2))
+
+    def _known_columns(self, w: Array, x_next: Array, duration: Array, slopes: Array) -> tuple[Array, Array]:
+        """Residual (N, R) of stages and node, and Y before anything is added to the [K | 0]."""
+        N, d, n = self._shape
+        sums = (slopes.reshape(-1, d) @ self._sums).reshape(N, -1, d + 1)
+        steps = duration[:, None, None] * sums
+        residual = np.empty((N, d + 1, n))
+        residual[:, :d], residual[:, d] = w.reshape(N, d + 1, n)[:, 1:], x_next
+        residual -= w[:, None, :n]
+        residual -= steps[:, :n].transpose(0, 2, 1)
+        Y = np.empty((n, N, *self._known.shape[2:]))
+        Y[:] = self._known
+        Y[:, :, 0] = residual[:, :d].transpose(2, 0, 1)
+        np.negative(sums[:, :n, :d].transpose(1, 0, 2), out=Y[:, :, n + 1])
+        for i, a in enumerate(self._moved, n):
+            np.negative(steps[:, i, :d], out=Y[a, :, n + 2])
+        return residual.reshape(N, -1), Y
+
+    def _add_integral(self, J: list[Array], a: int, Y: Array) -> None:
+        """To the columns of a: h T A sum_c diag(J_ac) Y_c; J has the h T J_ac as (N, 1, d) or (N, 1, 1)."""
+        of_a = Y[a]
+        for block, k in self._own[a]:
+            np.multiply(J[k].transpose(0, 2, 1), self._A, out=of_a[:, block])
+        if self._through[a]:
+            (c, k), *others = self._through[a]
+            inside = J[k] * Y[c]
+            for c, k in others:
+                inside += J[k] * Y[c]
+            of_a += (inside.reshape(-1, len(self._A)) @ self._A).reshape(inside.shape)
+
+    def _solved(self, Y: Array) -> Array:
+        """The Y (n, N, c, d) of all states."""
+        (N, d, n), F, E = self._shape, self._F, self._E
+        c = n + 3
+        if len(F) == 1:
+            rhs, M = Y[F[0], :, :c], Y[F[0], :, c:]
+        else:
+            of_F = Y[F].transpose(1, 2, 0, 3).reshape(N, -1, len(F) * d)
+            rhs, M = of_F[:, :c], of_F[:, c:]
+        S = self._identity - M
+        found = np.linalg.solve(S.transpose(0, 2, 1), rhs.transpose(0, 2, 1)).transpose(0, 2, 1)
+        out = np.empty((n, N, c, d))
+        for i, f in enumerate(F):
+            out[f] = found[:, :, i * d : (i + 1) * d]
+        for e in E:
+            np.add(Y[e, :, :c], found @ Y[e, :, c:], out=out[e])
+        return out
 
 
 @kept(maxsize=32)

@@ -85,7 +85,8 @@ def errors_of_many(
         errors = np.abs(np.matmul(psi, rhs[:, :, None])[..., 0])
         chains = psi[:, :, : E * n]
         if t.intervals:
-            weights = chains.reshape(B, -1, E, n)[:, :, t.interval_elements]
+            # Laid out as it is written, whatever B is: the additions below come in the order of the memory.
+            weights = np.ascontiguousarray(chains.reshape(B, -1, E, n)[:, :, t.interval_elements])
             blame = np.abs((weights * maps[..., 0][:, None, t.interval_elements]).sum(axis=3))
             errors = errors + np.matmul(blame, left_on_halved(t))
             left = _left_by_steps(fine, u, lin, settings).reshape(B, t.intervals, 4, n)

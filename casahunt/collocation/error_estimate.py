@@ -28,13 +28,13 @@ Symbols: n states, d stages, N intervals, E elements, P phases.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from .interval import point_map
+from .interval import points_map
 from .linearisation import Linearisation
 from .mesh import on_halved_mesh, shape, sizes_of_states
 from .scheme import Kind, scheme
@@ -195,7 +195,7 @@ def functional_errors(
     (errors (k,), share of each element in them (k, E)), absolute.
     """
     fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
-    halves = replace(setting, fractions=fractions)
+    halves = Setting(fractions, setting.p, setting.scale, setting.dp)
     lin = fine.linearise(u_fine, halves)
     maps = _joined(t, fine, lin.maps)
     row = t.system.border(parameter=1.0) if border is None else border
@@ -214,7 +214,7 @@ def functional_errors(
         overlooked += left_on_halved(t) * per_element[:, t.interval_elements]
         per_element[:, t.interval_elements] += overlooked
         errors += overlooked.sum(axis=1)
-    errors += ROUNDING * np.linalg.norm(psi[:, : E * n], axis=1)
+    errors += ROUNDING * np.sqrt((psi[:, : E * n] ** 2).sum(axis=1))
     return errors, per_element
 
 
@@ -267,9 +267,8 @@ def _left_by_a_step(fine: Transcription, u: Array, lin: Linearisation, setting: 
     x = np.matmul(rule, w).reshape(fine.intervals, -1, n)
     f = np.empty_like(x)
     for field, members in fine.groups:
-        at = point_map(field, n, setting.p.size)
-        signs = np.repeat(fine.signs[members], x.shape[1])
-        f[members] = at(x[members].reshape(-1, n), signs, setting.p, setting.scale).reshape(members.size, -1, n)
+        at = points_map(field, n, setting.p.size, x.shape[1], members.size)
+        f[members] = at(x[members], fine.signs[members], setting.p, setting.scale)
     step = setting.fractions * fine.durations_of(u)[fine.phase_of[fine.interval_elements]]
     integrals = (weights[:, None] @ f.reshape(count, 2, -1, n))[:, :, 0] * step.reshape(count, 2, 1)
     left = w[:, :, 0] + integrals - ends

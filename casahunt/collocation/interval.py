@@ -188,6 +188,65 @@ def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind,
     return IntervalMap(field, n, parameters, degree, kind, intervals)
 
 
+@kept(maxsize=64)
+def points_function(field: Field, n: int, parameters: int, points: int) -> ca.Function:
+    """The scaled field at several points of one interval: what depends on p alone is computed once for all.
+
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters, points
+        numbers of states, of parameters and of points.
+
+    Returns
+    -------
+    Function (x (n, points), sign, p, scale) -> f(D x; p)/D (n, points).
+    """
+    x, sign = ca.SX.sym("x", n, points), ca.SX.sym("sign")
+    p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    at_each = point_function(field, n, parameters)
+    slopes = ca.horzcat(*(at_each(x[:, k], sign, p, scale) for k in range(points)))
+    return ca.Function("fields", [x, sign, p, scale], ca.cse([slopes]))
+
+
+class PointsMap:
+    """`points_function` over N intervals, through fixed buffers."""
+
+    def __init__(self, field: Field, n: int, parameters: int, points: int, intervals: int) -> None:
+        function = points_function(field, n, parameters, points)
+        parts = [(function.map(size), size) for size in sizes_of_parts(intervals)]
+        self._caller = caller_by_rows(parts, [points * n, 1, parameters, n], [(points, n)])
+
+    def __call__(self, x: Array, sign: Array, p: Array, scale: Array) -> Array:
+        """Scaled field (N, points, n) at the scaled states x (N, points, n) with the signs (N,)."""
+        buffers = self._caller.buffers
+        states, signs, parameters, scales = buffers.inputs
+        states[:], signs[:, 0], parameters[:], scales[:] = x.reshape(states.shape), sign, p, scale
+        buffers.trigger()
+        return buffers.outputs[0].copy()
+
+
+@kept(maxsize=32)
+def points_map(field: Field, n: int, parameters: int, points: int, intervals: int) -> PointsMap:
+    """The compiled map, kept for reuse.
+
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters
+        numbers of states and of parameters.
+    points, intervals
+        points in an interval, and N.
+
+    Returns
+    -------
+    PointsMap.
+    """
+    return PointsMap(field, n, parameters, points, intervals)
+
+
 POINTS_AT_ONCE = 128
 
 

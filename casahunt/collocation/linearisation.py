@@ -64,7 +64,7 @@ class Linearisation:
     def residual_norm(self) -> float:
         """Largest residual in scaled units; NaN where anything is NaN (numpy, never casadi.norm_inf)."""
         parts = (self.interval_residual, self.flow_residual, self.closure_residual, self.events[0])
-        return float(max(np.max(np.abs(part), initial=0.0) for part in parts)) if self.finite() else float("nan")
+        return max(float(np.abs(part).max(initial=0.0)) for part in parts) if self.finite() else float("nan")
 
     def finite(self) -> bool:
         """True where residual and Jacobian hold no NaN and no infinity."""

@@ -86,19 +86,14 @@ def transfer(
     new = target or transcribe(t.cycle, tuple(counts), t.degree, t.kind)
     old_w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
     old_nodes = t.nodes_of(u)
-    w = np.empty((new.intervals, new.degree + 1, new.n))
     nodes = np.empty((new.elements + 1, new.n))
     nodes[new.closed_elements] = old_nodes[t.closed_elements]
     nodes[-1] = old_nodes[-1]
-    old_breaks = phase_breaks(t, fractions)
-    j = 0
-    for k, count in enumerate(t.counts):
-        if not count:
-            continue
-        old, fresh = old_breaks[j], breaks[j]
-        times = fresh[:-1, None] + np.diff(fresh)[:, None] * new.scheme.points
-        w[new.phase_intervals(k)] = _evaluate(t, old_w[t.phase_intervals(k)], old, times)
-        j += 1
+    places = []
+    for first, old, fresh in zip(t.first_intervals, phase_breaks(t, fractions), breaks, strict=True):
+        i, local = _places(old, (fresh[:-1, None] + np.diff(fresh)[:, None] * new.scheme.points).ravel())
+        places.append((first + i, local))
+    w = _at(t, old_w, places).reshape(new.intervals, new.degree + 1, new.n)
     nodes[new.interval_elements] = w[:, 0]
     # A phase starts where the one before it ended, exactly: interpolation must not move an event.
     nodes[new.phase_start] = old_nodes[t.phase_start]
@@ -122,7 +117,8 @@ def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transc
     Transcription, unknowns and (2 N,) fractions of the finer mesh.
     """
     fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
-    w = np.einsum("hkj,ijn->ihkn", t.scheme.halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
+    halves = t.scheme.halves.reshape(-1, t.degree + 1)
+    w = np.matmul(halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
     return fine, _packed(t, u, fine, w.reshape(fine.intervals, t.degree + 1, t.n)), np.repeat(fractions / 2, 2)
 
 
@@ -170,13 +166,18 @@ def _packed(t: Transcription, u: Array, fine: Transcription, w: Array) -> Array:
     return fine.pack(w.reshape(fine.intervals, fine.rows), nodes, t.durations_of(u))
 
 
-def _evaluate(t: Transcription, w: Array, breaks: Array, times: Array) -> Array:
-    """States (*times.shape, n) of one phase at phase fractions `times`, from its intervals (N_k, d + 1, n)."""
-    flat = times.ravel()
-    i = np.clip(np.searchsorted(breaks, flat, side="right") - 1, 0, len(w) - 1)
-    local = (flat - breaks[i]) / (breaks[i + 1] - breaks[i])
-    matrix = t.scheme.interpolation(local)
-    return np.einsum("kj,kjn->kn", matrix, w[i]).reshape(*times.shape, t.n)
+def _places(breaks: Array, times: Array) -> tuple[Array, Array]:
+    """Interval of a phase, and local time in it, of each of the phase fractions `times`."""
+    i = breaks[1:-1].searchsorted(times, side="right")
+    return i, (times - breaks[i]) / (breaks[i + 1] - breaks[i])
+
+
+def _at(t: Transcription, w: Array, places: list[tuple[Array, Array]]) -> Array:
+    """(m, n) states at intervals and local times in them, from the intervals w (N, d + 1, n)."""
+    if not places:
+        return np.empty((0, t.n))
+    i, local = (np.concatenate(parts) for parts in zip(*places, strict=True))
+    return np.matmul(t.scheme.interpolation(local)[:, None], w[i])[:, 0]
 
 
 def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, times: Array) -> Array:
@@ -199,7 +200,7 @@ def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, tim
     """
     breaks = breaks_of_phase(t, fractions, phase)
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[t.phase_intervals(phase)]
-    return _evaluate(t, w, breaks, times)
+    return _at(t, w, [_places(breaks, times)])
 
 
 def halved(breaks: list[Array]) -> list[Array]:
@@ -243,9 +244,10 @@ def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
     -------
     (n,) in the units of u, that is of setting.scale; 1 for a state that is zero all along, whose size nobody knows.
     """
-    w = np.abs(t.intervals_of(u)).reshape(-1, t.n).max(axis=0, initial=0.0)
     nodes = t.nodes_of(u)
-    largest = np.maximum(w, np.abs(nodes).max(axis=0))
+    largest = np.abs(nodes).max(axis=0)
+    if t.intervals:
+        largest = np.maximum(largest, np.abs(t.intervals_of(u)).max(axis=0).reshape(-1, t.n).max(axis=0))
     for k, phase in enumerate(t.cycle.phases):
         if phase.mode.flow is not None and not linear_in_time(phase.mode, t.n, setting.p.size):
             times = float(t.durations_of(u)[k]) * _INSIDE
@@ -267,4 +269,4 @@ def shape(t: Transcription, u: Array) -> Array:
     (N,) its absolute value, in units of the state scale.
     """
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
-    return np.max(np.abs(np.einsum("j,ijn->in", t.scheme.last_mode, w)), axis=1)
+    return np.abs(np.matmul(t.scheme.last_mode, w)).max(axis=1)

@@ -41,6 +41,8 @@ LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
 LOST, ROUGH_ITERATIONS = 1.0, 7
 """A rough solution is given up, and a shorter way gone, after a Newton step larger than this, or that many."""
+QUADRATIC = 0.01
+"""A Newton step below this part of the one before is one of a sequence that shrinks quadratically."""
 DIVERGED = 1e3
 """A Newton step larger than this leads nowhere."""
 
@@ -55,7 +57,8 @@ class Solution:
     parameter : lambda, zero unless a border row let it move.
     status, iterations : how it ended.
     residual : largest residual at u, scaled.
-    linearisation : the equations linearised at u (at the last iterate where the solver failed), or None.
+    linearisation : the equations linearised at u (where rough or nearby: where the last step began; at the last iterate
+        where the solver failed), or None.
     solver : which one found it.
     """
 
@@ -73,12 +76,9 @@ def newton(
     u: Array,
     setting: Setting,
     *,
-    border: Array | None = None,
-    parameter: float = 0.0,
-    max_iterations: int = 12,
-    largest_move: float = LARGEST_MOVE,
-    accuracy: float = 0.0,
-    rough: float = 0.0,
+    border: Array | None = None, parameter: float = 0.0,
+    max_iterations: int = 12, largest_move: float = LARGEST_MOVE,
+    accuracy: float = 0.0, rough: float = 0.0, nearby: float = 0.0,
 ) -> Solution:
     """Newton's method from u.
 
@@ -97,36 +97,38 @@ def newton(
     rough
         above zero, a point is a solution too whose next step is sure to be no larger, with no more left of the
         equations; the linearisation is that where the last step began.
+    nearby
+        above zero, so is one, from no further than this, whose next step is below `accuracy` for sure (`_sure`).
 
     Returns
     -------
     Solution, whose status says how it ended.
     """
     row = t.system.border(parameter=1.0) if border is None else border
-    start, u, lam, last = u, u.copy(), parameter, np.inf
+    start, u, lam, last, before = u, u.copy(), parameter, np.inf, None
     for iteration in range(1, (ROUGH_ITERATIONS if rough else max_iterations) + 1):
         step = _step(t, u, setting.moved(lam), row)
         if isinstance(step, Status):
             return Solution(u, lam, step, iteration, np.inf, None)
         lin = step.linearisation
-        # Next to a fold lambda may have a way to go where the states have none.
-        if max(step.size, abs(step.dlam)) <= min(accuracy, ROUNDED):
-            residual = lin.residual_norm()
-            return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
+        if step.whole <= min(accuracy, ROUNDED):
+            status = verdict(t, start, u, residual := lin.residual_norm(), True, largest_move)
+            return Solution(u, lam, status, iteration, residual, lin)
         u += step.du
         lam += step.dlam
-        # Newton's steps shrink quadratically: the next one is at most this one times the last reduction.
+        # The next step is at most this one times the last reduction; where that is enough, what is left decides.
         foreseen = step.size * (step.size / last) if last < np.inf else np.inf
-        if min(step.size, foreseen) <= rough and (residual := t.residual_norm(u, setting.moved(lam))) <= rough:
+        limit = rough if min(step.size, foreseen) <= rough else RESIDUAL_LIMIT * _sure(step, before, nearby, accuracy)
+        if limit and (residual := t.residual_norm(u, setting.moved(lam))) <= limit:
             return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         rounding = step.size <= ROUNDED and step.size > 0.3 * last
         if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or rounding:
             return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
         if step.size > (LOST if rough else DIVERGED) or (iteration > 3 and step.size > 2 * last):
             break
-        if np.any(t.durations_of(u) <= 0):
+        if (t.durations_of(u) <= 0).any():
             return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)
-        last = step.size
+        last, before = step.size, step
     return Solution(u, lam, Status.NOT_CONVERGED, iteration, np.inf, lin)
 
 
@@ -138,6 +140,22 @@ class _Step:
     dlam: float
     size: float
     linearisation: Linearisation
+
+    @property
+    def whole(self) -> float:
+        """How large with lambda, which next to a fold may have a way to go where the states have none."""
+        return max(self.size, abs(self.dlam))
+
+
+def _sure(step: _Step, before: _Step | None, nearby: float, accuracy: float) -> bool:
+    """Whether the step after this one, which is short enough, is below an accuracy for sure.
+
+    |step_(k+1)| <= C |step_k|^2 with the C of the two steps at hand (Deuflhard, Newton methods, 2004, section 2.1),
+    where it shows that the steps have begun to shrink like that.
+    """
+    if before is None or not step.whole <= min(nearby, QUADRATIC * before.whole):
+        return False
+    return step.whole * (step.whole / before.whole) ** 2 <= accuracy
 
 
 def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | Status:
@@ -181,8 +199,9 @@ def size_of_step(t: Transcription, u: Array, du: Array) -> float:
     -------
     The largest; NaN stays NaN.
     """
-    relative = np.abs(du[-t.phases :]) / np.maximum(np.abs(u[-t.phases :]), 1e-300)
-    return float(np.maximum(np.abs(du[: -t.phases]).max(), relative.max()))
+    sizes, P = np.abs(du), t.phases
+    sizes[-P:] /= np.maximum(np.abs(u[-P:]), 1e-300)
+    return float(sizes.max())
 
 
 def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
@@ -207,8 +226,8 @@ def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bo
         return Status.NOT_FINITE
     if not small:
         return Status.NOT_CONVERGED
-    if np.any(t.durations_of(u) <= 0):
+    if (t.durations_of(u) <= 0).any():
         return Status.INADMISSIBLE
-    if float(np.max(np.abs(t.nodes_of(u) - t.nodes_of(start)))) > largest_move:
+    if float(np.abs(t.nodes_of(u) - t.nodes_of(start)).max()) > largest_move:
         return Status.FAR_FROM_GUESS
     return Status.CONVERGED

@@ -83,15 +83,18 @@ class Scheme:
         -------
         (m, d + 1) matrix; row k times the stacked states [x, X_1, ..., X_d] is the state at tau_k.
         """
-        return lagrange(self.points, np.asarray(tau, float), self._gaps)
+        return lagrange(self.points, np.asarray(tau, float), self._barycentric)
 
     @cached_property
-    def _gaps(self) -> Array:
-        return gaps_of(self.points)
+    def _barycentric(self) -> Array:
+        return barycentric_weights(self.points)
 
 
-def lagrange(nodes: Array, x: Array, gaps: Array | None = None) -> Array:
+def lagrange(nodes: Array, x: Array, weights: Array | None = None) -> Array:
     """Lagrange polynomials, exact at their nodes.
+
+    L_j(x) = w_j / (x - x_j) prod_k (x - x_k), to rounding at any distance from a node (Higham, IMA J. Numer. Anal.
+    24, 2004).
 
     Parameters
     ----------
@@ -99,24 +102,29 @@ def lagrange(nodes: Array, x: Array, gaps: Array | None = None) -> Array:
         (k,).
     x
         (m,) places.
-    gaps
-        `gaps_of(nodes)`, where it is at hand.
+    weights
+        `barycentric_weights(nodes)`, where they are at hand.
 
     Returns
     -------
     (m, k) values.
     """
-    ratios = (x[:, None] - nodes)[:, None, :] / (gaps_of(nodes) if gaps is None else gaps)
-    own = np.arange(nodes.size)
-    ratios[:, own, own] = 1.0
-    return np.multiply.reduce(ratios, axis=2)
+    off = x[:, None] - nodes
+    product = np.multiply.reduce(off, axis=1)[:, None] * (barycentric_weights(nodes) if weights is None else weights)
+    if off.all():
+        return product / off
+    met = off == 0.0
+    out = product / np.where(met, 1.0, off)
+    at_node = met.any(axis=1)
+    out[at_node] = met[at_node]
+    return out
 
 
-def gaps_of(nodes: Array) -> Array:
-    """(k, k) differences of the nodes, with 1 on the diagonal."""
+def barycentric_weights(nodes: Array) -> Array:
+    """(k,) the w_j = 1 / prod_k (x_j - x_k)."""
     gaps = nodes[:, None] - nodes
     np.fill_diagonal(gaps, 1.0)
-    return gaps
+    return 1 / np.multiply.reduce(gaps, axis=1)
 
 
 def _gauss_stages(d: int) -> Array:

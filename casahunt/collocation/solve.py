@@ -49,6 +49,7 @@ def solve(
     parameter: float = 0.0,
     accuracy: float = 0.0,
     rough: float = 0.0,
+    nearby: float = 0.0,
 ) -> Solution:
     """Solve with the named solver alone.
 
@@ -58,7 +59,7 @@ def solve(
         the equations and the starting point.
     solver
         "ipopt" or "newton".
-    border, parameter, accuracy, rough
+    border, parameter, accuracy, rough, nearby
         as in `newton`; IPOPT always goes for all digits.
 
     Returns
@@ -67,4 +68,6 @@ def solve(
     """
     if solver == "ipopt":
         return ipopt(t, u, setting, border=border, parameter=parameter)
-    return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy, rough=rough)
+    return newton(
+        t, u, setting, border=border, parameter=parameter, accuracy=accuracy, rough=rough, nearby=nearby
+    )

@@ -44,7 +44,7 @@ from .. import effort
 from ..compiled import kept
 from ..hybrid.system import Cycle, Field, Mode
 from .elimination import Eliminated, Elimination, elimination
-from .interval import point_map
+from .interval import points_map
 from .joints import joint_map
 from .linearisation import Linearisation
 from .node_system import NodeSystem, node_system
@@ -276,10 +276,10 @@ class Transcription:
         step = setting.fractions * T[self.phase_of[self.interval_elements]]
         for field, members in self.groups:
             X, next_node = w[members, 1:], nodes[self.interval_elements[members] + 1]
-            at = point_map(field, self.n, setting.p.size)
-            f = at(X.reshape(-1, self.n), np.repeat(self.signs[members], self.degree), setting.p, setting.scale)
+            at = points_map(field, self.n, setting.p.size, self.degree, members.size)
+            f = at(X, self.signs[members], setting.p, setting.scale)
             ends = np.concatenate([X, next_node[:, None]], axis=1)
-            yield ends - w[members, :1] - step[members, None, None] * (self.scheme.sums @ f.reshape(X.shape))
+            yield ends - w[members, :1] - step[members, None, None] * (self.scheme.sums @ f)
         joints = self._joints(
             nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
         )

@@ -47,6 +47,9 @@ SKETCHED = 0.1
 LEFT_OUT = 0.01
 """Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 
+GLANCE = 1e-5
+"""Linearisations from so close to a solution tell which way a branch goes on, and whether a cycle is clearly stable."""
+
 SOLVERS = ("auto", "ipopt", "newton")
 
 
@@ -316,27 +319,24 @@ def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
 
 def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _Root:
     """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
-    t, u, setting = start
-    accuracy = LEFT_OUT * task.options.tol
     if task.options.solver != "auto" or task.border is not None:
         return _solved_alone(task, start, parameter)
-    first = ipopt_then_newton(t, u, setting) if solver == "ipopt" else newton(t, u, setting, accuracy=accuracy)
-    if not first.status.ok:
-        again = ipopt_then_newton(t, u, setting) if solver == "newton" else newton(t, u, setting, accuracy=accuracy)
-        if again.status.ok:
-            return _Root(t, setting, again)
-    return _Root(t, setting, first)
+    found, accuracy = [], LEFT_OUT * task.options.tol
+    for one in (solver, "newton" if solver == "ipopt" else "ipopt"):
+        found.append(ipopt_then_newton(*start) if one == "ipopt" else newton(*start, accuracy=accuracy, nearby=GLANCE))
+        if found[-1].status.ok:
+            return _Root(start[0], start[2], found[-1])
+    return _Root(start[0], start[2], found[0])
 
 
 def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
     """One solve by one solver, under the border row: the one that the user named, by `auto` Newton's method."""
     t, u, setting = start
     row = None if task.border is None else curve_border(t, u, task.border)
-    solver: Solver = "newton" if task.options.solver == "auto" else task.options.solver
-    tol = task.options.tol
+    solver, tol = "newton" if task.options.solver == "auto" else task.options.solver, task.options.tol
     found = solve(
         t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * tol,
-        rough=SKETCHED * tol if task.options.sketched else 0.0,
+        rough=SKETCHED * tol if task.options.sketched else 0.0, nearby=GLANCE,
     )  # fmt: skip
     return _Root(t, setting, found)
 

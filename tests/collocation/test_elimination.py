@@ -6,24 +6,24 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.collocation.elimination import eliminating_function, elimination, kept_states
+from casahunt.collocation.elimination import compiled, elimination, kept_states
 from casahunt.collocation.interval import interval_function
-from casahunt.collocation.newton import newton
+from casahunt.collocation.newton import _Step, _sure, newton
 from casahunt.errors import Status
 from casahunt.orbits.orbit import unknowns_of
 
 
-def rates(*rows: str) -> np.ndarray:
+def pattern(*rows: str) -> np.ndarray:
     return np.array([[entry == "x" for entry in row] for row in rows])
 
 
 def test_states_whose_rates_contain_no_loop_are_substituted():
-    assert kept_states(rates(".x.", "xxx", "x..")) == ((1,), (0, 2))  # a servo: the integral after the position
-    assert kept_states(rates(".x..", "xxxx", "x...", ".x.x")) == ((1, 3), (0, 2))
-    assert kept_states(rates("x")) == ((0,), ())
-    assert kept_states(rates("xx", "xx")) == ((0, 1), ())
-    assert kept_states(rates(".x", "x.")) == ((0,), (1,))  # each the other's integral: one has to stay
-    assert kept_states(rates("..x", "x..", "..x")) == ((2,), (0, 1))
+    assert kept_states(pattern(".x.", "xxx", "x..")) == ((1,), (0, 2))  # a servo: the integral after the position
+    assert kept_states(pattern(".x..", "xxxx", "x...", ".x.x")) == ((1, 3), (0, 2))
+    assert kept_states(pattern("x")) == ((0,), ())
+    assert kept_states(pattern("xx", "xx")) == ((0, 1), ())
+    assert kept_states(pattern(".x", "x.")) == ((0,), (1,))  # each the other's integral: one has to stay
+    assert kept_states(pattern("..x", "x..", "..x")) == ((2,), (0, 1))
     assert kept_states(np.eye(13, dtype=bool)) == (tuple(range(13)), ())
 
 
@@ -51,7 +51,7 @@ FIELDS = {
 def test_the_whole_system_of_an_interval_has_the_same_solution(name, kind):
     """Against the dense block of interval.py, its LU and its own node rows."""
     field, n, kept = FIELDS[name]
-    assert eliminating_function(field, n, 2, 4, kind)[1] == kept
+    assert compiled(field, n, 2, 4).F == kept
     N, d, rng = 3, 4, np.random.default_rng(2)
     w, x_next = rng.standard_normal((N, n * (d + 1))), rng.standard_normal((N, n))
     T, h, sign = rng.uniform(1, 3, N), rng.uniform(0.1, 0.6, N), rng.choice([-1.0, 1.0], N)
@@ -107,3 +107,30 @@ def test_a_rough_solution_that_is_lost_is_given_up(orbit):
     assert newton(t, start, setting).status is Status.FAR_FROM_GUESS
     lost = newton(t, start, setting, rough=1e-5)
     assert lost.status is Status.NOT_CONVERGED and lost.iterations == 1
+
+
+def test_a_step_that_is_sure_to_be_small_is_not_computed(orbit, monkeypatch):
+    t, u, setting = unknowns_of(orbit("switch", 0.4))
+    start = u * (1 + 1e-3 * np.cos(np.arange(u.size)))
+    whole, early = (newton(t, start, setting, accuracy=1e-9, nearby=nearby) for nearby in (0.0, 1e-3))
+    assert early.status.ok and early.iterations == whole.iterations - 1 and early.residual < 1e-8
+    assert np.abs(early.u - whole.u).max() < 1e-9
+    assert newton(t, start, setting, accuracy=1e-9, nearby=1e-12).iterations == whole.iterations
+    monkeypatch.setattr(type(t), "residual_norm", lambda *_: 1.0)  # where the equations do not hold it is
+    assert newton(t, start, setting, accuracy=1e-9, nearby=1e-3).iterations >= whole.iterations
+
+
+@pytest.mark.parametrize(
+    ("sizes", "dlam", "sure"),
+    [
+        ((1e-3, 1e-6), 0.0, True),  # quadratic, with 1e-12 to follow
+        ((5e-5, 1e-6), 0.0, False),  # linear so far: 2e-8 may follow
+        ((1e-3, 1e-6), 2e-5, False),  # next to a fold lambda has still a way to go
+        ((1e-3, 9e-6), 0.0, True),
+        ((1e-3, np.nan), 0.0, False),
+    ],
+)
+def test_what_quadratic_convergence_makes_sure(sizes, dlam, sure):
+    before, step = (_Step(np.zeros(1), dlam, size, None) for size in sizes)
+    assert _sure(step, before, 1e-5, 1e-9) is sure
+    assert not _sure(step, None, 1e-5, 1e-9)
