@@ -123,7 +123,7 @@ def _weighted(weights: list[ca.SX], stages: ca.SX) -> ca.SX:
     return (weights[0] if len(weights) == 1 else ca.repmat(ca.vertcat(*weights), 1, stages.size2())) * stages
 
 
-class _Substitution:
+class Substitution:
     """Y_a = sum_f M_af Y_f - sum_c M_a(n+c) 1 [column of x_c] + R_a [the three other columns], state by state.
 
     `rates` (n, n) has the J_ac as lists of one entry or of d, empty where there is none.
@@ -222,7 +222,7 @@ def eliminating_function(
     of_lambda = -step * ca.mtimes(ca.DM(A), moved)
     at_node = x_next - x - step * ca.mtimes(fields.T, ca.DM(s.weights))
     known = [ca.horzcat(stages[:, a], -h * sums[:, a], of_lambda[:, a]) for a in range(n)]
-    reduced = _Substitution(A, step, rates, known)
+    reduced = Substitution(A, step, rates, known)
     outputs = [ca.vertcat(ca.vec(stages.T), at_node), *reduced.left(), *reduced.of_others()]
     inputs = [w, x_next, T, h, sign, p, dp, scale]
     function = ca.Function("elimination", inputs, ca.cse([ca.densify(out.T) for out in outputs]))

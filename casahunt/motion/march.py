@@ -29,7 +29,7 @@ from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
 from .march_series import Following, Reached, intervals_of
-from .march_step import Stepper, last_mode, predict, reaches
+from .march_step import Foretold, Stepper, foretold, reaches
 from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
@@ -364,13 +364,13 @@ def _attempt(
     """One interval from `start`, up to its exit where it has one; `slope` is x' there if it starts on an event."""
     s = stepper.scheme
     d = s.degree
-    solved = stepper(start, predict(s, previous, start, h), h, GOAL * tol)
+    solved = stepper(start, foretold(previous, start, h), h, GOAL * tol)
     if solved is None and reaches(previous, h):
-        solved = stepper(start, np.tile(start, d), h, GOAL * tol)
-    error = np.inf if solved is None else last_mode(s, start, solved[0])
+        solved = stepper(start, Foretold(start), h, GOAL * tol)
+    error = np.inf if solved is None else solved.error
     if solved is None or error > ACCEPTED_ERROR * tol:
         return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
-    stages, end = solved
+    stages, end, _ = solved
     ahead = None if slope is None else start + 1e-6 * h * slope
     reached = h, stages, end
     way_out: Exit | None = None

@@ -20,7 +20,7 @@ from ..collocation.scheme import Kind, scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
 from ..hybrid.system import Exit, Feature, Mode, Reset
-from .march_step import Stepper
+from .march_step import Foretold, Solved, Stepper
 
 Array = np.ndarray
 
@@ -298,12 +298,11 @@ def locate(
     # The polynomial at hand knows the signs at the ends better than the values.
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf)
     theta = bracket.illinois
-    solved: tuple[Array, Array] | None = None
+    solved: Solved | None = None
     f = last = np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
     for _ in range(EXIT_ROUNDS):
-        guess = (s.interpolation(s.stages * (theta / reach)) @ w).ravel()
-        solved = stepper(start, guess, theta * h, EXACT)
+        solved = stepper(start, Foretold(w, 0.0, theta / reach), theta * h, EXACT)
         if solved is None:
             return None
         w, reach = np.concatenate([start, solved[0]]).reshape(s.degree + 1, -1), theta
@@ -319,4 +318,4 @@ def locate(
         shrinks = rate > 0 and abs(f) < 0.5 * last
         theta, last = bracket.newton(theta, f, rate) if shrinks else bracket.middle, abs(f)
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
-    return (theta * h, *solved) if solved is not None and abs(f) <= EVENT_LIMIT else None
+    return (theta * h, solved.stages, solved.end) if solved is not None and abs(f) <= EVENT_LIMIT else None

@@ -30,7 +30,7 @@ from ..collocation.admissibility import hides
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
 from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
-from .march_step import Stepper, last_mode
+from .march_step import Foretold, Stepper
 from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed
 
 Array = np.ndarray
@@ -211,8 +211,8 @@ def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
     """Whether an interval of so many steps is resolved."""
-    solved = stepper(x, np.tile(x, stepper.scheme.degree), STIFF * h, tol)
-    return solved is not None and last_mode(stepper.scheme, x, solved[0]) <= tol
+    solved = stepper(x, Foretold(x), STIFF * h, tol)
+    return solved is not None and solved.error <= tol
 
 
 def first_exit(
