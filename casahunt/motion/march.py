@@ -27,7 +27,7 @@ from .. import effort
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
-from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
+from .march_exits import TooLong, Watch, behind, end_of_flow, ends_linear_in_time, flow_to, locate
 from .march_series import Following, Reached, intervals_of
 from .march_step import Foretold, Stepper, foretold, reaches
 from .series import Piece, TooMany, series_of
@@ -328,13 +328,14 @@ def _collocated(
         slope = stepper.slope(start)
         h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: tuple[Array, float] | None = None
+    watch = Watch(exits, mode.feature, stepper)
     while True:
         if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
             return Reached(t, start, None, True, h)
         if len(pieces) >= max_intervals:
             raise MarchFailure(f"mode {mode.name!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
         effort.interval()
-        found = _attempt(mode, exits, stepper, previous, start, slope, h, tol)
+        found = _attempt(watch, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):
             h *= found.factor
             if h < VANISHING_STEP * max(t, 1.0):
@@ -352,9 +353,7 @@ def _collocated(
 
 
 def _attempt(
-    mode: Mode,
-    exits: tuple[Exit, ...],
-    stepper: Stepper,
+    watch: Watch,
     previous: tuple[Array, float] | None,
     start: Array,
     slope: Array | None,
@@ -362,6 +361,7 @@ def _attempt(
     tol: float,
 ) -> _Interval | _Shorter:
     """One interval from `start`, up to its exit where it has one; `slope` is x' there if it starts on an event."""
+    stepper = watch.stepper
     s = stepper.scheme
     d = s.degree
     solved = stepper(start, foretold(previous, start, h), h, GOAL * tol)
@@ -375,20 +375,20 @@ def _attempt(
     reached = h, stages, end
     way_out: Exit | None = None
     try:
-        crossings = first_crossings(exits, stepper, start, stages, end, ahead)
+        crossings = watch.crossings(start, stages, end, ahead)
     except TooLong:
         return _Shorter(0.5, "an exit grazes zero")
     if crossings:
         # A look at the polynomial saves locating an exit only to find that the interval hides something.
         rough = s.interpolation(crossings[0][1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
-        missed = hidden(mode.feature, start, rough[1:].ravel(), rough[-1], stepper.scale, stepper.p)
+        missed = watch.hides(start, rough[1:].ravel(), rough[-1])
         for candidate, beyond in crossings:  # all of them between the same two watched times: the first is the exit
-            located = None if missed else locate(candidate, beyond, stepper, start, stages, h)
+            located = None if missed else locate(watch, candidate, beyond, start, stages, h)
             if located is None:
                 return _Shorter(0.5, f"exit {candidate.event.name!r} cannot be located")
             if way_out is None or located[0] < reached[0]:
                 way_out, reached = candidate, located
         h, stages, end = reached
-    if hidden(mode.feature, start, stages, end, stepper.scale, stepper.p):
+    if watch.hides(start, stages, end):
         return _Shorter(0.5, VANISHED)  # whatever the step shows of the motion, it has stepped over something
     return _Interval(h, stages, end, error, way_out)

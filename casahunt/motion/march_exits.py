@@ -10,16 +10,16 @@ Symbols: n states, d stages, R = n (d + 1); theta, parts of an interval's length
 
 from __future__ import annotations
 
-from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from ..collocation.admissibility import RESOLUTION, hides
+from ..collocation.admissibility import LARGEST_JUMP, RESOLUTION, hides
 from ..collocation.scheme import Kind, scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
-from ..hybrid.system import Exit, Feature, Mode, Reset
+from ..hybrid.system import Exit, Feature, Field, Mode, Reset
 from .march_step import Foretold, Solved, Stepper
 
 Array = np.ndarray
@@ -31,7 +31,6 @@ EVENT_LIMIT = 1e-10  # an event counts as located
 FLOW_LIMIT = 1e-9  # the same at the end of a closed form
 EXIT_ROUNDS = 60
 EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
-SHORT = 1e-4  # part of an interval over which the rate of an event is measured
 ON_EVENT = EVENT_LIMIT  # a state is on an event, not beside it: where an exit was located to no less
 _WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
 
@@ -180,100 +179,144 @@ def flow_to(
     return T, motion(x, T, p)[0].copy()
 
 
-def hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:
-    """Whether the field has a feature that jumps between two points of the interval.
+class Watch:
+    """The events of a mode's exits, each in its direction, and its feature, compiled."""
 
-    Parameters
-    ----------
-    feature
-        of the mode; None: it has none.
-    start, stages, end
-        (n,), (d n,), (n,) states of the interval, in units of the scale.
-    scale, p
-        (n,) size of the states; parameter vector.
+    def __init__(self, exits: tuple[Exit, ...], feature: Feature | None, stepper: Stepper) -> None:
+        s, n, parameters = stepper.scheme, stepper.scale.size, stepper.p.size
+        self.exits, self.stepper, self._feature = exits, stepper, feature
+        self._here = _events_at(exits, stepper.field, n, parameters) if exits else None
+        looks = _looks(exits, feature, n, parameters, s.degree, s.kind)
+        self._along, self._in_numbers = looks.along, looks.in_numbers
 
-    Returns
-    -------
-    True where it hides from the collocation polynomial.
-    """
-    if feature is None:
-        return False
-    points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * scale
-    return bool(hides(feature, points, p)[0])
+    def at(self, x: Array) -> tuple[list[float], list[float]]:
+        """Each exit's event at a scaled state, and the rate at which it rises there."""
+        assert self._here is not None
+        buffers = self._here.buffers
+        for store, value in zip(buffers.inputs, (x, self.stepper.sign, self.stepper.p, self.stepper.scale), strict=True):
+            store[:] = value
+        buffers.trigger()
+        values, rates = buffers.outputs
+        return values.tolist(), rates.tolist()
+
+    def crossings(self, start: Array, stages: Array, end: Array, ahead: Array | None) -> list[tuple[Exit, float]]:
+        """The exits whose events are beyond zero earliest in an interval.
+
+        Parameters
+        ----------
+        start, stages, end
+            (n,), (d n,), (n,) states of the interval, in units of the scale.
+        ahead
+            (n,) state just after `start` on the first interval of a mode, which starts on its last event: it tells the
+            side of that zero on which the mode begins; None on the others.
+
+        Returns
+        -------
+        Each exit with the watched local time (0..1] where it is: one as a rule, none where no event is beyond zero,
+        several where only locating them tells which comes first.
+
+        Raises
+        ------
+        TooLong : the polynomial may have strayed across zero: only a shorter interval can tell.
+        """
+        m = _WATCH.size
+        found: list[tuple[int, Exit]] = []
+        looked = self._look(start, stages, end, start if ahead is None else ahead)[0]
+        for values, way_out in zip(looked, self.exits, strict=True):
+            h = values[:m]
+            if not (h[0] <= ON_EVENT and h.max() > 0):
+                continue
+            inside = h[0] < 0
+            if ahead is not None and abs(h[0]) <= ON_EVENT:
+                begins = float(values[-1]) - h[0]
+                inside = begins < 0 if begins != 0 else h[1] < 0
+            # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
+            # a shorter interval can tell.  The end of the interval is exact.
+            stray = np.full(h.size, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
+            stray[-1] = 0.0
+            if inside and np.any((h > EXCURSION) & (h <= stray)):
+                raise TooLong
+            beyond = np.flatnonzero(h[1:] > stray[1:])
+            if inside and beyond.size:
+                found.append((int(beyond[0]), way_out))
+        first = min((k for k, _ in found), default=0)
+        return [(way_out, float(_WATCH[k + 1])) for k, way_out in found if k == first]
+
+    def hides(self, start: Array, stages: Array, end: Array) -> bool:
+        """Whether the feature jumps between two points (n,), (d n,), (n,) of an interval, so that it is hidden."""
+        if self._feature is not None and self._in_numbers:
+            points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * self.stepper.scale
+            return bool(hides(self._feature, points, self.stepper.p)[0])
+        return self._feature is not None and self._look(start, stages, end, start)[1][0] > LARGEST_JUMP
+
+    def _look(self, start: Array, stages: Array, end: Array, ahead: Array) -> tuple[Array, ...]:
+        """(exits, .) events at the watched times, the start and the stages, and ahead; largest jump of the feature."""
+        buffers = self._along.buffers
+        x, X, end_, ahead_, p, scale = buffers.inputs
+        x[:], X[:], end_[:], ahead_[:], p[:], scale[:] = start, stages, end, ahead, self.stepper.p, self.stepper.scale
+        buffers.trigger()
+        return buffers.outputs
 
 
-@lru_cache(maxsize=32)
-def _watch_matrix(degree: int, kind: Kind) -> Array:
-    """Interpolation to the watched local times but the last, which is the end."""
-    return scheme(degree, kind).interpolation(_WATCH[:-1])
+@kept(maxsize=64)
+def _events_at(exits: tuple[Exit, ...], field: Field, n: int, parameters: int) -> Caller:
+    """Events, each in its direction, and their rates along a field, at a scaled state."""
+    z, sign = ca.SX.sym("z", n), ca.SX.sym("sign")
+    p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    events = ca.vertcat(*[e.direction * e.event.function(scale * z, 0.0, p) for e in exits])
+    rates = ca.jtimes(events, z, field(scale * z, p, sign) / scale)
+    function = ca.Function("here", [z, sign, p, scale], [ca.densify(events), ca.densify(rates)])
+    return caller(function, [n, 1, parameters, n], [len(exits), len(exits)])
 
 
-def first_crossings(
-    exits: tuple[Exit, ...], stepper: Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
-) -> list[tuple[Exit, float]]:
-    """The exits whose events are beyond zero earliest in an interval.
+class _Looks(NamedTuple):
+    """What an interval is looked at with; the feature is a function of numbers alone."""
 
-    Parameters
-    ----------
-    exits
-        of the mode.
-    stepper
-        whose interval it is.
-    start, stages, end
-        (n,), (d n,), (n,) states of the interval, in units of the scale.
-    ahead
-        (n,) state just after `start` on the first interval of a mode, which starts on its last event: it tells the side
-        of that zero on which the mode begins; None on the others.
+    along: Caller
+    in_numbers: bool
 
-    Returns
-    -------
-    Each exit with the watched local time (0..1] where it is: one as a rule, none where no event is beyond zero, several
-    where only locating them tells which comes first.
 
-    Raises
-    ------
-    TooLong : the polynomial may have strayed across zero: only a shorter interval can tell.
-    """
-    s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
-    rows = [_watch_matrix(s.degree, s.kind) @ w, end[None], w]
-    if ahead is not None:
-        rows.append(ahead[None])
-    points = np.vstack(rows).T * stepper.scale[:, None]  # looked at together: a call costs more than a point
-    m = _WATCH.size
-    found: list[tuple[int, Exit]] = []
-    for way_out in exits:
-        values = way_out.direction * np.asarray(way_out.event.function(points, 0.0, stepper.p), float)
-        h = values[:m]
-        inside = h[0] < 0
-        if ahead is not None and abs(h[0]) <= ON_EVENT:
-            begins = float(values[-1]) - h[0]
-            inside = begins < 0 if begins != 0 else h[1] < 0
-        # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
-        # a shorter interval can tell.  The end of the interval is exact.
-        stray = np.full(h.size, RESOLUTION * abs(float(s.last_mode @ values[m : m + len(w)])))
-        stray[-1] = 0.0
-        if inside and np.any((h > EXCURSION) & (h <= stray)):
-            raise TooLong
-        beyond = np.flatnonzero(h[1:] > stray[1:])
-        if inside and beyond.size:
-            found.append((int(beyond[0]), way_out))
-    first = min((k for k, _ in found), default=0)
-    return [(way_out, float(_WATCH[k + 1])) for k, way_out in found if k == first]
+@kept(maxsize=64)
+def _looks(
+    exits: tuple[Exit, ...], feature: Feature | None, n: int, parameters: int, degree: int, kind: Kind
+) -> _Looks:
+    """Events along an interval, and the largest jump of the feature from one of its points to the next."""
+    z, p, scale = ca.SX.sym("z", n), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    x, X, end, ahead = (ca.SX.sym(name, rows) for name, rows in zip("xXea", (n, degree * n, n, n), strict=True))
+    w = ca.horzcat(x, ca.reshape(X, n, degree))
+    between = ca.mtimes(w, ca.DM(scheme(degree, kind).interpolation(_WATCH[:-1])).T)
+    events = ca.vertcat(*[e.direction * e.event.function(scale * z, 0.0, p) for e in exits])
+    along = _at_each(events, z, p, scale, ca.horzcat(between, end, w, ahead))
+    try:
+        seen = ca.SX(0) if feature is None else ca.SX(feature(scale * z, p))
+    except Exception:  # whatever a function of numpy arrays does with symbols
+        seen = None
+    points = ca.horzcat(w, end)
+    jump = ca.SX(0)
+    if feature is not None and seen is not None:
+        jump = ca.mmax(ca.fabs(ca.diff(_at_each(seen, z, p, scale, points))))
+    function = ca.Function("looks", [x, X, end, ahead, p, scale], [ca.densify(along), ca.densify(jump)])
+    shapes = [(len(exits), along.size1()), 1]
+    return _Looks(caller(function, [n, degree * n, n, n, parameters, n], shapes), seen is None)
+
+
+def _at_each(expression: ca.SX, z: ca.SX, p: ca.SX, scale: ca.SX, points: ca.SX) -> ca.SX:
+    """(m, .) an expression of the scaled state z at points (n, m)."""
+    function = ca.Function("at", [z, p, scale], [ca.densify(expression)])
+    return ca.vertcat(*[function(points[:, k], p, scale).T for k in range(points.size2())])
 
 
 def locate(
-    way_out: Exit, beyond: float, stepper: Stepper, start: Array, stages: Array, h: float
+    watch: Watch, way_out: Exit, beyond: float, start: Array, stages: Array, h: float
 ) -> tuple[float, Array, Array] | None:
     """Shorten an interval until it ends on an event.
 
     Parameters
     ----------
-    way_out
-        the exit.
+    watch, way_out
+        of the mode; the exit.
     beyond
         watched local time (0..1] at which its event is beyond zero.
-    stepper
-        whose interval it is.
     start, stages
         (n,), (d n,) states of the interval, in units of the scale.
     h
@@ -283,15 +326,17 @@ def locate(
     -------
     Length [s], (d n,) stages and (n,) end of the interval at whose end the event vanishes; None where none is found.
     """
+    stepper, which = watch.stepper, watch.exits.index(way_out)
     s = stepper.scheme
 
-    def value(state: Array) -> float:
-        return way_out.direction * float(way_out.event.function(state * stepper.scale, 0.0, stepper.p))
+    def value(state: Array) -> tuple[float, float]:
+        values, rates = watch.at(state)
+        return values[which], rates[which]
 
     w = np.concatenate([start, stages]).reshape(s.degree + 1, -1)
     low, high = beyond - (_WATCH[1] - _WATCH[0]), beyond
     ends = s.interpolation(np.array([low, high])) @ w
-    f_low, f_high = value(ends[0]), value(ends[1])
+    f_low, f_high = value(ends[0])[0], value(ends[1])[0]
     # Rounding in the states keeps the event from vanishing better than this.
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
@@ -305,16 +350,14 @@ def locate(
         solved = stepper(start, Foretold(w, 0.0, theta / reach), theta * h, EXACT)
         if solved is None:
             return None
-        w, reach = np.concatenate([start, solved[0]]).reshape(s.degree + 1, -1), theta
-        f = value(solved[1])
+        w, reach = np.concatenate([start, solved.stages]).reshape(s.degree + 1, -1), theta
+        f, rate = value(solved.end)
         if np.isnan(f):
             return None
         if abs(f) <= tolerance or bracket.width < 1e-15:
             break
         bracket = bracket.told(theta, f)
-        # The event is nearly linear over so short a way: its rate is that of the motion at the end.
-        ahead = SHORT * stepper.slope(solved[1]) * h
-        rate = (value(solved[1] + ahead) - value(solved[1] - ahead)) / (2 * SHORT)
+        rate *= h
         shrinks = rate > 0 and abs(f) < 0.5 * last
         theta, last = bracket.newton(theta, f, rate) if shrinks else bracket.middle, abs(f)
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
