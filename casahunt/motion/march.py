@@ -29,7 +29,7 @@ from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, Watch, behind, end_of_flow, ends_linear_in_time, flow_to, locate
 from .march_series import Following, Reached, intervals_of
-from .march_step import Foretold, Stepper, foretold, reaches
+from .march_step import Foretold, Previous, Stepper, foretold
 from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
@@ -327,7 +327,7 @@ def _collocated(
     if h == 0:
         slope = stepper.slope(start)
         h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
-    previous: tuple[Array, float] | None = None
+    previous: Previous | None = None
     watch = Watch(exits, mode.feature, stepper)
     while True:
         if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
@@ -347,14 +347,15 @@ def _collocated(
         t += h
         if way_out is not None and not passes(way_out, end):
             return Reached(t, end, way_out, True, h)
-        previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
+        previous = Previous(pieces[-1].reshape(d + 1, -1), h, error)
+        start, slope = end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
         h = min(h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
 
 
 def _attempt(
     watch: Watch,
-    previous: tuple[Array, float] | None,
+    previous: Previous | None,
     start: Array,
     slope: Array | None,
     h: float,
@@ -364,8 +365,9 @@ def _attempt(
     stepper = watch.stepper
     s = stepper.scheme
     d = s.degree
-    solved = stepper(start, foretold(previous, start, h), h, GOAL * tol)
-    if solved is None and reaches(previous, h):
+    guess = foretold(d, previous, start, h)
+    solved = stepper(start, guess, h, GOAL * tol)
+    if solved is None and guess.w is not start:
         solved = stepper(start, Foretold(start), h, GOAL * tol)
     error = np.inf if solved is None else solved.error
     if solved is None or error > ACCEPTED_ERROR * tol:

@@ -230,17 +230,11 @@ class Watch:
             if ahead is not None and abs(h[0]) <= ON_EVENT:
                 begins = float(values[-1]) - h[0]
                 inside = begins < 0 if begins != 0 else h[1] < 0
-            # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
-            # a shorter interval can tell.  The end of the interval is exact.
-            stray = np.full(h.size, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
-            stray[-1] = 0.0
-            if inside and np.any((h > EXCURSION) & (h <= stray)):
-                raise TooLong
-            beyond = np.flatnonzero(h[1:] > stray[1:])
-            if inside and beyond.size:
-                found.append((int(beyond[0]), way_out))
+            if inside:
+                k = _first_beyond(h, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
+                found += [(k, way_out)] if k else []
         first = min((k for k, _ in found), default=0)
-        return [(way_out, float(_WATCH[k + 1])) for k, way_out in found if k == first]
+        return [(way_out, float(_WATCH[k])) for k, way_out in found if k == first]
 
     def hides(self, start: Array, stages: Array, end: Array) -> bool:
         """Whether the feature jumps between two points (n,), (d n,), (n,) of an interval, so that it is hidden."""
@@ -256,6 +250,25 @@ class Watch:
         x[:], X[:], end_[:], ahead_[:], p[:], scale[:] = start, stages, end, ahead, self.stepper.p, self.stepper.scale
         buffers.trigger()
         return buffers.outputs
+
+
+def _first_beyond(h: Array, stray: float) -> int:
+    """Number of the first watched time at which an event is beyond zero, 0 for none.
+
+    Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only a shorter interval
+    can tell, but where the motion crosses there, from the look before to the one after.  The end of the interval is
+    exact, and what comes behind the exit does not matter.
+
+    Raises
+    ------
+    TooLong : it may have strayed across zero.
+    """
+    beyond = np.flatnonzero(h[1:] > np.append(np.full(h.size - 2, stray), 0.0))
+    k = int(beyond[0]) + 1 if beyond.size else 0
+    doubtful = np.flatnonzero(h[: k or h.size - 1] > EXCURSION)
+    if doubtful.size and not (doubtful.size == 1 and 0 < doubtful[0] == k - 1 and h[k - 2] < -stray and h[k] > stray):
+        raise TooLong
+    return k
 
 
 @kept(maxsize=64)
@@ -334,9 +347,12 @@ def locate(
         return values[which], rates[which]
 
     w = np.concatenate([start, stages]).reshape(s.degree + 1, -1)
-    low, high = beyond - (_WATCH[1] - _WATCH[0]), beyond
-    ends = s.interpolation(np.array([low, high])) @ w
-    f_low, f_high = value(ends[0])[0], value(ends[1])[0]
+    part = _WATCH[1] - _WATCH[0]
+    before, low, high = s.interpolation(np.array([beyond - 2 * part, beyond - part, beyond])) @ w
+    f_low, f_high = value(low)[0], value(high)[0]
+    low, high = beyond - part, beyond
+    if f_low > EXCURSION:  # it strays across zero there, and was seen to cross from the look before
+        low, f_low = low - part, value(before)[0]
     # Rounding in the states keeps the event from vanishing better than this.
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)

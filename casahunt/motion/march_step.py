@@ -25,10 +25,11 @@ from .interval_newton import newton_steps
 Array = np.ndarray
 
 NEWTON_LIMIT = 12
+ROUNDS = 4  # of compiled steps, each at most half as long as the one before
 MOST_SLOW = 2  # Newton steps that do not halve before an interval is given up
 STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
 ROUNDING = 1e-16  # relative to the states, nothing smaller is left of an interval's equations
-EXTRAPOLATED = 1.0  # the longest interval that its predecessor foretells, in units of that one's length
+ASTRAY = 0.03  # error of foretold stages beyond which constant ones are no worse
 
 
 class Foretold(NamedTuple):
@@ -43,6 +44,14 @@ class Foretold(NamedTuple):
     w: Array
     begins: float = 0.0
     part: float = 1.0
+
+
+class Previous(NamedTuple):
+    """An interval that is done: (d + 1, n) start and stages, length [s], largest last Legendre coefficient."""
+
+    w: Array
+    h: float
+    error: float
 
 
 class Solved(NamedTuple):
@@ -110,8 +119,8 @@ class Stepper:
         start[:], w[:], place[0], place[1], length[0] = x, guess.w, guess.begins, guess.part, h
         sign[0], p[:], scale[:] = self.sign, self.p, self.scale
         stages, end, told = buffers.outputs
-        last, slow = math.inf, 0
-        for _ in range(NEWTON_LIMIT):
+        last = math.inf
+        for _ in range(ROUNDS):
             buffers.trigger()
             *sizes, size, error, total = told.tolist()
             if not math.isfinite(total):
@@ -121,8 +130,7 @@ class Stepper:
             stalled = shrinks > 0.3 and final <= STALLED * max(1.0, size)
             if stalled or shrinks < 0.5 and final * shrinks / (1 - shrinks) <= goal * max(1.0, size):
                 return Solved(stages.copy(), end.copy(), error)
-            slow += sizes[0] > 0.5 * last
-            if slow > MOST_SLOW or sizes[0] > min(2 * last, 1e6):
+            if sizes[0] > min(0.5 * last, 1e6):
                 return None
             last = sizes[0]
             w[0], w[1:], place[0], place[1] = x, stages.reshape(-1, x.size), 0.0, 1.0
@@ -160,13 +168,18 @@ class Stepper:
         return None
 
 
-def foretold(previous: tuple[Array, float] | None, start: Array, h: float) -> Foretold:
-    """Stages extrapolated from the previous interval; constant where that reaches too far.
+def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foretold:
+    """Stages extrapolated from the previous interval; constant where that leads astray.
+
+    Its last Legendre coefficient grows on the way to the end of the new interval by less than the Chebyshev polynomial
+    of its degree does; what comes after it is about as large there.
 
     Parameters
     ----------
+    d
+        degree of the scheme.
     previous
-        ((d + 1) n,) start and stages of the previous interval, and its length [s]; None: there is none.
+        the previous interval; None: there is none.
     start, h
         (n,) start and length [s] of the new one.
 
@@ -174,28 +187,11 @@ def foretold(previous: tuple[Array, float] | None, start: Array, h: float) -> Fo
     -------
     Foretold.
     """
-    if not reaches(previous, h):
+    if previous is None:
         return Foretold(start)
-    assert previous is not None
-    w, last = previous
-    return Foretold(w.reshape(-1, start.size), 1.0, h / last)
-
-
-def reaches(previous: tuple[Array, float] | None, h: float) -> bool:
-    """Whether the previous interval may be extrapolated to one of another length.
-
-    Parameters
-    ----------
-    previous
-        ((d + 1) n,) its start and stages, and its length [s]; None: there is none.
-    h
-        the other length [s].
-
-    Returns
-    -------
-    False where it is too long.
-    """
-    return previous is not None and h <= EXTRAPOLATED * previous[1]
+    part = h / previous.h
+    astray = previous.error * math.cosh(d * math.acosh(1 + 2 * part))
+    return Foretold(previous.w, 1.0, part) if astray <= ASTRAY else Foretold(start)
 
 
 def last_mode(s: Scheme, w: Array) -> float:
