@@ -68,6 +68,7 @@ class Segment:
     w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
     end : (n,) state at the end.
     jumped : (n,) state behind the event where it jumps there, else None.
+    length : [s] of the interval that would have come next; 0 where the phase was not followed by intervals.
     """
 
     mode: str
@@ -77,6 +78,7 @@ class Segment:
     w: Array
     end: Array
     jumped: Array | None = None
+    length: float = 0.0
 
     @property
     def start(self) -> Array:
@@ -108,6 +110,7 @@ def march(
     max_intervals: int = 20_000,
     strict: bool = False,
     met: str = "",
+    length: float = 0.0,
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
@@ -123,9 +126,9 @@ def march(
         called with every finished segment; True ends the march.
     tol, degree, kind
         bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
-    max_time, max_intervals, strict, met
+    max_time, max_intervals, strict, met, length
         [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event that has just
-        been met in x, if any.
+        been met in x, if any; `length` of the segment in front of it, if any.
 
     Returns
     -------
@@ -140,11 +143,12 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used)
+        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, length)
         segments.append(segment)
         if strict:
             _check(system, segments, p, time, met)
         time += segment.duration
+        length = segment.length
         used += len(segment.w)
         if segment.event == "" or until(segment):
             return segments
@@ -156,14 +160,23 @@ def march(
 
 
 def _phase(
-    system: System, name: str, x: Array, p: Array, s: Scheme, scale: Array, tol: float, max_time: float, intervals: int
+    system: System,
+    name: str,
+    x: Array,
+    p: Array,
+    s: Scheme,
+    scale: Array,
+    tol: float,
+    max_time: float,
+    intervals: int,
+    length: float,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of one phase, in closed form where there is one."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
-    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals)
+    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals, length)
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
@@ -272,7 +285,14 @@ class _Shorter(NamedTuple):
 
 
 def _followed(
-    system: System, name: str, x: Array, stepper: Stepper, tol: float, max_time: float, max_intervals: int
+    system: System,
+    name: str,
+    x: Array,
+    stepper: Stepper,
+    tol: float,
+    max_time: float,
+    max_intervals: int,
+    length: float,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of a phase without closed form: series as far as they lead, then intervals in a row."""
     scale, p, d = stepper.scale, stepper.p, stepper.scheme.degree
@@ -288,7 +308,7 @@ def _followed(
         return successor == name and not way_out.mark and mode.flow is None
 
     stretches: list[list[Piece]] = []
-    reached = Reached(0.0, x / scale, None, False, 0.0)
+    reached = Reached(0.0, x / scale, None, False, length)
     series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
         following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
@@ -299,13 +319,15 @@ def _followed(
         raise MarchFailure(
             f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals"
         ) from None
-    if not reached.over:
+    by_intervals = not reached.over
+    if by_intervals:
         reached = _collocated(mode, exits, stepper, reached, tol, max_time, max_intervals, passes, lengths, pieces)
     breaks = np.concatenate([[0.0], np.cumsum(lengths)])
     w = np.array(pieces) * np.tile(scale, d + 1)
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
-    return Segment(name, event, reached.time, breaks / breaks[-1], w, reached.x * scale, jumped), successor
+    length = reached.length if by_intervals else 0.0
+    return Segment(name, event, reached.time, breaks / breaks[-1], w, reached.x * scale, jumped, length), successor
 
 
 def _collocated(
@@ -322,10 +344,12 @@ def _collocated(
 ) -> Reached:
     """Intervals in a row to the exit of a mode, or to `max_time`, put behind those that are there."""
     d = stepper.scheme.degree
-    t, start, h = begun.time, begun.x, begun.length
+    t, start, h = begun.time, begun.x, min(begun.length, max_time - begun.time)
     slope: Array | None = None  # where the interval does not start on an event
-    if h == 0:
+    if t == 0:
         slope = stepper.slope(start)
+    if h <= 0:
+        assert slope is not None
         h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: Previous | None = None
     watch = Watch(exits, mode.feature, stepper)
@@ -341,16 +365,17 @@ def _collocated(
             if h < VANISHING_STEP * max(t, 1.0):
                 raise MarchFailure(f"mode {mode.name!r}: {found.why} at {t:.6g} s")
             continue
+        length = h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(found.error, 1e-300)) ** (1 / d)))
         h, stages, end, error, way_out = found
         pieces.append(np.concatenate([start, stages]))
         lengths.append(h)
         t += h
         if way_out is not None and not passes(way_out, end):
-            return Reached(t, end, way_out, True, h)
+            return Reached(t, end, way_out, True, length)
         previous = Previous(pieces[-1].reshape(d + 1, -1), h, error)
         start, slope = end, None if way_out is None else stepper.slope(end)
         # The last interval ends at max_time itself, as accurate as any other end of an interval.
-        h = min(h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
+        h = min(length, max(max_time - t, 0.0))
 
 
 def _attempt(

@@ -357,8 +357,8 @@ def locate(
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
     # The polynomial at hand knows the signs at the ends better than the values.
-    bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf)
-    theta = bracket.illinois
+    theta = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf).illinois
+    bracket = Bracket(low - part if low > part else low, -np.inf, min(high + part, 1.0), np.inf)
     solved: Solved | None = None
     f = last = np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
