@@ -67,9 +67,7 @@ def interval_function(field: Field, n: int, parameters: int, degree: int, kind: 
         residual, ca.DM(np.tile(-np.eye(n), (d + 1, 1))), by_stages, -h * ca.vec(sums),
         step * ca.vec(ca.mtimes(ca.horzcat(*changes), weights.T)),
     )  # fmt: skip
-    return ca.Function(
-        "interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"]
-    )
+    return ca.Function("interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"])
 
 
 @kept(maxsize=64)

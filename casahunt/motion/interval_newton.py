@@ -73,16 +73,16 @@ class _Equations:
         z = ca.SX.sym("z", n)
         f = ca.densify(ca.SX(field(scale * z, p, sign)) / scale)
         J = ca.jacobian(f, z)
-        self.places = list(zip(*J.sparsity().get_triplet(), strict=True))
-        varies = ca.which_depends(ca.vertcat(*J.nonzeros()), z, 1, True) if self.places else []
-        self.varies = dict(zip(zip(*J.sparsity().get_triplet(), strict=True), varies, strict=True))
-        self._f = ca.Function("rate", [z, sign, p, scale], [f])
-        self._jet = ca.Function("jet", [z, sign, p, scale], ca.cse([f, J]))
-        self.s, self.n, self.others, self.step, self.A = s, n, others, step, ca.DM(s.matrix)
+        places = list(zip(*J.sparsity().get_triplet(), strict=True))
+        varies = ca.which_depends(ca.vertcat(*J.nonzeros()), z, 1, True) if places else []
+        self.varies = dict(zip(places, varies, strict=True))
+        self._f = ca.Function("rate", [z, *others], [f])
+        self._jet = ca.Function("jet", [z, *others], ca.cse([f, J]))
+        self.s, self.n, self.step, self.A, self._fixed = s, n, step, ca.DM(s.matrix), others
 
     def __call__(self, X: ca.SX, x: ca.SX) -> tuple[ca.SX, list[list[list[ca.SX]]]]:
-        """(d, n) X - x - step A f(X), and the df_a/dx_c there: one of every stage where it varies, else one, or none."""
-        jets = [self._jet(X[j, :].T, *self.others) for j in range(self.s.degree)]
+        """(d, n) X - x - step A f(X), and the df_a/dx_c there: of every stage where it varies, else one or none."""
+        jets = [self._jet(X[j, :].T, *self._fixed) for j in range(self.s.degree)]
         rates: list[list[list[ca.SX]]] = [[[] for _ in range(self.n)] for _ in range(self.n)]
         for (a, c), varies in self.varies.items():
             rates[a][c] = [jet[1][a, c] for jet in jets] if varies else [jets[0][1][a, c]]
@@ -90,7 +90,7 @@ class _Equations:
 
     def residual(self, X: ca.SX, x: ca.SX) -> ca.SX:
         """The first of these alone."""
-        return self._residual(X, x, [self._f(X[j, :].T, *self.others) for j in range(self.s.degree)])
+        return self._residual(X, x, [self._f(X[j, :].T, *self._fixed) for j in range(self.s.degree)])
 
     def _residual(self, X: ca.SX, x: ca.SX, fields: list[ca.SX]) -> ca.SX:
         return X - ca.repmat(x.T, self.s.degree, 1) - self.step * ca.mtimes(self.A, ca.horzcat(*fields).T)
@@ -110,18 +110,20 @@ class _Reduced:
         self.factors, self.M = _triangular(reduced.left()[0]), reduced.of_others()[1]
         self.order = np.argsort([*self.F, *self.E]).tolist()
 
-    def step(self, residual: ca.SX) -> ca.SX:
-        """(d, n) Y."""
+    def step(self, residual: ca.SX, first: bool) -> ca.SX:
+        """(d, n) Y; behind the first step nothing is left of the equations that are linear."""
         known: dict[int, ca.SX] = {}
         for e in self.E:
-            known[e] = residual[:, e] + self._integral(e, known)
+            nothing = not first and all(len(weights) <= 1 for weights in self.rates[e])
+            own = ca.SX(self.equations.s.degree, 1) if nothing else residual[:, e]
+            known[e] = own + self._integral(e, known)
         Y_F = _solved(self.factors, ca.vertcat(*(residual[:, f] + self._integral(f, known) for f in self.F)))
         Y = ca.vertcat(Y_F, ca.vertcat(*known.values()) + ca.mtimes(self.M, Y_F)) if self.E else Y_F
         return ca.reshape(Y, -1, self.equations.n)[:, self.order]
 
     def _integral(self, a: int, known: dict[int, ca.SX]) -> ca.SX:
         """step A sum_c diag(J_ac) R_c, c in E."""
-        found = ca.SX.zeros(self.equations.s.degree, 1)
+        found = ca.SX(self.equations.s.degree, 1)
         for c, R in known.items():
             if weights := self.rates[a][c]:
                 found += (weights[0] if len(weights) == 1 else ca.vertcat(*weights)) * R
@@ -160,7 +162,7 @@ def newton_steps(field: Field, n: int, parameters: int, degree: int, kind: Kind)
         return None
     sizes = []
     for k in range(1 + CHORDS):
-        Y = reduced.step(residual if k == 0 else equations.residual(X, x))
+        Y = reduced.step(residual if k == 0 else equations.residual(X, x), k == 0)
         sizes.append(ca.mmax(ca.fabs(Y)))
         X = X - (Y if k == 0 else (sizes[k] < sizes[k - 1]) * Y)  # where they grow, the next step is better
     points = ca.vertcat(x.T, X)
@@ -170,4 +172,3 @@ def newton_steps(field: Field, n: int, parameters: int, degree: int, kind: Kind)
     outputs = [ca.densify(out) for out in (ca.vec(X.T), end, told)]
     function = ca.Function("newton", [x, w, place, step, sign, p, scale], outputs)
     return caller(function, [n, (degree + 1, n), 2, 1, 1, parameters, n], [degree * n, n, CHORDS + 4])
-

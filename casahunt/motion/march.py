@@ -37,7 +37,7 @@ Array = np.ndarray
 VANISHING_STEP = 1e-14  # of the time reached so far, or of one second at the start
 GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
 ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
-LENGTHENING = 2.5  # of an interval's length from one to the next
+LENGTHENING = 2.5  # of an interval's length from one to the next; none behind one that was too long
 BROKEN = 1e-6  # a condition below zero by this much does not hold
 VANISHED = "the step size vanished"
 CROWD, CROWDED = 100, 1e-7
@@ -316,9 +316,7 @@ def _followed(
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
-        raise MarchFailure(
-            f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals"
-        ) from None
+        raise MarchFailure(f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals") from None
     by_intervals = not reached.over
     if by_intervals:
         reached = _collocated(mode, exits, stepper, reached, tol, max_time, max_intervals, passes, lengths, pieces)
@@ -352,6 +350,7 @@ def _collocated(
         assert slope is not None
         h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
     previous: Previous | None = None
+    longest = LENGTHENING
     watch = Watch(exits, mode.feature, stepper)
     while True:
         if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
@@ -362,10 +361,12 @@ def _collocated(
         found = _attempt(watch, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):
             h *= found.factor
+            longest = 1.0
             if h < VANISHING_STEP * max(t, 1.0):
                 raise MarchFailure(f"mode {mode.name!r}: {found.why} at {t:.6g} s")
             continue
-        length = h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(found.error, 1e-300)) ** (1 / d)))
+        length = h * min(longest, max(0.3, 0.9 * (tol / max(found.error, 1e-300)) ** (1 / d)))
+        longest = LENGTHENING
         h, stages, end, error, way_out = found
         pieces.append(np.concatenate([start, stages]))
         lengths.append(h)
@@ -402,7 +403,7 @@ def _attempt(
     reached = h, stages, end
     way_out: Exit | None = None
     try:
-        crossings = watch.crossings(start, stages, end, ahead)
+        crossings, hidden = watch.crossings(start, stages, end, ahead)
     except TooLong:
         return _Shorter(0.5, "an exit grazes zero")
     if crossings:
@@ -416,6 +417,7 @@ def _attempt(
             if way_out is None or located[0] < reached[0]:
                 way_out, reached = candidate, located
         h, stages, end = reached
-    if watch.hides(start, stages, end):
+        hidden = watch.hides(start, stages, end)
+    if hidden:
         return _Shorter(0.5, VANISHED)  # whatever the step shows of the motion, it has stepped over something
     return _Interval(h, stages, end, error, way_out)

@@ -10,8 +10,6 @@ Symbols: n states, d stages, R = n (d + 1); theta, parts of an interval's length
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import casadi as ca
 import numpy as np
 
@@ -20,6 +18,7 @@ from ..collocation.scheme import Kind, scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
 from ..hybrid.system import Exit, Feature, Field, Mode, Reset
+from ..hybrid.vector_form import Bound
 from .march_step import Foretold, Solved, Stepper
 
 Array = np.ndarray
@@ -186,21 +185,25 @@ class Watch:
         s, n, parameters = stepper.scheme, stepper.scale.size, stepper.p.size
         self.exits, self.stepper, self._feature = exits, stepper, feature
         self._here = _events_at(exits, stepper.field, n, parameters) if exits else None
-        looks = _looks(exits, feature, n, parameters, s.degree, s.kind)
-        self._along, self._in_numbers = looks.along, looks.in_numbers
+        self._in_numbers = feature is not None and not isinstance(feature, Bound)
+        self._along = _looks(exits, feature, n, parameters, s.degree, s.kind)
 
     def at(self, x: Array) -> tuple[list[float], list[float]]:
         """Each exit's event at a scaled state, and the rate at which it rises there."""
         assert self._here is not None
         buffers = self._here.buffers
-        for store, value in zip(buffers.inputs, (x, self.stepper.sign, self.stepper.p, self.stepper.scale), strict=True):
+        for store, value in zip(
+            buffers.inputs, (x, self.stepper.sign, self.stepper.p, self.stepper.scale), strict=True
+        ):
             store[:] = value
         buffers.trigger()
         values, rates = buffers.outputs
         return values.tolist(), rates.tolist()
 
-    def crossings(self, start: Array, stages: Array, end: Array, ahead: Array | None) -> list[tuple[Exit, float]]:
-        """The exits whose events are beyond zero earliest in an interval.
+    def crossings(
+        self, start: Array, stages: Array, end: Array, ahead: Array | None
+    ) -> tuple[list[tuple[Exit, float]], bool]:
+        """The exits whose events are beyond zero earliest in an interval; whether it hides something of the field.
 
         Parameters
         ----------
@@ -213,7 +216,8 @@ class Watch:
         Returns
         -------
         Each exit with the watched local time (0..1] where it is: one as a rule, none where no event is beyond zero,
-        several where only locating them tells which comes first.
+        several where only locating them tells which comes first.  And whether the feature jumps between two points of
+        the interval.
 
         Raises
         ------
@@ -221,10 +225,10 @@ class Watch:
         """
         m = _WATCH.size
         found: list[tuple[int, Exit]] = []
-        looked = self._look(start, stages, end, start if ahead is None else ahead)[0]
+        looked, jump = self._look(start, stages, end, start if ahead is None else ahead)
         for values, way_out in zip(looked, self.exits, strict=True):
             h = values[:m]
-            if not (h[0] <= ON_EVENT and h.max() > 0):
+            if not (h[0] <= ON_EVENT and (h > 0).any()):
                 continue
             inside = h[0] < 0
             if ahead is not None and abs(h[0]) <= ON_EVENT:
@@ -234,14 +238,15 @@ class Watch:
                 k = _first_beyond(h, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
                 found += [(k, way_out)] if k else []
         first = min((k for k, _ in found), default=0)
-        return [(way_out, float(_WATCH[k])) for k, way_out in found if k == first]
+        hidden = self.hides(start, stages, end) if self._in_numbers else float(jump[0]) > LARGEST_JUMP
+        return [(way_out, float(_WATCH[k])) for k, way_out in found if k == first], hidden
 
     def hides(self, start: Array, stages: Array, end: Array) -> bool:
         """Whether the feature jumps between two points (n,), (d n,), (n,) of an interval, so that it is hidden."""
-        if self._feature is not None and self._in_numbers:
-            points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * self.stepper.scale
-            return bool(hides(self._feature, points, self.stepper.p)[0])
-        return self._feature is not None and self._look(start, stages, end, start)[1][0] > LARGEST_JUMP
+        if self._feature is None:
+            return False
+        points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * self.stepper.scale
+        return bool(hides(self._feature, points, self.stepper.p)[0])
 
     def _look(self, start: Array, stages: Array, end: Array, ahead: Array) -> tuple[Array, ...]:
         """(exits, .) events at the watched times, the start and the stages, and ahead; largest jump of the feature."""
@@ -282,35 +287,22 @@ def _events_at(exits: tuple[Exit, ...], field: Field, n: int, parameters: int) -
     return caller(function, [n, 1, parameters, n], [len(exits), len(exits)])
 
 
-class _Looks(NamedTuple):
-    """What an interval is looked at with; the feature is a function of numbers alone."""
-
-    along: Caller
-    in_numbers: bool
-
-
 @kept(maxsize=64)
 def _looks(
     exits: tuple[Exit, ...], feature: Feature | None, n: int, parameters: int, degree: int, kind: Kind
-) -> _Looks:
-    """Events along an interval, and the largest jump of the feature from one of its points to the next."""
+) -> Caller:
+    """Events along an interval, and the largest jump from one of its points to the next of a feature in symbols."""
     z, p, scale = ca.SX.sym("z", n), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     x, X, end, ahead = (ca.SX.sym(name, rows) for name, rows in zip("xXea", (n, degree * n, n, n), strict=True))
     w = ca.horzcat(x, ca.reshape(X, n, degree))
     between = ca.mtimes(w, ca.DM(scheme(degree, kind).interpolation(_WATCH[:-1])).T)
     events = ca.vertcat(*[e.direction * e.event.function(scale * z, 0.0, p) for e in exits])
     along = _at_each(events, z, p, scale, ca.horzcat(between, end, w, ahead))
-    try:
-        seen = ca.SX(0) if feature is None else ca.SX(feature(scale * z, p))
-    except Exception:  # whatever a function of numpy arrays does with symbols
-        seen = None
-    points = ca.horzcat(w, end)
     jump = ca.SX(0)
-    if feature is not None and seen is not None:
-        jump = ca.mmax(ca.fabs(ca.diff(_at_each(seen, z, p, scale, points))))
+    if isinstance(feature, Bound):
+        jump = ca.mmax(ca.fabs(ca.diff(_at_each(feature(scale * z, p), z, p, scale, ca.horzcat(w, end)))))
     function = ca.Function("looks", [x, X, end, ahead, p, scale], [ca.densify(along), ca.densify(jump)])
-    shapes = [(len(exits), along.size1()), 1]
-    return _Looks(caller(function, [n, degree * n, n, n, parameters, n], shapes), seen is None)
+    return caller(function, [n, degree * n, n, n, parameters, n], [(len(exits), along.size1()), 1])
 
 
 def _at_each(expression: ca.SX, z: ca.SX, p: ca.SX, scale: ca.SX, points: ca.SX) -> ca.SX:

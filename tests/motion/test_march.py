@@ -11,6 +11,7 @@ import pytest
 
 from casahunt.hybrid.system import Event, Exit, Mode, System
 from casahunt.motion.march import MarchFailure, Segment, march
+from casahunt.motion.march_exits import Watch
 
 NO_PARAMETERS = np.zeros(1)
 
@@ -75,12 +76,13 @@ def test_exits_of_a_closed_form():
     assert segment.event == "" and segment.duration == math.inf and segment.end[2] == 0.5
 
 
-def test_what_is_no_number_is_no_exit():
+def test_what_is_no_number_is_no_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     """An event beyond zero on the polynomial that is no number on the motion itself is refused by name and time."""
 
-    def broken(x: Any, duration: Any, p: Any) -> Any:
-        return x[2] - 1 if np.ndim(x[2]) else np.nan
+    def broken(x: Any, duration: Any, p: Any) -> Any:  # by series: at one state; by intervals: see `at`
+        return np.nan if isinstance(x, np.ndarray) and x.ndim == 1 else x[2] - 1
 
+    monkeypatch.setattr(Watch, "at", lambda self, x: ([math.nan], [math.nan]))
     with pytest.raises(MarchFailure, match="'end' cannot be located at 0.[45]"):
         marched(Exit(Event("end", broken), +1, lambda x, p: "swing", mark=True), start=0.5)
 
