@@ -18,8 +18,8 @@ Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
 from .march_exits import TooLong, Watch, behind, end_of_flow, ends_linear_in_time, flow_to, locate
-from .march_series import Following, Reached, intervals_of
+from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Foretold, Previous, Stepper, foretold
 from .series import Piece, TooMany, series_of
 
@@ -80,10 +80,56 @@ class Segment:
     jumped: Array | None = None
     length: float = 0.0
 
+    @classmethod
+    def followed(
+        cls,
+        ends: tuple[str, str, float, Array, Array, Array | None],
+        count: int,
+        mesh: Callable[[], tuple[Array, Array]],
+    ) -> Segment:
+        """A phase whose intervals are made when somebody asks for them, as few who only want its end do.
+
+        Parameters
+        ----------
+        ends
+            mode, event, duration, (n,) start and end, and the state behind the event.
+        count
+            steps in which it was followed.
+        mesh
+            makes `breaks` and `w`.
+
+        Returns
+        -------
+        Segment.
+        """
+        self = object.__new__(cls)
+        names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh")
+        for name, value in zip(names, (*ends, 0.0, count, mesh), strict=True):
+            object.__setattr__(self, name, value)
+        return self
+
+    def __getattr__(self, name: str) -> Any:
+        """`breaks` and `w` of a phase that has none yet; two threads may both make them, and make the same."""
+        mesh = self.__dict__.get("_mesh")
+        if name not in ("breaks", "w") or mesh is None:
+            raise AttributeError(name)
+        for made, value in zip(("breaks", "w"), mesh(), strict=True):
+            object.__setattr__(self, made, value)
+        return self.__dict__[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied and sent to other processes."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def count(self) -> int:
+        """Number of its intervals, or of the steps in which it was followed."""
+        return int(self.__dict__["_count"]) if "_count" in self.__dict__ else len(self.w)
+
     @property
     def start(self) -> Array:
         """(n,) state at the start."""
-        return self.w[0, : self.end.size]
+        return self.__dict__["_start"] if "_start" in self.__dict__ else self.w[0, : self.end.size]
 
     @property
     def behind(self) -> Array:
@@ -110,7 +156,7 @@ def march(
     max_intervals: int = 20_000,
     strict: bool = False,
     met: str = "",
-    length: float = 0.0,
+    after: Segment | None = None,
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
@@ -126,9 +172,9 @@ def march(
         called with every finished segment; True ends the march.
     tol, degree, kind
         bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
-    max_time, max_intervals, strict, met, length
+    max_time, max_intervals, strict, met, after
         [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event that has just
-        been met in x, if any; `length` of the segment in front of it, if any.
+        been met in x, if any; the segment that ended in x, if any.
 
     Returns
     -------
@@ -143,13 +189,13 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, length)
+        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, _begins(after, mode))
         segments.append(segment)
         if strict:
             _check(system, segments, p, time, met)
         time += segment.duration
-        length = segment.length
-        used += len(segment.w)
+        after = segment
+        used += segment.count
         if segment.event == "" or until(segment):
             return segments
         if used >= max_intervals:
@@ -157,6 +203,21 @@ def march(
         if time >= max_time:
             return segments
         x = segment.behind
+
+
+class _Begins(NamedTuple):
+    """Length of the first interval of a phase, 0 where it is to be chosen, then at most so long."""
+
+    length: float = 0.0
+    at_most: float = np.inf
+
+
+def _begins(after: Segment | None, mode: str) -> _Begins:
+    """What the intervals in front of a phase foretell: in another mode only that longer ones miss what is there."""
+    if after is None or after.length == 0:
+        return _Begins()
+    goes_on = after.mode == mode and after.jumped is None
+    return _Begins(length=after.length) if goes_on else _Begins(at_most=after.length)
 
 
 def _phase(
@@ -169,14 +230,14 @@ def _phase(
     tol: float,
     max_time: float,
     intervals: int,
-    length: float,
+    begins: _Begins,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of one phase, in closed form where there is one."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
-    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals, length)
+    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals, begins)
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
@@ -292,10 +353,10 @@ def _followed(
     tol: float,
     max_time: float,
     max_intervals: int,
-    length: float,
+    begins: _Begins,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of a phase without closed form: series as far as they lead, then intervals in a row."""
-    scale, p, d = stepper.scale, stepper.p, stepper.scheme.degree
+    scale, p = stepper.scale, stepper.p
     mode, exits = system.modes[name], system.exits[name]
     behind_it: tuple[Array | None, str] = None, name
 
@@ -308,24 +369,41 @@ def _followed(
         return successor == name and not way_out.mark and mode.flow is None
 
     stretches: list[list[Piece]] = []
-    reached = Reached(0.0, x / scale, None, False, length)
+    reached = Reached(0.0, x / scale, None, False, begins.length)
     series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
         following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
         reached, stretches = following.run(), following.stretches
+    if stretches and reached.over and most_intervals(stretches, stepper.scheme, tol) <= max_intervals:
+        jumped, successor = behind_it if reached.way_out is not None else (None, name)
+        event = "" if reached.way_out is None else reached.way_out.event.name
+        ends = name, event, reached.time, x.copy(), reached.x * scale, jumped
+
+        def mesh() -> tuple[Array, Array]:
+            return _meshed(*intervals_of(mode, stepper, stretches, tol, max_intervals), scale)
+
+        return Segment.followed(ends, following.taken, mesh), successor
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
         raise MarchFailure(f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals") from None
     by_intervals = not reached.over
     if by_intervals:
-        reached = _collocated(mode, exits, stepper, reached, tol, max_time, max_intervals, passes, lengths, pieces)
-    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
-    w = np.array(pieces) * np.tile(scale, d + 1)
+        reached = _collocated(
+            mode, exits, stepper, reached, begins.at_most, tol, max_time, max_intervals, passes, lengths, pieces
+        )
+    breaks, w = _meshed(lengths, pieces, scale)
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
     length = reached.length if by_intervals else 0.0
-    return Segment(name, event, reached.time, breaks / breaks[-1], w, reached.x * scale, jumped, length), successor
+    return Segment(name, event, reached.time, breaks, w, reached.x * scale, jumped, length), successor
+
+
+def _meshed(lengths: list[float], pieces: list[Array], scale: Array) -> tuple[Array, Array]:
+    """`breaks` and `w` of a segment."""
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    w = np.array(pieces)
+    return breaks / breaks[-1], w * np.tile(scale, w.shape[1] // scale.size)
 
 
 def _collocated(
@@ -333,6 +411,7 @@ def _collocated(
     exits: tuple[Exit, ...],
     stepper: Stepper,
     begun: Reached,
+    at_most: float,
     tol: float,
     max_time: float,
     max_intervals: int,
@@ -349,6 +428,7 @@ def _collocated(
     if h <= 0:
         assert slope is not None
         h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
+        h = min(h, at_most)
     previous: Previous | None = None
     longest = LENGTHENING
     watch = Watch(exits, mode.feature, stepper)

@@ -27,11 +27,12 @@ import numpy as np
 
 from .. import effort
 from ..collocation.admissibility import hides
+from ..collocation.scheme import Scheme
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
 from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
 from .march_step import Foretold, Stepper
-from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed
+from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
 
 Array = np.ndarray
 
@@ -328,3 +329,20 @@ def intervals_of(
             lengths += [float(h) for h in np.diff(breaks)]
             pieces += list(w)
     return lengths, pieces
+
+
+def most_intervals(stretches: list[list[Piece]], s: Scheme, tol: float) -> float:
+    """A bound of the number of these intervals, but for those that hide something of the field.
+
+    Parameters
+    ----------
+    stretches, s, tol
+        what was followed; the scheme; last Legendre coefficient of an interval.
+
+    Returns
+    -------
+    Steps times intervals in a step of which no term exceeds the size of the states.
+    """
+    pieces = [piece for stretch in stretches for piece in stretch]
+    size = max([1.0, *(float(np.abs(piece.C[:, 0]).max()) for piece in pieces)])
+    return sum(len(piece.lengths) for piece in pieces) * most_in_a_step(s.degree, tol / size) + len(stretches)
