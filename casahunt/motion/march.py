@@ -189,7 +189,9 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, _begins(after, mode))
+        segment, mode = _phase(
+            system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, _begins(after, mode)
+        )
         segments.append(segment)
         if strict:
             _check(system, segments, p, time, met)

@@ -10,6 +10,8 @@ Symbols: n states, d stages, R = n (d + 1); theta, parts of an interval's length
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 
@@ -311,6 +313,12 @@ def _at_each(expression: ca.SX, z: ca.SX, p: ca.SX, scale: ca.SX, points: ca.SX)
     return ca.vertcat(*[function(points[:, k], p, scale).T for k in range(points.size2())])
 
 
+def _true_value(watch: Watch, which: int, start: Array, guess: Foretold, h: float) -> float:
+    """An exit's event at the end of an interval of length h; no number where that is not solved."""
+    solved = watch.stepper(start, guess, h, EXACT)
+    return math.nan if solved is None else watch.at(solved.end)[0][which]
+
+
 def locate(
     watch: Watch, way_out: Exit, beyond: float, start: Array, stages: Array, h: float
 ) -> tuple[float, Array, Array] | None:
@@ -367,6 +375,15 @@ def locate(
         bracket = bracket.told(theta, f)
         rate *= h
         shrinks = rate > 0 and abs(f) < 0.5 * last
+        if not shrinks and not (np.isfinite(bracket.f_a) and np.isfinite(bracket.f_b)):
+            # Before it is halved to nothing: does the event change its sign on true intervals at all?
+            ends = [
+                _true_value(watch, which, start, Foretold(w, 0.0, end / reach), end * h)
+                for end in (bracket.a, bracket.b)
+            ]
+            if not ends[0] < 0 < ends[1]:
+                break
+            bracket = Bracket(bracket.a, ends[0], bracket.b, ends[1])
         theta, last = bracket.newton(theta, f, rate) if shrinks else bracket.middle, abs(f)
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
     return (theta * h, solved.stages, solved.end) if solved is not None and abs(f) <= EVENT_LIMIT else None

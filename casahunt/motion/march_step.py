@@ -29,7 +29,7 @@ ROUNDS = 4  # of compiled steps, each at most half as long as the one before
 MOST_SLOW = 2  # Newton steps that do not halve before an interval is given up
 STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
 ROUNDING = 1e-16  # relative to the states, nothing smaller is left of an interval's equations
-ASTRAY = 0.03  # error of foretold stages beyond which constant ones are no worse
+ASTRAY = 0.1  # error of foretold stages, in units of the way to go, beyond which constant ones are no worse
 
 
 class Foretold(NamedTuple):
@@ -191,7 +191,8 @@ def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foret
         return Foretold(start)
     part = h / previous.h
     astray = previous.error * math.cosh(d * math.acosh(1 + 2 * part))
-    return Foretold(previous.w, 1.0, part) if astray <= ASTRAY else Foretold(start)
+    moves = part * float(np.abs(previous.w[-1] - previous.w[0]).max())
+    return Foretold(previous.w, 1.0, part) if astray <= ASTRAY * moves else Foretold(start)
 
 
 def last_mode(s: Scheme, w: Array) -> float:
