@@ -91,7 +91,7 @@ def point_function(field: Field, n: int, parameters: int) -> ca.Function:
 
 
 @kept(maxsize=64)
-def one_point(field: Field, n: int, parameters: int) -> Caller:
+def _one_point(field: Field, n: int, parameters: int) -> Caller:
     """`point_function`, called through fixed buffers."""
     return caller(point_function(field, n, parameters), [n, 1, parameters, n], [n])
 
@@ -112,7 +112,7 @@ def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Arr
     -------
     (n,).
     """
-    buffers = one_point(field, x.size, p.size).buffers
+    buffers = _one_point(field, x.size, p.size).buffers
     for store, value in zip(buffers.inputs, (x, sign, p, scale), strict=True):
         store[:] = value
     buffers.trigger()

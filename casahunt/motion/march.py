@@ -18,8 +18,7 @@ Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,19 +26,17 @@ from .. import effort
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
-from .march_exits import TooLong, Watch, behind, end_of_flow, ends_linear_in_time, flow_to, locate
+from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
+from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
-from .march_step import Foretold, Previous, Stepper, foretold
+from .march_step import Stepper
+from .march_watch import Watch
+from .segment import MarchFailure, Segment
 from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
 
-VANISHING_STEP = 1e-14  # of the time reached so far, or of one second at the start
-GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
-ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
-LENGTHENING = 2.5  # of an interval's length from one to the next; none behind one that was too long
 BROKEN = 1e-6  # a condition below zero by this much does not hold
-VANISHED = "the step size vanished"
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 HIDES = (
@@ -54,91 +51,6 @@ FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
 """Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
 UNLIKE_ITS_FIELD = 1e-2
 """A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """One phase of a simulated motion.
-
-    Attributes
-    ----------
-    mode, event : names; event is "" where the march ended without one.
-    duration : length of the segment [s].
-    breaks : (N + 1,) interval boundaries as fractions of the duration; (2,) for a closed-form mode.
-    w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
-    end : (n,) state at the end.
-    jumped : (n,) state behind the event where it jumps there, else None.
-    length : [s] of the interval that would have come next; 0 where the phase was not followed by intervals.
-    """
-
-    mode: str
-    event: str
-    duration: float
-    breaks: Array
-    w: Array
-    end: Array
-    jumped: Array | None = None
-    length: float = 0.0
-
-    @classmethod
-    def followed(
-        cls,
-        ends: tuple[str, str, float, Array, Array, Array | None],
-        count: int,
-        mesh: Callable[[], tuple[Array, Array]],
-    ) -> Segment:
-        """A phase whose intervals are made when somebody asks for them, as few who only want its end do.
-
-        Parameters
-        ----------
-        ends
-            mode, event, duration, (n,) start and end, and the state behind the event.
-        count
-            steps in which it was followed.
-        mesh
-            makes `breaks` and `w`.
-
-        Returns
-        -------
-        Segment.
-        """
-        self = object.__new__(cls)
-        names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh")
-        for name, value in zip(names, (*ends, 0.0, count, mesh), strict=True):
-            object.__setattr__(self, name, value)
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        """`breaks` and `w` of a phase that has none yet; two threads may both make them, and make the same."""
-        mesh = self.__dict__.get("_mesh")
-        if name not in ("breaks", "w") or mesh is None:
-            raise AttributeError(name)
-        for made, value in zip(("breaks", "w"), mesh(), strict=True):
-            object.__setattr__(self, made, value)
-        return self.__dict__[name]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What is copied and sent to other processes."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    @property
-    def count(self) -> int:
-        """Number of its intervals, or of the steps in which it was followed."""
-        return int(self.__dict__["_count"]) if "_count" in self.__dict__ else len(self.w)
-
-    @property
-    def start(self) -> Array:
-        """(n,) state at the start."""
-        return self.__dict__["_start"] if "_start" in self.__dict__ else self.w[0, : self.end.size]
-
-    @property
-    def behind(self) -> Array:
-        """(n,) state behind the event: where the next segment starts."""
-        return self.end if self.jumped is None else self.jumped
-
-
-class MarchFailure(Exception):
-    """The march could not go on; the message says where."""
 
 
 def march(
@@ -174,7 +86,7 @@ def march(
         bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
     max_time, max_intervals, strict, met, after
         [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event that has just
-        been met in x, if any; the segment that ended in x, if any.
+        been met in x, if any; segment that ended in x, if any.
 
     Returns
     -------
@@ -189,21 +101,16 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        segment, mode = _phase(
-            system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, _begins(after, mode)
-        )
+        begins = _begins(after, mode)
+        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, begins)
         segments.append(segment)
         if strict:
             _check(system, segments, p, time, met)
-        time += segment.duration
-        after = segment
-        used += segment.count
-        if segment.event == "" or until(segment):
+        time, used, after = time + segment.duration, used + segment.count, segment
+        if segment.event == "" or until(segment) or (used < max_intervals and time >= max_time):
             return segments
         if used >= max_intervals:
             raise MarchFailure(f"no end after {time:.3g} s and {used} intervals")
-        if time >= max_time:
-            return segments
         x = segment.behind
 
 
@@ -330,23 +237,6 @@ def _polished(system: System, segment: Segment, p: Array, scale: Array) -> Segme
     return Segment(segment.mode, segment.event, duration, np.array([0.0, 1.0]), segment.start[None], end, jumped)
 
 
-class _Interval(NamedTuple):
-    """An interval that is right: its length, stages, end, error, and the exit that it ends on."""
-
-    h: float
-    stages: Array
-    end: Array
-    error: float
-    way_out: Exit | None
-
-
-class _Shorter(NamedTuple):
-    """An interval that is too long: the factor for its length, and why it is given up where that gets too small."""
-
-    factor: float
-    why: str
-
-
 def _followed(
     system: System,
     name: str,
@@ -391,9 +281,8 @@ def _followed(
         raise MarchFailure(f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals") from None
     by_intervals = not reached.over
     if by_intervals:
-        reached = _collocated(
-            mode, exits, stepper, reached, begins.at_most, tol, max_time, max_intervals, passes, lengths, pieces
-        )
+        watch, limits = Watch(exits, mode.feature, stepper), (tol, max_time, max_intervals)
+        reached = collocated(name, watch, reached, begins.at_most, limits, passes, lengths, pieces)
     breaks, w = _meshed(lengths, pieces, scale)
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
@@ -406,100 +295,3 @@ def _meshed(lengths: list[float], pieces: list[Array], scale: Array) -> tuple[Ar
     breaks = np.concatenate([[0.0], np.cumsum(lengths)])
     w = np.array(pieces)
     return breaks / breaks[-1], w * np.tile(scale, w.shape[1] // scale.size)
-
-
-def _collocated(
-    mode: Mode,
-    exits: tuple[Exit, ...],
-    stepper: Stepper,
-    begun: Reached,
-    at_most: float,
-    tol: float,
-    max_time: float,
-    max_intervals: int,
-    passes: Callable[[Exit, Array], bool],
-    lengths: list[float],
-    pieces: list[Array],
-) -> Reached:
-    """Intervals in a row to the exit of a mode, or to `max_time`, put behind those that are there."""
-    d = stepper.scheme.degree
-    t, start, h = begun.time, begun.x, min(begun.length, max_time - begun.time)
-    slope: Array | None = None  # where the interval does not start on an event
-    if t == 0:
-        slope = stepper.slope(start)
-    if h <= 0:
-        assert slope is not None
-        h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
-        h = min(h, at_most)
-    previous: Previous | None = None
-    longest = LENGTHENING
-    watch = Watch(exits, mode.feature, stepper)
-    while True:
-        if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
-            return Reached(t, start, None, True, h)
-        if len(pieces) >= max_intervals:
-            raise MarchFailure(f"mode {mode.name!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
-        effort.interval()
-        found = _attempt(watch, previous, start, slope, h, tol)
-        if isinstance(found, _Shorter):
-            h *= found.factor
-            longest = 1.0
-            if h < VANISHING_STEP * max(t, 1.0):
-                raise MarchFailure(f"mode {mode.name!r}: {found.why} at {t:.6g} s")
-            continue
-        length = h * min(longest, max(0.3, 0.9 * (tol / max(found.error, 1e-300)) ** (1 / d)))
-        longest = LENGTHENING
-        h, stages, end, error, way_out = found
-        pieces.append(np.concatenate([start, stages]))
-        lengths.append(h)
-        t += h
-        if way_out is not None and not passes(way_out, end):
-            return Reached(t, end, way_out, True, length)
-        previous = Previous(pieces[-1].reshape(d + 1, -1), h, error)
-        start, slope = end, None if way_out is None else stepper.slope(end)
-        # The last interval ends at max_time itself, as accurate as any other end of an interval.
-        h = min(length, max(max_time - t, 0.0))
-
-
-def _attempt(
-    watch: Watch,
-    previous: Previous | None,
-    start: Array,
-    slope: Array | None,
-    h: float,
-    tol: float,
-) -> _Interval | _Shorter:
-    """One interval from `start`, up to its exit where it has one; `slope` is x' there if it starts on an event."""
-    stepper = watch.stepper
-    s = stepper.scheme
-    d = s.degree
-    guess = foretold(d, previous, start, h)
-    solved = stepper(start, guess, h, GOAL * tol)
-    if solved is None and guess.w is not start:
-        solved = stepper(start, Foretold(start), h, GOAL * tol)
-    error = np.inf if solved is None else solved.error
-    if solved is None or error > ACCEPTED_ERROR * tol:
-        return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
-    stages, end, _ = solved
-    ahead = None if slope is None else start + 1e-6 * h * slope
-    reached = h, stages, end
-    way_out: Exit | None = None
-    try:
-        crossings, hidden = watch.crossings(start, stages, end, ahead)
-    except TooLong:
-        return _Shorter(0.5, "an exit grazes zero")
-    if crossings:
-        # A look at the polynomial saves locating an exit only to find that the interval hides something.
-        rough = s.interpolation(crossings[0][1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
-        missed = watch.hides(start, rough[1:].ravel(), rough[-1])
-        for candidate, beyond in crossings:  # all of them between the same two watched times: the first is the exit
-            located = None if missed else locate(watch, candidate, beyond, start, stages, h)
-            if located is None:
-                return _Shorter(0.5, f"exit {candidate.event.name!r} cannot be located")
-            if way_out is None or located[0] < reached[0]:
-                way_out, reached = candidate, located
-        h, stages, end = reached
-        hidden = watch.hides(start, stages, end)
-    if hidden:
-        return _Shorter(0.5, VANISHED)  # whatever the step shows of the motion, it has stepped over something
-    return _Interval(h, stages, end, error, way_out)

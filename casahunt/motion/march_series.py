@@ -30,8 +30,9 @@ from ..collocation.admissibility import hides
 from ..collocation.scheme import Scheme
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
-from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
+from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS
 from .march_step import Foretold, Stepper
+from .march_watch import EVENT_LIMIT, ON_EVENT
 from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
 
 Array = np.ndarray

@@ -25,11 +25,11 @@ from .interval_newton import newton_steps
 Array = np.ndarray
 
 NEWTON_LIMIT = 12
-ROUNDS = 4  # of compiled steps, each at most half as long as the one before
+CALLS = 4  # of compiled steps, each at most half as long as the one before
 MOST_SLOW = 2  # Newton steps that do not halve before an interval is given up
 STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
-ROUNDING = 1e-16  # relative to the states, nothing smaller is left of an interval's equations
-ASTRAY = 0.1  # error of foretold stages, in units of the way to go, beyond which constant ones are no worse
+NOTHING_LESS = 1e-16  # relative to the states, nothing smaller is left of an interval's equations
+LED_ASTRAY = 0.1  # error of foretold stages, in units of the way to go, beyond which constant ones are no worse
 
 
 class Foretold(NamedTuple):
@@ -108,7 +108,7 @@ class Stepper:
 
     def __call__(self, x: Array, guess: Foretold, h: float, goal: float) -> Solved | None:
         """The interval to an error of about `goal`, or None where Newton does not converge."""
-        goal = max(goal, ROUNDING)
+        goal = max(goal, NOTHING_LESS)
         return self._stepped(x, guess, h, goal) if self._compiled is not None else self._factorised(x, guess, h, goal)
 
     def _stepped(self, x: Array, guess: Foretold, h: float, goal: float) -> Solved | None:
@@ -120,7 +120,7 @@ class Stepper:
         sign[0], p[:], scale[:] = self.sign, self.p, self.scale
         stages, end, told = buffers.outputs
         last = math.inf
-        for _ in range(ROUNDS):
+        for _ in range(CALLS):
             buffers.trigger()
             *sizes, size, error, total = told.tolist()
             if not math.isfinite(total):
@@ -192,7 +192,7 @@ def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foret
     part = h / previous.h
     astray = previous.error * math.cosh(d * math.acosh(1 + 2 * part))
     moves = part * float(np.abs(previous.w[-1] - previous.w[0]).max())
-    return Foretold(previous.w, 1.0, part) if astray <= ASTRAY * moves else Foretold(start)
+    return Foretold(previous.w, 1.0, part) if astray <= LED_ASTRAY * moves else Foretold(start)
 
 
 def last_mode(s: Scheme, w: Array) -> float:

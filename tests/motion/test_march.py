@@ -11,7 +11,7 @@ import pytest
 
 from casahunt.hybrid.system import Event, Exit, Mode, System
 from casahunt.motion.march import MarchFailure, Segment, march
-from casahunt.motion.march_exits import Watch
+from casahunt.motion.march_watch import Watch
 
 NO_PARAMETERS = np.zeros(1)
 
