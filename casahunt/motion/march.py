@@ -282,7 +282,7 @@ def _followed(
     by_intervals = not reached.over
     if by_intervals:
         watch, limits = Watch(exits, mode.feature, stepper), (tol, max_time, max_intervals)
-        reached = collocated(name, watch, reached, begins.at_most, limits, passes, lengths, pieces)
+        reached = collocated(name, watch, passes, reached, begins.at_most, limits, lengths, pieces)
     breaks, w = _meshed(lengths, pieces, scale)
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name

@@ -52,10 +52,10 @@ def _first_length(slope: Array, max_time: float, tol: float, d: int) -> float:
 def collocated(
     name: str,
     watch: Watch,
+    passes: Callable[[Exit, Array], bool],
     begun: Reached,
     at_most: float,
     limits: tuple[float, float, int],
-    passes: Callable[[Exit, Array], bool],
     lengths: list[float],
     pieces: list[Array],
 ) -> Reached:
