@@ -5,6 +5,7 @@
 scheme.py         nodes, weights, interpolation: pure numpy
 interval.py       one collocation interval, compiled, with its exact Jacobian
 elimination.py    its stages eliminated: positions by substitution, the rest by LU
+substitution.py   the same as expressions, for one interval by itself
 joints.py         closed-form phases and events, compiled, with their exact Jacobians
 node_system.py    the linear system left when the stages are eliminated
 linearisation.py  the equations at one point: residuals, Newton steps, tangents

@@ -19,7 +19,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..compiled import alone, caller, caller_by_rows, kept
+from ..compiled import Caller, caller, caller_by_rows, kept
 from ..hybrid.system import Field
 from .scheme import Kind, scheme
 
@@ -67,9 +67,7 @@ def interval_function(field: Field, n: int, parameters: int, degree: int, kind: 
         residual, ca.DM(np.tile(-np.eye(n), (d + 1, 1))), by_stages, -h * ca.vec(sums),
         step * ca.vec(ca.mtimes(ca.horzcat(*changes), weights.T)),
     )  # fmt: skip
-    return ca.Function(
-        "interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"]
-    )
+    return ca.Function("interval", [w, x_next, T, h, sign, p, dp, scale], [ca.densify(block)], list(INPUTS), ["block"])
 
 
 @kept(maxsize=64)
@@ -92,7 +90,12 @@ def point_function(field: Field, n: int, parameters: int) -> ca.Function:
     return ca.Function("field", [x, sign, p, scale], [ca.densify(field(scale * x, p, sign) / scale)])
 
 
-@alone
+@kept(maxsize=64)
+def _one_point(field: Field, n: int, parameters: int) -> Caller:
+    """`point_function`, called through fixed buffers."""
+    return caller(point_function(field, n, parameters), [n, 1, parameters, n], [n])
+
+
 def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Array:
     """The scaled field at one scaled state.
 
@@ -109,7 +112,11 @@ def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Arr
     -------
     (n,).
     """
-    return np.array(point_function(field, x.size, p.size)(x, sign, p, scale)).ravel()
+    buffers = _one_point(field, x.size, p.size).buffers
+    for store, value in zip(buffers.inputs, (x, sign, p, scale), strict=True):
+        store[:] = value
+    buffers.trigger()
+    return buffers.outputs[0].copy()
 
 
 LONGEST_PART = 64

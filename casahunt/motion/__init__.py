@@ -4,9 +4,13 @@
 
 recursion.py       the Taylor coefficients of a motion, by a rule for each operation of its field
 series.py          steps by power series, and the mesh for what they have shown
+interval_newton.py one interval as a compiled function: Newton's step, and chords
 march_step.py      one interval: Newton on its stages
+segment.py         one phase of a motion, as data
+march_watch.py     an interval watched for the exits of its mode
 march_exits.py     where a mode ends: its exits watched, and located to rounding
 march_series.py    a smooth mode to its exit, by series
+march_intervals.py a stiff mode to its exit, interval by interval
 march.py           phase by phase: by series, or interval by interval; what comes out is a mesh with stages
 closed_forms.py  a closed form against the field of its mode
 simulation.py      the motion of a user's system, with its events and its error

@@ -18,7 +18,6 @@ Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,19 +26,17 @@ from .. import effort
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
-from .march_exits import TooLong, behind, end_of_flow, ends_linear_in_time, first_crossings, flow_to, hidden, locate
-from .march_series import Following, Reached, intervals_of
-from .march_step import Stepper, last_mode, predict, reaches
+from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
+from .march_intervals import collocated
+from .march_series import Following, Reached, intervals_of, most_intervals
+from .march_step import Stepper
+from .march_watch import Watch
+from .segment import MarchFailure, Segment
 from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
 
-VANISHING_STEP = 1e-14  # of the time reached so far, or of one second at the start
-GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
-ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
-LENGTHENING = 2.5  # of an interval's length from one to the next
 BROKEN = 1e-6  # a condition below zero by this much does not hold
-VANISHED = "the step size vanished"
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 HIDES = (
@@ -54,43 +51,6 @@ FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
 """Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
 UNLIKE_ITS_FIELD = 1e-2
 """A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """One phase of a simulated motion.
-
-    Attributes
-    ----------
-    mode, event : names; event is "" where the march ended without one.
-    duration : length of the segment [s].
-    breaks : (N + 1,) interval boundaries as fractions of the duration; (2,) for a closed-form mode.
-    w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
-    end : (n,) state at the end.
-    jumped : (n,) state behind the event where it jumps there, else None.
-    """
-
-    mode: str
-    event: str
-    duration: float
-    breaks: Array
-    w: Array
-    end: Array
-    jumped: Array | None = None
-
-    @property
-    def start(self) -> Array:
-        """(n,) state at the start."""
-        return self.w[0, : self.end.size]
-
-    @property
-    def behind(self) -> Array:
-        """(n,) state behind the event: where the next segment starts."""
-        return self.end if self.jumped is None else self.jumped
-
-
-class MarchFailure(Exception):
-    """The march could not go on; the message says where."""
 
 
 def march(
@@ -108,6 +68,7 @@ def march(
     max_intervals: int = 20_000,
     strict: bool = False,
     met: str = "",
+    after: Segment | None = None,
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
@@ -123,9 +84,9 @@ def march(
         called with every finished segment; True ends the march.
     tol, degree, kind
         bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
-    max_time, max_intervals, strict, met
+    max_time, max_intervals, strict, met, after
         [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event that has just
-        been met in x, if any.
+        been met in x, if any; segment that ended in x, if any.
 
     Returns
     -------
@@ -140,30 +101,52 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used)
+        begins = _begins(after, mode)
+        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, begins)
         segments.append(segment)
         if strict:
             _check(system, segments, p, time, met)
-        time += segment.duration
-        used += len(segment.w)
-        if segment.event == "" or until(segment):
+        time, used, after = time + segment.duration, used + segment.count, segment
+        if segment.event == "" or until(segment) or (used < max_intervals and time >= max_time):
             return segments
         if used >= max_intervals:
             raise MarchFailure(f"no end after {time:.3g} s and {used} intervals")
-        if time >= max_time:
-            return segments
         x = segment.behind
 
 
+class _Begins(NamedTuple):
+    """Length of the first interval of a phase, 0 where it is to be chosen, then at most so long."""
+
+    length: float = 0.0
+    at_most: float = np.inf
+
+
+def _begins(after: Segment | None, mode: str) -> _Begins:
+    """What the intervals in front of a phase foretell: in another mode only that longer ones miss what is there."""
+    if after is None or after.length == 0:
+        return _Begins()
+    goes_on = after.mode == mode and after.jumped is None
+    return _Begins(length=after.length) if goes_on else _Begins(at_most=after.length)
+
+
 def _phase(
-    system: System, name: str, x: Array, p: Array, s: Scheme, scale: Array, tol: float, max_time: float, intervals: int
+    system: System,
+    name: str,
+    x: Array,
+    p: Array,
+    s: Scheme,
+    scale: Array,
+    tol: float,
+    max_time: float,
+    intervals: int,
+    begins: _Begins,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of one phase, in closed form where there is one."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
-    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals)
+    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals, begins)
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
@@ -254,28 +237,18 @@ def _polished(system: System, segment: Segment, p: Array, scale: Array) -> Segme
     return Segment(segment.mode, segment.event, duration, np.array([0.0, 1.0]), segment.start[None], end, jumped)
 
 
-class _Interval(NamedTuple):
-    """An interval that is right: its length, stages, end, error, and the exit that it ends on."""
-
-    h: float
-    stages: Array
-    end: Array
-    error: float
-    way_out: Exit | None
-
-
-class _Shorter(NamedTuple):
-    """An interval that is too long: the factor for its length, and why it is given up where that gets too small."""
-
-    factor: float
-    why: str
-
-
 def _followed(
-    system: System, name: str, x: Array, stepper: Stepper, tol: float, max_time: float, max_intervals: int
+    system: System,
+    name: str,
+    x: Array,
+    stepper: Stepper,
+    tol: float,
+    max_time: float,
+    max_intervals: int,
+    begins: _Begins,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of a phase without closed form: series as far as they lead, then intervals in a row."""
-    scale, p, d = stepper.scale, stepper.p, stepper.scheme.degree
+    scale, p = stepper.scale, stepper.p
     mode, exits = system.modes[name], system.exits[name]
     behind_it: tuple[Array | None, str] = None, name
 
@@ -288,107 +261,37 @@ def _followed(
         return successor == name and not way_out.mark and mode.flow is None
 
     stretches: list[list[Piece]] = []
-    reached = Reached(0.0, x / scale, None, False, 0.0)
+    reached = Reached(0.0, x / scale, None, False, begins.length)
     series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
         following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
         reached, stretches = following.run(), following.stretches
+    if stretches and reached.over and most_intervals(stretches, stepper.scheme, tol) <= max_intervals:
+        jumped, successor = behind_it if reached.way_out is not None else (None, name)
+        event = "" if reached.way_out is None else reached.way_out.event.name
+        ends = name, event, reached.time, x.copy(), reached.x * scale, jumped
+
+        def mesh() -> tuple[Array, Array]:
+            return _meshed(*intervals_of(mode, stepper, stretches, tol, max_intervals), scale)
+
+        return Segment.followed(ends, following.taken, mesh), successor
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
-        raise MarchFailure(
-            f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals"
-        ) from None
-    if not reached.over:
-        reached = _collocated(mode, exits, stepper, reached, tol, max_time, max_intervals, passes, lengths, pieces)
-    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
-    w = np.array(pieces) * np.tile(scale, d + 1)
+        raise MarchFailure(f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals") from None
+    by_intervals = not reached.over
+    if by_intervals:
+        watch, limits = Watch(exits, mode.feature, stepper), (tol, max_time, max_intervals)
+        reached = collocated(name, watch, passes, reached, begins.at_most, limits, lengths, pieces)
+    breaks, w = _meshed(lengths, pieces, scale)
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
-    return Segment(name, event, reached.time, breaks / breaks[-1], w, reached.x * scale, jumped), successor
+    length = reached.length if by_intervals else 0.0
+    return Segment(name, event, reached.time, breaks, w, reached.x * scale, jumped, length), successor
 
 
-def _collocated(
-    mode: Mode,
-    exits: tuple[Exit, ...],
-    stepper: Stepper,
-    begun: Reached,
-    tol: float,
-    max_time: float,
-    max_intervals: int,
-    passes: Callable[[Exit, Array], bool],
-    lengths: list[float],
-    pieces: list[Array],
-) -> Reached:
-    """Intervals in a row to the exit of a mode, or to `max_time`, put behind those that are there."""
-    d = stepper.scheme.degree
-    t, start, h = begun.time, begun.x, begun.length
-    slope: Array | None = None  # where the interval does not start on an event
-    if h == 0:
-        slope = stepper.slope(start)
-        h = min(1e-2 / max(float(np.max(np.abs(slope))), 1e-300), max_time, 1.0) * tol ** (1 / (d + 1))
-    previous: tuple[Array, float] | None = None
-    while True:
-        if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
-            return Reached(t, start, None, True, h)
-        if len(pieces) >= max_intervals:
-            raise MarchFailure(f"mode {mode.name!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
-        effort.interval()
-        found = _attempt(mode, exits, stepper, previous, start, slope, h, tol)
-        if isinstance(found, _Shorter):
-            h *= found.factor
-            if h < VANISHING_STEP * max(t, 1.0):
-                raise MarchFailure(f"mode {mode.name!r}: {found.why} at {t:.6g} s")
-            continue
-        h, stages, end, error, way_out = found
-        pieces.append(np.concatenate([start, stages]))
-        lengths.append(h)
-        t += h
-        if way_out is not None and not passes(way_out, end):
-            return Reached(t, end, way_out, True, h)
-        previous, start, slope = (pieces[-1], h), end, None if way_out is None else stepper.slope(end)
-        # The last interval ends at max_time itself, as accurate as any other end of an interval.
-        h = min(h * min(LENGTHENING, max(0.3, 0.9 * (tol / max(error, 1e-300)) ** (1 / d))), max(max_time - t, 0.0))
-
-
-def _attempt(
-    mode: Mode,
-    exits: tuple[Exit, ...],
-    stepper: Stepper,
-    previous: tuple[Array, float] | None,
-    start: Array,
-    slope: Array | None,
-    h: float,
-    tol: float,
-) -> _Interval | _Shorter:
-    """One interval from `start`, up to its exit where it has one; `slope` is x' there if it starts on an event."""
-    s = stepper.scheme
-    d = s.degree
-    solved = stepper(start, predict(s, previous, start, h), h, GOAL * tol)
-    if solved is None and reaches(previous, h):
-        solved = stepper(start, np.tile(start, d), h, GOAL * tol)
-    error = np.inf if solved is None else last_mode(s, start, solved[0])
-    if solved is None or error > ACCEPTED_ERROR * tol:
-        return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
-    stages, end = solved
-    ahead = None if slope is None else start + 1e-6 * h * slope
-    reached = h, stages, end
-    way_out: Exit | None = None
-    try:
-        crossings = first_crossings(exits, stepper, start, stages, end, ahead)
-    except TooLong:
-        return _Shorter(0.5, "an exit grazes zero")
-    if crossings:
-        # A look at the polynomial saves locating an exit only to find that the interval hides something.
-        rough = s.interpolation(crossings[0][1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
-        missed = hidden(mode.feature, start, rough[1:].ravel(), rough[-1], stepper.scale, stepper.p)
-        for candidate, beyond in crossings:  # all of them between the same two watched times: the first is the exit
-            located = None if missed else locate(candidate, beyond, stepper, start, stages, h)
-            if located is None:
-                return _Shorter(0.5, f"exit {candidate.event.name!r} cannot be located")
-            if way_out is None or located[0] < reached[0]:
-                way_out, reached = candidate, located
-        h, stages, end = reached
-    if hidden(mode.feature, start, stages, end, stepper.scale, stepper.p):
-        return _Shorter(0.5, VANISHED)  # whatever the step shows of the motion, it has stepped over something
-    return _Interval(h, stages, end, error, way_out)
+def _meshed(lengths: list[float], pieces: list[Array], scale: Array) -> tuple[Array, Array]:
+    """`breaks` and `w` of a segment."""
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    w = np.array(pieces)
+    return breaks / breaks[-1], w * np.tile(scale, w.shape[1] // scale.size)

@@ -10,34 +10,26 @@ Symbols: n states, d stages, R = n (d + 1); theta, parts of an interval's length
 
 from __future__ import annotations
 
-from functools import lru_cache
+import math
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 
-from ..collocation.admissibility import RESOLUTION, hides
-from ..collocation.scheme import Kind, scheme
+from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
-from ..hybrid.system import Exit, Feature, Mode, Reset
-from .march_step import Stepper
+from ..hybrid.system import Exit, Mode, Reset
+from .march_step import Foretold, Solved
+from .march_watch import EVENT_LIMIT, EXCURSION, WATCHED, Watch
 
 Array = np.ndarray
 
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
 EXIT_ROUNDING = 1e-14
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
-EVENT_LIMIT = 1e-10  # an event counts as located
 FLOW_LIMIT = 1e-9  # the same at the end of a closed form
 EXIT_ROUNDS = 60
-EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
-SHORT = 1e-4  # part of an interval over which the rate of an event is measured
-ON_EVENT = EVENT_LIMIT  # a state is on an event, not beside it: where an exit was located to no less
-_WATCH = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
-
-
-class TooLong(Exception):
-    """The interval is too long to tell whether an event crosses zero in it."""
 
 
 @kept(maxsize=64)
@@ -180,100 +172,38 @@ def flow_to(
     return T, motion(x, T, p)[0].copy()
 
 
-def hidden(feature: Feature | None, start: Array, stages: Array, end: Array, scale: Array, p: Array) -> bool:
-    """Whether the field has a feature that jumps between two points of the interval.
-
-    Parameters
-    ----------
-    feature
-        of the mode; None: it has none.
-    start, stages, end
-        (n,), (d n,), (n,) states of the interval, in units of the scale.
-    scale, p
-        (n,) size of the states; parameter vector.
-
-    Returns
-    -------
-    True where it hides from the collocation polynomial.
-    """
-    if feature is None:
-        return False
-    points = np.concatenate([start, stages, end]).reshape(1, -1, start.size) * scale
-    return bool(hides(feature, points, p)[0])
+def _true_value(watch: Watch, which: int, start: Array, guess: Foretold, h: float) -> float:
+    """An exit's event at the end of an interval of length h; no number where that is not solved."""
+    solved = watch.stepper(start, guess, h, EXACT)
+    return math.nan if solved is None else watch.at(solved.end)[0][which]
 
 
-@lru_cache(maxsize=32)
-def _watch_matrix(degree: int, kind: Kind) -> Array:
-    """Interpolation to the watched local times but the last, which is the end."""
-    return scheme(degree, kind).interpolation(_WATCH[:-1])
-
-
-def first_crossings(
-    exits: tuple[Exit, ...], stepper: Stepper, start: Array, stages: Array, end: Array, ahead: Array | None
-) -> list[tuple[Exit, float]]:
-    """The exits whose events are beyond zero earliest in an interval.
-
-    Parameters
-    ----------
-    exits
-        of the mode.
-    stepper
-        whose interval it is.
-    start, stages, end
-        (n,), (d n,), (n,) states of the interval, in units of the scale.
-    ahead
-        (n,) state just after `start` on the first interval of a mode, which starts on its last event: it tells the side
-        of that zero on which the mode begins; None on the others.
-
-    Returns
-    -------
-    Each exit with the watched local time (0..1] where it is: one as a rule, none where no event is beyond zero, several
-    where only locating them tells which comes first.
-
-    Raises
-    ------
-    TooLong : the polynomial may have strayed across zero: only a shorter interval can tell.
-    """
-    s, w = stepper.scheme, np.concatenate([start, stages]).reshape(-1, start.size)
-    rows = [_watch_matrix(s.degree, s.kind) @ w, end[None], w]
-    if ahead is not None:
-        rows.append(ahead[None])
-    points = np.vstack(rows).T * stepper.scale[:, None]  # looked at together: a call costs more than a point
-    m = _WATCH.size
-    found: list[tuple[int, Exit]] = []
-    for way_out in exits:
-        values = way_out.direction * np.asarray(way_out.event.function(points, 0.0, stepper.p), float)
-        h = values[:m]
-        inside = h[0] < 0
-        if ahead is not None and abs(h[0]) <= ON_EVENT:
-            begins = float(values[-1]) - h[0]
-            inside = begins < 0 if begins != 0 else h[1] < 0
-        # Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only
-        # a shorter interval can tell.  The end of the interval is exact.
-        stray = np.full(h.size, RESOLUTION * abs(float(s.last_mode @ values[m : m + len(w)])))
-        stray[-1] = 0.0
-        if inside and np.any((h > EXCURSION) & (h <= stray)):
-            raise TooLong
-        beyond = np.flatnonzero(h[1:] > stray[1:])
-        if inside and beyond.size:
-            found.append((int(beyond[0]), way_out))
-    first = min((k for k, _ in found), default=0)
-    return [(way_out, float(_WATCH[k + 1])) for k, way_out in found if k == first]
+def _begin(
+    value: Callable[[Array], tuple[float, float]], s: Scheme, w: Array, beyond: float
+) -> tuple[float, Bracket, float]:
+    """Where an event vanishes on a polynomial; a bracket of that, with a margin; size of the event there."""
+    part = WATCHED[1] - WATCHED[0]
+    ends = s.interpolation(np.array([beyond - 2 * part, beyond - part, beyond])) @ w
+    low, high, f_low, f_high = beyond - part, beyond, value(ends[1])[0], value(ends[2])[0]
+    if f_low > EXCURSION:  # it strays across zero there, and was seen to cross from the look before
+        low, f_low = low - part, value(ends[0])[0]
+    theta = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf).illinois
+    # The polynomial at hand knows the signs at the ends better than the values, and these not beside a margin.
+    margin = Bracket(low - part if low > part else low, -np.inf, min(high + part, 1.0), np.inf)
+    return theta, margin, max(-min(f_low, 0.0), f_high)
 
 
 def locate(
-    way_out: Exit, beyond: float, stepper: Stepper, start: Array, stages: Array, h: float
+    watch: Watch, way_out: Exit, beyond: float, start: Array, stages: Array, h: float
 ) -> tuple[float, Array, Array] | None:
     """Shorten an interval until it ends on an event.
 
     Parameters
     ----------
-    way_out
-        the exit.
+    watch, way_out
+        of the mode; the exit.
     beyond
         watched local time (0..1] at which its event is beyond zero.
-    stepper
-        whose interval it is.
     start, stages
         (n,), (d n,) states of the interval, in units of the scale.
     h
@@ -283,40 +213,42 @@ def locate(
     -------
     Length [s], (d n,) stages and (n,) end of the interval at whose end the event vanishes; None where none is found.
     """
+    stepper, which = watch.stepper, watch.exits.index(way_out)
     s = stepper.scheme
 
-    def value(state: Array) -> float:
-        return way_out.direction * float(way_out.event.function(state * stepper.scale, 0.0, stepper.p))
+    def value(state: Array) -> tuple[float, float]:
+        values, rates = watch.at(state)
+        return values[which], rates[which]
 
     w = np.concatenate([start, stages]).reshape(s.degree + 1, -1)
-    low, high = beyond - (_WATCH[1] - _WATCH[0]), beyond
-    ends = s.interpolation(np.array([low, high])) @ w
-    f_low, f_high = value(ends[0]), value(ends[1])
+    theta, bracket, size = _begin(value, s, w, beyond)
     # Rounding in the states keeps the event from vanishing better than this.
-    size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
-    tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    # The polynomial at hand knows the signs at the ends better than the values.
-    bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf)
-    theta = bracket.illinois
-    solved: tuple[Array, Array] | None = None
+    tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * max(size, stepper.scale_of(way_out)))
+    solved: Solved | None = None
     f = last = np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
     for _ in range(EXIT_ROUNDS):
-        guess = (s.interpolation(s.stages * (theta / reach)) @ w).ravel()
-        solved = stepper(start, guess, theta * h, EXACT)
+        solved = stepper(start, Foretold(w, 0.0, theta / reach), theta * h, EXACT)
         if solved is None:
             return None
-        w, reach = np.concatenate([start, solved[0]]).reshape(s.degree + 1, -1), theta
-        f = value(solved[1])
+        w, reach = np.concatenate([start, solved.stages]).reshape(s.degree + 1, -1), theta
+        f, rate = value(solved.end)
         if np.isnan(f):
             return None
         if abs(f) <= tolerance or bracket.width < 1e-15:
             break
         bracket = bracket.told(theta, f)
-        # The event is nearly linear over so short a way: its rate is that of the motion at the end.
-        ahead = SHORT * stepper.slope(solved[1]) * h
-        rate = (value(solved[1] + ahead) - value(solved[1] - ahead)) / (2 * SHORT)
+        rate *= h
         shrinks = rate > 0 and abs(f) < 0.5 * last
+        if not shrinks and not (np.isfinite(bracket.f_a) and np.isfinite(bracket.f_b)):
+            # Before it is halved to nothing: does the event change its sign on true intervals at all?
+            ends = [
+                _true_value(watch, which, start, Foretold(w, 0.0, end / reach), end * h)
+                for end in (bracket.a, bracket.b)
+            ]
+            if not ends[0] < 0 < ends[1]:
+                break
+            bracket = Bracket(bracket.a, ends[0], bracket.b, ends[1])
         theta, last = bracket.newton(theta, f, rate) if shrinks else bracket.middle, abs(f)
     # A crossing that true intervals do not confirm was an artefact of too long an interval.
-    return (theta * h, *solved) if solved is not None and abs(f) <= EVENT_LIMIT else None
+    return (theta * h, solved.stages, solved.end) if solved is not None and abs(f) <= EVENT_LIMIT else None

@@ -27,11 +27,13 @@ import numpy as np
 
 from .. import effort
 from ..collocation.admissibility import hides
+from ..collocation.scheme import Scheme
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
-from .march_exits import EVENT_LIMIT, EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS, ON_EVENT
-from .march_step import Stepper, last_mode
-from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed
+from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS
+from .march_step import Foretold, Stepper
+from .march_watch import EVENT_LIMIT, ON_EVENT
+from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
 
 Array = np.ndarray
 
@@ -211,8 +213,8 @@ def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
     """Whether an interval of so many steps is resolved."""
-    solved = stepper(x, np.tile(x, stepper.scheme.degree), STIFF * h, tol)
-    return solved is not None and last_mode(stepper.scheme, x, solved[0]) <= tol
+    solved = stepper(x, Foretold(x), STIFF * h, tol)
+    return solved is not None and solved.error <= tol
 
 
 def first_exit(
@@ -328,3 +330,20 @@ def intervals_of(
             lengths += [float(h) for h in np.diff(breaks)]
             pieces += list(w)
     return lengths, pieces
+
+
+def most_intervals(stretches: list[list[Piece]], s: Scheme, tol: float) -> float:
+    """A bound of the number of these intervals, but for those that hide something of the field.
+
+    Parameters
+    ----------
+    stretches, s, tol
+        what was followed; the scheme; last Legendre coefficient of an interval.
+
+    Returns
+    -------
+    Steps times intervals in a step of which no term exceeds the size of the states.
+    """
+    pieces = [piece for stretch in stretches for piece in stretch]
+    size = max([1.0, *(float(np.abs(piece.C[:, 0]).max()) for piece in pieces)])
+    return sum(len(piece.lengths) for piece in pieces) * most_in_a_step(s.degree, tol / size) + len(stretches)

@@ -260,6 +260,22 @@ def _derivative(d: int) -> Array:
     return out
 
 
+def most_in_a_step(d: int, tol: float) -> float:
+    """A bound of the number of intervals in a step of which no coefficient exceeds one.
+
+    Parameters
+    ----------
+    d, tol
+        degree of the scheme; last Legendre coefficient of an interval.
+
+    Returns
+    -------
+    As `meshed` has it, were the derivative at its end.
+    """
+    most = math.factorial(d) ** 2 / math.factorial(2 * d) * float(_derivative(d)[-1].sum()) / tol
+    return max(most ** (1 / d) / WITHIN_TOLERANCE, 1.0)
+
+
 def values_at(motion: Piece, times: Array) -> Array:
     """The motion at times.
 

@@ -26,7 +26,8 @@ from ..hybrid import system as engine
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind
 from ..motion.closed_forms import check_closed_forms
-from ..motion.march import HIDES, VANISHED, MarchFailure, Segment, march
+from ..motion.march import HIDES, MarchFailure, Segment, march
+from ..motion.march_intervals import VANISHED
 from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections

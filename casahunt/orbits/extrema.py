@@ -33,7 +33,7 @@ from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.roots import Bracket
 from ..hybrid.system import Mode
-from ..motion.march_step import Stepper
+from ..motion.march_step import Foretold, Stepper
 from ..results import Result
 from .observables import Expression, Later, Values, flow_sensitivity, kept_values
 
@@ -311,9 +311,8 @@ class Look:
         w, stepper = self.w[t.phase_intervals(phase)][i], self.stepper(mode)
 
         def stepped(time: float) -> Array:
-            guess = (t.scheme.interpolation(t.scheme.stages * (time / h)) @ w).ravel()
-            solved = stepper(start, guess, time, SOLVED_TO)
-            x = (t.scheme.interpolation(np.array([time / h])) @ w)[0] if solved is None else solved[1]
+            solved = stepper(start, Foretold(w, 0.0, time / h), time, SOLVED_TO)
+            x = (t.scheme.interpolation(np.array([time / h])) @ w)[0] if solved is None else solved.end
             return x * scale
 
         return stepped

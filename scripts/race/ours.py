@@ -116,7 +116,10 @@ SHARES = (
     ("predictor, tangents, records", ("curve.py", "walk.py", "special_points.py", "orbit.py")),
     (
         "checks that a root is a motion",
-        ("admissibility.py", "hunting.py", "sequences.py", "restart.py", "march.py", "march_step.py", "march_exits.py"),
+        (
+            "admissibility.py", "hunting.py", "sequences.py", "restart.py", "march.py", "march_step.py",
+            "march_exits.py", "march_intervals.py", "march_watch.py", "segment.py", "interval_newton.py",
+        ),  # fmt: skip
     ),
 )
 

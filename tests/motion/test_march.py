@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
+import pickle
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 
+import casahunt.motion.march as march_module
+from casahunt.collocation.scheme import scheme
 from casahunt.hybrid.system import Event, Exit, Mode, System
+from casahunt.motion.interval_newton import newton_steps
 from casahunt.motion.march import MarchFailure, Segment, march
+from casahunt.motion.march_exits import locate
+from casahunt.motion.march_step import Foretold, Stepper
+from casahunt.motion.march_watch import TooLong, Watch, _first_beyond
 
 NO_PARAMETERS = np.zeros(1)
 
@@ -75,12 +83,13 @@ def test_exits_of_a_closed_form():
     assert segment.event == "" and segment.duration == math.inf and segment.end[2] == 0.5
 
 
-def test_what_is_no_number_is_no_exit():
+def test_what_is_no_number_is_no_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     """An event beyond zero on the polynomial that is no number on the motion itself is refused by name and time."""
 
-    def broken(x: Any, duration: Any, p: Any) -> Any:
-        return x[2] - 1 if np.ndim(x[2]) else np.nan
+    def broken(x: Any, duration: Any, p: Any) -> Any:  # by series: at one state; by intervals: see `at`
+        return np.nan if isinstance(x, np.ndarray) and x.ndim == 1 else x[2] - 1
 
+    monkeypatch.setattr(Watch, "at", lambda self, x: ([math.nan], [math.nan]))
     with pytest.raises(MarchFailure, match="'end' cannot be located at 0.[45]"):
         marched(Exit(Event("end", broken), +1, lambda x, p: "swing", mark=True), start=0.5)
 
@@ -97,3 +106,136 @@ def test_of_two_exits_next_to_each_other_the_first_is_taken() -> None:
         found = march(system, "line", np.zeros(2), np.zeros(0), scale=np.ones(2), until=lambda s: True)
         assert found[0].event == ("y" if early < late else "x")
         assert found[0].duration == pytest.approx(0.5, abs=1e-12)
+
+
+# Intervals, their exits and their phases ------------------------------------------------------------------------------
+
+
+def stepper_of(field: Any, n: int, degree: int = 7) -> Stepper:
+    return Stepper(lambda x, p, sign: field(x), scheme(degree, "radau"), NO_PARAMETERS, np.ones(n), 0.0)
+
+
+def ring(x: Any) -> Any:
+    """n oscillators, each pushed by the next one: x_k'' = -x_k + 0.1 sin(x_{k+1})."""
+    n = x.shape[0] // 2
+    return ca.vertcat(x[n:], *(-ca.sin(x[k]) + 0.1 * ca.sin(x[(k + 1) % n]) for k in range(n)))
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_an_interval_by_compiled_steps_and_by_numpy(n: int) -> None:
+    """Few equations are factorised in the compiled function, many by numpy: the same interval."""
+    stepper, x = stepper_of(ring, 2 * n), np.linspace(0.3, 1.1, 2 * n)
+    assert (newton_steps(stepper.field, 2 * n, 1, 7, "radau") is None) == (n == 4)
+    found = stepper(x, Foretold(x), 0.5, 1e-14)
+    truth = stepper._factorised(x, Foretold(x), 0.5, 1e-30)
+    assert found is not None and truth is not None
+    np.testing.assert_allclose(found.stages, truth.stages, atol=1e-14)
+    np.testing.assert_allclose(found.end, truth.end, atol=1e-14)
+    assert found.error == pytest.approx(truth.error, rel=1e-6)
+
+
+def test_an_interval_beyond_which_there_is_no_number() -> None:
+    """The largest of some numbers and none is a number: where stages leave the domain of the field is no interval."""
+    stepper = stepper_of(lambda x: ca.vertcat(-1, ca.sqrt(x[0])), 2)
+    x = np.array([1.0, 0.0])
+    good = stepper(x, Foretold(x), 0.5, 1e-12)
+    assert good is not None and good.end[1] == pytest.approx((1 - 0.5**1.5) * 2 / 3, rel=1e-6)
+    assert stepper(x, Foretold(x), 1.5, 1e-12) is None
+
+
+def test_a_zero_pivot_is_no_interval() -> None:
+    """At h a_11 f' = 1 the factors without pivoting do not exist; a shorter interval is solved."""
+    stepper, x = stepper_of(lambda x: ca.vertcat(x[0]), 1), np.array([1.0])
+    h = 1 / scheme(7, "radau").matrix[0, 0]
+    assert stepper(x, Foretold(x), h, 1e-12) is None
+    short = stepper(x, Foretold(x), 0.1, 1e-12)
+    assert short is not None and short.end[0] == pytest.approx(math.exp(0.1), rel=1e-13)
+
+
+class Counting:
+    """A stepper that counts its calls, and those of the compiled function."""
+
+    def __init__(self, stepper: Stepper) -> None:
+        self.stepper, self.calls, self.triggers, self.buffers = stepper, 0, 0, self
+        self._own = stepper._compiled.buffers if stepper._compiled is not None else None
+        stepper._compiled = self  # type: ignore[assignment]
+
+    def __call__(self, *arguments: Any) -> Any:
+        self.calls += 1
+        return self.stepper(*arguments)
+
+    def trigger(self) -> None:
+        self.triggers += 1
+        self._own.trigger()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._own if name in ("inputs", "outputs") else self.stepper, name)
+
+
+def test_steps_that_do_not_shrink_are_given_up_early() -> None:
+    """x' = 1 + x^2 has no solution beyond pi/2."""
+    counting, x = Counting(stepper_of(lambda x: 1 + x[0] ** 2, 1)), np.array([0.0])
+    assert counting(x, Foretold(x), 3.0, 1e-12) is None and counting.triggers <= 2
+
+
+def test_a_crossing_that_true_intervals_do_not_confirm_is_given_up_early() -> None:
+    """The polynomial at hand crosses, the motion y = sin t does not: the bracket is not halved to nothing."""
+    high = Exit(Event("high", lambda x, duration, p: x[0] - 2), +1, lambda x, p: "swing")
+    counting, start = Counting(stepper_of(lambda x: ca.vertcat(x[1], -x[0]), 2)), np.array([0.0, 1.0])
+    watch = Watch((high,), None, counting)  # type: ignore[arg-type]
+    stages = np.stack([4 * scheme(7, "radau").stages, np.ones(7)], axis=1).ravel()
+    assert locate(watch, high, 0.5625, start, stages, 1.0) is None and counting.calls <= 4
+
+
+@pytest.mark.parametrize(
+    ("h", "first"),
+    [
+        ([-3, -2, -1, 1, 2], 3),  # crossed
+        ([-3, -2, -1, -2, -3], 0),  # not met
+        ([-3, -2, 0.1, 2, 3], 3),  # straying across zero where it crosses from clearly before to clearly behind
+        ([-3, -2, -1, 2, 0.1], 3),  # what comes behind the exit does not matter
+        ([-3, -2, -1, -1, 0.1], 4),  # the end is exact
+        ([-3, 0.1, -1, 2, 3], None),  # it may have crossed before
+        ([-3, -2, 0.1, -1, -2], None),
+        ([-3, -0.1, 0.1, 2, 3], None),
+        ([-3, 0.1, 0.2, 2, 3], None),
+    ],
+)
+def test_the_first_watched_time_beyond_zero(h: list[float], first: int | None) -> None:
+    if first is None:
+        with pytest.raises(TooLong):
+            _first_beyond(np.array(h, float), 0.5)
+    else:
+        assert _first_beyond(np.array(h, float), 0.5) == first
+
+
+def test_a_phase_has_its_intervals_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who wants the end of a motion pays for no mesh; copied, sent elsewhere or replaced it has them."""
+    made: list[int] = []
+    honest = march_module.intervals_of
+    monkeypatch.setattr(march_module, "intervals_of", lambda *a: made.append(1) or honest(*a))
+    (segment,) = marched(END, start=0.5)
+    assert (segment.start == [math.sin(0.5), math.cos(0.5), 0.5]).all() and segment.count > 0 and not made
+    assert not hasattr(segment, "widths")
+    copies = [pickle.loads(pickle.dumps(segment)), replace(segment), segment]
+    for one in copies:
+        assert one.w.shape == (len(one.breaks) - 1, 3 * 8) and one.breaks[-1] == 1
+        np.testing.assert_array_equal(one.w, segment.w)
+        np.testing.assert_array_equal(one.w[0, :3], one.start)
+    assert len(made) == 1
+
+
+def test_more_intervals_than_there_may_be_are_refused_at_once() -> None:
+    """Where a bound of their number allows too many, they are counted before anybody asks for them."""
+    system = System("pendulum", ("y", "v", "t"), {"swing": Mode("swing", swing)}, {"swing": (END,)})
+
+    def run(most: int, degree: int) -> list[Segment]:
+        return march(
+            system, "swing", np.array([0.0, 1.0, 0.0]), NO_PARAMETERS, scale=np.ones(3), until=lambda s: True,
+            tol=1e-6, degree=degree, max_intervals=most,
+        )  # fmt: skip
+
+    needed = len(run(20_000, 2)[0].w)
+    assert len(run(needed, 2)[0].w) == needed
+    with pytest.raises(MarchFailure, match=f"no exit after 10 s and {needed - 1} intervals"):
+        run(needed - 1, 2)

@@ -90,8 +90,8 @@ def test_what_the_halved_mesh_leaves_of_a_stiff_motion():
     row = values * (1 + 0.02 * np.random.default_rng(5).uniform(-1, 1, (2, values.size)))[1]
     servo = Servo().replace(**dict(zip(NAMES, map(float, row), strict=True)))
     truth, orbit = (find_orbit(servo, "lugre", 0.4, options=Options(tol=tol)) for tol in (1e-11, 1e-7))
-    assert 2e-8 < abs(orbit.amplitude / truth.amplitude - 1) <= orbit.amplitude_error <= 1e-7
-    assert 2e-8 < abs(orbit.period / truth.period - 1) <= orbit.period_error <= 1e-7
+    assert 2e-9 < abs(orbit.amplitude / truth.amplitude - 1) <= orbit.amplitude_error <= 1e-7
+    assert 2e-9 < abs(orbit.period / truth.period - 1) <= orbit.period_error <= 1e-7
 
 
 def numbers(found):

@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
+from casahunt.collocation.scheme import scheme
+from casahunt.motion.march_step import Stepper
+from casahunt.motion.march_watch import Watch
+from casahunt.servo.cycles import automaton
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map import fold as fold_module
 from casahunt.servo.event_map.fixed_points import fixed_points
@@ -226,3 +230,25 @@ def test_folds_of_wide_servos_by_taylor(changes):
     # Below the fold the peak is so steep that doubles may step over its last 1e-4; above it none may be there at all.
     assert largest(fold.gain * (1 - 2e-4)) > 0, "no motion grows just below the fold gain"
     assert largest(fold.gain * (1 + 1e-5)) < 0, "a motion grows just above the fold gain"
+
+
+def test_weak_reversals_are_met_at_a_coarse_tolerance():
+    """A phase begins with no longer an interval than the one before ended with: no last ring is stepped over."""
+    servo = table1.servo()
+    a = half_cycle("switch", servo, 0.1, 0.1 * servo.friction.static / servo.torque_gains(0.1)[0]).position
+    coarse, fine = (half_cycle("lugre", servo, 0.1, a, tol=tol).segments for tol in (1e-4, 1e-8))
+    assert [s.mode for s in coarse] == [s.mode for s in fine]
+
+
+def test_what_a_watched_interval_hides_of_a_servo():
+    """The drop of friction, looked at with the exits: as by the feature itself."""
+    p, scale = table1.servo().parameters(0.1), np.array([0.01, 1.0, 0.05, 2e-5])
+    system = automaton("lugre", p.size)
+    mode = system.modes["slide+"]
+    watch = Watch(system.exits["slide+"], mode.feature, Stepper(mode.field, scheme(7, "radau"), p, scale, mode.sign))
+    start, end = np.array([-1.0, 0.0, 0.0, 0.0]), np.array([-0.9, 0.5, 0.0, 0.0])
+    for fastest, hidden in ((0.01, False), (0.5, True)):
+        stages = start + np.linspace(0.1, 1, 7)[:, None] * np.array([0.1, fastest, 0.0, 0.0])
+        end[1] = fastest
+        found = watch.crossings(start, stages.ravel(), end, None)[1]
+        assert found == watch.hides(start, stages.ravel(), end) == hidden

@@ -234,7 +234,7 @@ class _Run:
         while now < self.time * (1 - 1e-15):
             (segment,) = march(
                 self.system, mode, x, self.p, scale=self.scale, until=lambda _: True, tol=tau,
-                degree=degree, kind=kind, max_time=self.time - now,
+                degree=degree, kind=kind, max_time=self.time - now, after=segments[-1] if segments else None,
             )  # fmt: skip
             closed = self.system.modes[segment.mode].flow is not None
             if closed and segment.duration > self.time - now:  # a closed form knows no end of time

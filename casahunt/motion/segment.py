@@ -1,0 +1,99 @@
+"""One phase of a motion that was marched: its ends, and its intervals, made when somebody asks for them.
+
+Symbols: n states, N intervals of a segment, R = n (d + 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+
+
+class MarchFailure(Exception):
+    """The march could not go on; the message says where."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One phase of a simulated motion.
+
+    Attributes
+    ----------
+    mode, event : names; event is "" where the march ended without one.
+    duration : length of the segment [s].
+    breaks : (N + 1,) interval boundaries as fractions of the duration; (2,) for a closed-form mode.
+    w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
+    end : (n,) state at the end.
+    jumped : (n,) state behind the event where it jumps there, else None.
+    length : [s] of the interval that would have come next; 0 where the phase was not followed by intervals.
+    """
+
+    mode: str
+    event: str
+    duration: float
+    breaks: Array
+    w: Array
+    end: Array
+    jumped: Array | None = None
+    length: float = 0.0
+
+    @classmethod
+    def followed(
+        cls,
+        ends: tuple[str, str, float, Array, Array, Array | None],
+        count: int,
+        mesh: Callable[[], tuple[Array, Array]],
+    ) -> Segment:
+        """A phase whose intervals are made when somebody asks for them, as few who only want its end do.
+
+        Parameters
+        ----------
+        ends
+            mode, event, duration, (n,) start and end, and the state behind the event.
+        count
+            steps in which it was followed.
+        mesh
+            makes `breaks` and `w`.
+
+        Returns
+        -------
+        Segment.
+        """
+        self = object.__new__(cls)
+        names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh")
+        for name, value in zip(names, (*ends, 0.0, count, mesh), strict=True):
+            object.__setattr__(self, name, value)
+        return self
+
+    def __getattr__(self, name: str) -> Any:
+        """`breaks` and `w` of a phase that has none yet; two threads may both make them, and make the same."""
+        mesh = self.__dict__.get("_mesh")
+        if name not in ("breaks", "w") or mesh is None:
+            raise AttributeError(name)
+        for made, value in zip(("breaks", "w"), mesh(), strict=True):
+            object.__setattr__(self, made, value)
+        return self.__dict__[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied and sent to other processes."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def count(self) -> int:
+        """Number of its intervals, or of the steps in which it was followed."""
+        return int(self.__dict__["_count"]) if "_count" in self.__dict__ else len(self.w)
+
+    @property
+    def start(self) -> Array:
+        """(n,) state at the start."""
+        return self.__dict__["_start"] if "_start" in self.__dict__ else self.w[0, : self.end.size]
+
+    @property
+    def behind(self) -> Array:
+        """(n,) state behind the event: where the next segment starts."""
+        return self.end if self.jumped is None else self.jumped
