@@ -23,4 +23,5 @@ ensemble.py       the equations of many members at once, linearised
 ensemble_error.py the errors of many solutions at once
 remesh.py         the mesh that makes it as small as asked for
 admissibility.py  is a root of the equations a motion?
+ensemble_judge.py the same of many roots at once
 """

@@ -20,8 +20,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..collocation.admissibility import judge
 from ..collocation.ensemble import Settings, settings_of
+from ..collocation.ensemble_judge import admissible_many
 from ..collocation.mesh import transfer
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
@@ -260,8 +260,9 @@ def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...])
     own, u = settings.of(there), found.u[there]
     confirmed = confirmed_many(known, u, own, found.bend[there])
     slopes = slopes_of_many(known, u, own, slopes_by) if slopes_by else np.zeros((there.size, 0))
+    admissible = admissible_many(t, u, own)
     for i, member in enumerate(there.tolist()):
-        out.statuses[member] = _verdict(t, u[i], own.one(i), confirmed[:, i], tol)
+        out.statuses[member] = _verdict(bool(admissible[i]), confirmed[:, i], tol)
         if out.statuses[member] is Status.CONVERGED:
             out.take(member, confirmed[:, i], slopes[i], "batch")
         else:
@@ -269,9 +270,9 @@ def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...])
     return out
 
 
-def _verdict(t: Transcription, u: Array, setting: Setting, numbers: Array, tol: float) -> Status:
+def _verdict(admissible: bool, numbers: Array, tol: float) -> Status:
     """What becomes of a turning point whose (6,) numbers are these."""
-    if not judge(t, u, setting).admissible:
+    if not admissible:
         return Status.INADMISSIBLE
     return Status.CONVERGED if numbers[1::2].max() <= tol else Status.TOLERANCE_NOT_REACHED
 
@@ -294,8 +295,9 @@ def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array
         except (NoOrbit, InputError):
             return None
         start = local.t, local.u, local.setting()
-        numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
-        verdict = _verdict(*start, numbers, tol)
+        own = _settings_of_known(local)
+        numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
+        verdict = _verdict(bool(admissible_many(local.t, local.u[None], own)[0]), numbers, tol)
         if verdict is Status.CONVERGED:
             return (local, numbers) if local.bend * known.bend > 0 else None
     return None

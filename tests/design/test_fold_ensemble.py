@@ -166,15 +166,12 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.setattr(engine, "confirmed_many", unsure)
     assert how() == ("alone", "batch", "alone")
     monkeypatch.undo()
-    honest = engine.judge
+    honest = engine.admissible_many
 
-    class No:
-        admissible = False
+    def doubts(t, u, settings):
+        return honest(t, u, settings) & (settings.p[:, 4] != rows[1, 4])
 
-    def doubts(t, u, setting):
-        return No() if setting.p[4] == rows[1, 4] else honest(t, u, setting)
-
-    monkeypatch.setattr(engine, "judge", doubts)
+    monkeypatch.setattr(engine, "admissible_many", doubts)
     assert how() == ("batch", "alone", "batch")
     monkeypatch.undo()
     known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
