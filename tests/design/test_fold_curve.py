@@ -295,8 +295,15 @@ def test_a_fold_that_cannot_be_expanded_is_followed(monkeypatch):
 
     monkeypatch.setattr(batches, "expansion_at", fails)
     assert {point.how for point in static_curve().points} == {"followed"}
-    zero = fold_curve(Servo(), "switch", vary="friction.viscous", start=0.0, end=0.1, points=2)
-    assert {point.how for point in zero.points} == {"followed"}
+
+
+def test_a_parameter_that_is_zero_has_no_elasticity():
+    found = fold_curve(Servo(), "switch", vary="friction.viscous", start=0.0, end=0.1, points=5)
+    assert [point.how for point in found.points] == ["followed", *["batch"] * 3, "followed"]
+    assert found.points[0].slope == pytest.approx((found.gains[1] - found.gains[0]) / found.values[1], rel=0.02)
+    from_zero = Servo().replace(**{"friction.viscous": 0.0})
+    up = fold_curve(from_zero, "switch", vary="friction.viscous", start=0.0, end=0.01, points=3)
+    assert up.status is Status.CONVERGED and up.gains[0] == pytest.approx(found.gains[0], rel=2e-6)
 
 
 def test_how_a_point_was_computed_is_kept_in_the_file(tmp_path):

@@ -210,6 +210,17 @@ def test_a_batch_does_not_decide_on_the_worst_corner(servo, fold, monkeypatch):
     assert worst.gain == pytest.approx(gain_at(servo, box.parameters, [0.54, 0.019]), rel=2 * QUICK.tol)
 
 
+def test_a_worst_corner_where_a_parameter_is_zero(servo, fold):
+    """No elasticity is a slope there."""
+    worst = worst_corner(servo, "switch", Uncertainty({"friction.viscous": (0.0, 0.1)}), options=QUICK, fold=fold)
+    assert worst.corner == {"friction.viscous": 0.0} and worst.gain > fold.gain
+    up = worst_corner(
+        servo, "switch", Uncertainty({"friction.viscous": (0.0, 0.1), "friction.static": (0.53, 0.54)}), options=QUICK,
+        fold=fold, starts=[np.array([0.0, 0.53])],
+    )  # fmt: skip
+    assert up.corner == {"friction.viscous": 0.0, "friction.static": 0.54}
+
+
 def test_a_worst_case_inside_the_box(servo, fold):
     """The fold gain has its largest value over the integral time near 0.15 s: no corner is the worst case.
 

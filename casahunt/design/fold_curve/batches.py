@@ -7,7 +7,7 @@
 
 A fold follows another where it has converged, is confirmed, is of the same kind and near where it was expected, and
 the slopes of both explain the change of the gain between them: the batch does not leap to another sheet of folds, nor
-over a cusp, next to which nothing converges.  Where q is not positive there is no logarithm to expand in.
+over a cusp, next to which nothing converges.  Where q is not positive there is no logarithm to expand in, nor a slope.
 
 Symbols: c the place of q in its range, m places at once.
 """
@@ -21,7 +21,7 @@ import numpy as np
 
 from ...continuation.fold_ensemble import expansion_at, expansion_beside, folds_near
 from ...continuation.fold_expansion import Expansion
-from ...continuation.sheet import ASTRAY, SLACK_OF_GROWTH
+from ...continuation.sheet import ASTRAY, SLACK_OF_GROWTH, Axis
 from ...errors import InputError, NoOrbit, Status
 from .charts import Problem
 from .points import FoldPoint
@@ -31,8 +31,10 @@ Array = np.ndarray
 IN_BATCH = "batch"
 PLACES_TOGETHER = 6
 """Places of a batch: what lies farther is better predicted from one of them."""
-SHORTEST_STEP, STEEPEST_STEP = 1 / 2, 1 / 256
-"""Parts of the spacing below which the single way is asked: where nothing is found, and where the gain changes much."""
+FEWEST = 3
+"""Places that follow a fold just expanded: where fewer do, the single way is quicker."""
+STEEPEST_STEP = 1 / 128
+"""Part of the spacing below which no place is put between two."""
 GROWTH_BETWEEN = 0.3
 """Of the gain from one point to the next, at most: the cubic of the points and their slopes is then right to 1e-4."""
 
@@ -63,34 +65,26 @@ def points_in_batches(problem: Problem, first: FoldPoint, sense: float) -> Gener
     FoldPoint.
     """
     axis, tol = problem.axis, problem.options.tol
-    if min(axis.start, axis.end) <= 0:
-        return
     try:
         base = expansion_at(first.orbit, "gain", (axis.vary,), tol)
     except (NoOrbit, InputError):
         return
     c = axis.place(first.value)
-    at, last = c, _Known(c, float(np.log(first.gain)), first.slope / first.gain * axis.rate(c))
+    at, last = c, _known(axis, c, first)
     end = 1.0 if sense > 0 else 0.0
     pending = _places(c, end, problem.spacing)
     while pending:
         found = _computed(problem, base, pending[:PLACES_TOGETHER])
-        followed, steep = 0, False
-        for point, place in zip(found, pending, strict=False):
-            if point is None:
-                break
-            there = _Known(place, float(np.log(point.gain)), point.slope / point.gain * axis.rate(place))
-            steep = abs(there.growth - last.growth) > GROWTH_BETWEEN
-            if steep or not _explained(last, there):
-                break
-            yield point
-            last, followed = there, followed + 1
-        pending = pending[followed:]
-        if followed == len(found):
+        fresh = last.c == at
+        points, last, steep = _that_follow(axis, last, found, pending)
+        yield from points
+        pending = pending[len(points) :]
+        if len(points) == len(found):
             continue
-        if steep or last.c == at:
-            step = abs(pending[0] - last.c) / 2
-            if step < (STEEPEST_STEP if steep else SHORTEST_STEP) * problem.spacing:
+        if fresh and not steep and len(points) < FEWEST:
+            return
+        if steep:
+            if abs(pending[0] - last.c) < STEEPEST_STEP * problem.spacing:
                 return
             pending.insert(0, (pending[0] + last.c) / 2)
         if last.c != at:
@@ -98,6 +92,27 @@ def points_in_batches(problem: Problem, first: FoldPoint, sense: float) -> Gener
             if following is None:
                 return
             base, at = following, last.c
+
+
+def _known(axis: Axis, c: float, point: FoldPoint) -> _Known:
+    return _Known(c, float(np.log(point.gain)), point.slope / point.gain * axis.rate(c))
+
+
+def _that_follow(
+    axis: Axis, last: _Known, found: list[FoldPoint | None], places: list[float]
+) -> tuple[list[FoldPoint], _Known, bool]:
+    """(those of the points found that follow the last one, the last of them, whether the gain changes much then)."""
+    points: list[FoldPoint] = []
+    for point, place in zip(found, places, strict=False):
+        if point is None:
+            break
+        there = _known(axis, place, point)
+        steep = abs(there.growth - last.growth) > GROWTH_BETWEEN
+        if steep or not _explained(last, there):
+            return points, last, steep
+        points.append(point)
+        last = there
+    return points, last, False
 
 
 def _places(c: float, end: float, spacing: float) -> list[float]:
@@ -123,7 +138,7 @@ def _computed(problem: Problem, base: Expansion, places: list[float]) -> list[Fo
     ])  # fmt: skip
     out: list[FoldPoint | None] = []
     for i, (value, solution) in enumerate(zip(values.tolist(), folds.solutions, strict=True)):
-        if solution is None:
+        if solution is None or value <= 0:
             out.append(None)
             continue
         gain = float(folds.values[i])
