@@ -222,7 +222,8 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
     found, settings = from_expansion(flat, p, tol, stations=0)
     values = settings.p[:, known.problem.names.index(known.vary)]
     z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
-    z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
+    with np.errstate(invalid="ignore", divide="ignore"):  # of a neighbour that failed
+        z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
     z_0 = np.append(known.u, 0.0)
     z_0[-1 - P : -1] = np.log(z_0[-1 - P : -1])
     up, down = z[::2], z[1::2]

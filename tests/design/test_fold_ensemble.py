@@ -183,6 +183,19 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     assert how() == ("alone",) * 3
 
 
+def test_neighbours_that_fail_leave_no_derivative(folds, monkeypatch):
+    honest = engine.from_expansion
+
+    def spoilt(*given, **more):
+        found, settings = honest(*given, **more)
+        found.u[0, -1], found.statuses[0] = -1.0, Status.INADMISSIBLE
+        return found, settings
+
+    monkeypatch.setattr(engine, "from_expansion", spoilt)
+    known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
+    assert known is not None and not known.first[0].any() and not known.second[0].any() and known.first[1:].any()
+
+
 def test_folds_of_a_ball():
     """A user's own system, a smallest value: a w^2 = pi g (1 - e)/(1 + e) is the fold, for every restitution."""
     _, state = bouncing_ball.truth(0.0125, 1, +1)
