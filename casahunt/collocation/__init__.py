@@ -17,9 +17,12 @@ ipopt.py          IPOPT: a root, the largest parameter, a small cost
 solve.py          which of the two solves, alone or one after the other
 mesh.py           the same solution on another mesh
 error_estimate.py the error of what is read from a solution, by an adjoint
-ensemble_points.py fields, closed forms and events of many members, compiled
+over_arrays.py    a function of a point at many points, by numpy
+ensemble_points.py fields, closed forms and events of many members
+ensemble_stages.py the stages of many members eliminated
 ensemble.py       the equations of many members at once, linearised
 ensemble_error.py the errors of many solutions at once
 remesh.py         the mesh that makes it as small as asked for
 admissibility.py  is a root of the equations a motion?
+ensemble_judge.py the same of many roots at once
 """

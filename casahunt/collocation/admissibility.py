@@ -45,7 +45,8 @@ LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
 NOTHING_LEFT = 0.9
 """The same for a solution: the error estimate looks between the points, but must have something to see."""
-_BETWEEN = np.linspace(0, 1, 33)
+BETWEEN = np.linspace(0, 1, 33)
+"""Parts of an interval, or of a phase in closed form, at which a condition is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +113,14 @@ def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array
         states = t.intervals_of(u)[own].reshape(-1, t.n) * setting.scale
     else:
         start = t.nodes_of(u)[t.phase_start[k]] * setting.scale
-        states = flow_at(phase.mode, start, float(t.durations_of(u)[k]) * _BETWEEN, p)
+        states = flow_at(phase.mode, start, float(t.durations_of(u)[k]) * BETWEEN, p)
     for way_out in phase.exits:
         values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
         doubt: Array | float = 0.0
         if t.counts[k]:
             values = values.reshape(-1, t.degree + 1)
             doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[:, None]
-            values = values @ _dense(t.degree, t.kind)[0]
+            values = values @ dense_rule(t.degree, t.kind)[0]
         slack = PASSED * max(1.0, float(np.abs(values).max()))
         beyond = (np.minimum.accumulate(values.ravel()) < -slack).reshape(values.shape) & (values > slack)
         if not beyond.any():
@@ -145,7 +146,7 @@ def _closed_form(t: Transcription, k: int, nodes: Array, durations: Array, p: Ar
     assert mode.admissible is not None
     states = nodes[start : start + 2]
     if not linear_in_time(mode, t.n, p.size):
-        states = flow_at(mode, states[0], float(durations[k]) * _BETWEEN, p)
+        states = flow_at(mode, states[0], float(durations[k]) * BETWEEN, p)
     values = mode.admissible(states.T, p, mode.sign)
     lowest = float(values.min())
     return lowest, lowest + mode.slack + NOISE * max(1.0, float(np.abs(values).max())) < 0
@@ -182,10 +183,10 @@ class _Inside:
 
     def _conditions(self, values: Array, slack: Array, conditioned: Array) -> None:
         t = self._t
-        self.unclear |= conditioned & _not_clear(t, values, slack)
-        dense = values @ _dense(t.degree, t.kind)[0]
+        self.unclear |= conditioned & not_clear(t, values, slack)
+        dense = values @ dense_rule(t.degree, t.kind)[0]
         self._lowest = dense.min(axis=1)
-        with_noise = self._lowest + slack + NOISE * np.maximum(1.0, _largest_of_phase(t, dense))
+        with_noise = self._lowest + slack + NOISE * np.maximum(1.0, largest_of_phase(t, dense))
         below = conditioned & (with_noise < 0)
         if below.any():
             self._wrong = below & (with_noise < -RESOLUTION * np.abs(values @ t.scheme.last_mode))
@@ -235,28 +236,60 @@ def _slope_of(degree: int, kind: Kind, starts: bool, stops: bool) -> tuple[Array
 
 
 @lru_cache(maxsize=32)
-def _dense(degree: int, kind: Kind) -> tuple[Array, Array]:
-    """Interpolation to the times between the points at which conditions are looked at, and to the end."""
+def dense_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
+    """How a condition is looked at between the points where it is known.
+
+    Parameters
+    ----------
+    degree, kind
+        collocation scheme.
+
+    Returns
+    -------
+    Interpolation (d + 1, m) to the times between, and (d + 1,) to the end.
+    """
     s = scheme(degree, kind)
-    return s.interpolation(_BETWEEN).T.copy(), s.interpolation(np.array([1.0]))[0]
+    return s.interpolation(BETWEEN).T.copy(), s.interpolation(np.array([1.0]))[0]
 
 
-def _largest_of_phase(t: Transcription, values: Array) -> Array:
-    """(N,) for every interval the largest of |values| (N, m) in its phase."""
-    return np.repeat(np.maximum.reduceat(np.abs(values).max(axis=1), t.first_intervals), t.collocated_counts)
+def largest_of_phase(t: Transcription, values: Array) -> Array:
+    """For every interval the largest magnitude of a condition in its phase.
+
+    Parameters
+    ----------
+    t, values
+        the transcription, and (..., N, m) values of the condition.
+
+    Returns
+    -------
+    (..., N).
+    """
+    largest = np.maximum.reduceat(np.abs(values).max(axis=-1), t.first_intervals, axis=-1)
+    return np.repeat(largest, t.collocated_counts, axis=-1)
 
 
-def _not_clear(t: Transcription, values: Array, slack: Array) -> Array:
-    """(N,) True where the condition (N, d + 1) at start and stages is not clear of zero by its resolution."""
-    s, size = t.scheme, _largest_of_phase(t, values)
+def not_clear(t: Transcription, values: Array, slack: Array) -> Array:
+    """Where a condition is not clear of zero by its resolution.
+
+    Parameters
+    ----------
+    t, values, slack
+        the transcription, (..., N, d + 1) values of the condition at start and stages, and (N,) its slack.
+
+    Returns
+    -------
+    (..., N) bool.
+    """
+    s, size = t.scheme, largest_of_phase(t, values)
     first, last = t.first_intervals, t.first_intervals + t.collocated_counts - 1
-    starts, stops = np.zeros((2, len(values)), dtype=int)
-    starts[first] = np.abs(values[first, 0]) <= AT_ZERO * size[first]
-    stops[last] = np.abs(values[last] @ _dense(s.degree, s.kind)[1]) <= AT_ZERO * size[last]
-    out = values.min(axis=1) + slack < RESOLUTION * np.abs(values @ s.last_mode)
+    starts, stops = np.zeros((2, *values.shape[:-1]), dtype=int)
+    slack = np.broadcast_to(slack, starts.shape)
+    starts[..., first] = np.abs(values[..., first, 0]) <= AT_ZERO * size[..., first]
+    stops[..., last] = np.abs(values[..., last, :] @ dense_rule(s.degree, s.kind)[1]) <= AT_ZERO * size[..., last]
+    out = values.min(axis=-1) + slack < RESOLUTION * np.abs(values @ s.last_mode)
     kinds = 2 * starts + stops
     for kind in set(kinds[kinds > 0].tolist()):
-        chosen = np.flatnonzero(kinds == kind)
+        chosen = kinds == kind
         keep, divisor, top = _slope_of(s.degree, s.kind, kind > 1, kind % 2 == 1)
         slope = values[chosen][:, keep] / divisor
         unclear = slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)

@@ -2,14 +2,13 @@
 
     X_j - x - h T sum_l A_jl f(X_l; p_b) = 0,   x+ - x - h T sum_l b_l f(X_l; p_b) = 0        for members b = 1..B
 
-The vector field and its derivatives are compiled for one point alone, [f | df/dx | df/dp Q], and mapped over the points
-of all members in chunks of fixed size; Q are m directions in parameter space.  The rest is numpy, stacked:
+The vector field and its derivatives f, df/dx, df/dp Q are evaluated at the stages of all members (ensemble_points.py);
+Q are m directions in parameter space.  The stages are eliminated by stacked linear algebra (ensemble_stages.py), which
+leaves
 
-    K = I - h T A x J       (B, N, n d, n d)        stage Jacobian, by broadcasting
-    K E = [stage residual | d/dx | d/dT | d/dq]     one stacked solve with n + 2 + m right-hand sides
     maps = [r | A | B | C]  (B, E, n, n + 2 + m)    as in transcription.py, C with m columns
 
-followed by the node system of each member (node_system.py).  Every number of a member is computed by operations on that
+and the node system of each member (node_system.py).  Every number of a member is computed by operations on that
 member alone, in the same order whoever else is in the batch: its bits do not depend on the others.
 
 Symbols: B members, n states, d stages, R = n (d + 1), N intervals, M closed forms, E elements, P phases, m directions,
@@ -23,11 +22,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import effort
-from .ensemble_points import fields, jets, joints
+from .ensemble_points import Jets, fields_at, jets_at, joints
+from .ensemble_stages import eliminate_many
 from .linearisation import Linearisation
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
+
+INTERVALS_TOGETHER = 480
+"""Intervals eliminated at once: few enough for the caches, enough to hide the price of a call."""
+
 
 @dataclass(frozen=True, eq=False)
 class Settings:
@@ -235,17 +239,13 @@ def _linearise_many(t: Transcription, u: Array, s: Settings) -> Linearisations:
     B, n, d, m = len(u), t.n, t.degree, s.directions.shape[1]
     nodes, T = nodes_of_many(t, u), u[:, -t.phases :]
     maps = np.empty((B, t.elements, n, n + 2 + m))
-    regular = np.ones(B, dtype=bool)
-    if t.intervals:
-        w = u[:, : t.intervals * t.rows].reshape(B, t.intervals, d + 1, n)
-        step = s.fractions * T[:, t.phase_of[t.interval_elements]]
-        jet = _jets_of(t, w, s)
-        x_next = nodes[:, t.interval_elements + 1]
-        residual, eliminated, condensed = _eliminate(t, w, x_next, step, s.fractions, jet)
-        maps[:, t.interval_elements] = condensed
-        regular = np.isfinite(eliminated).reshape(B, -1).all(axis=1)
-    else:
-        residual, eliminated = np.zeros((B, 0, t.rows)), np.zeros((B, 0, n * d, n + 2 + m))
+    residual, eliminated = np.zeros((B, t.intervals, t.rows)), np.zeros((B, t.intervals, n * d, n + 2 + m))
+    together = max(1, INTERVALS_TOGETHER // max(t.intervals, 1))
+    for first in range(0, B if t.intervals else 0, together):
+        own = np.arange(first, min(first + together, B))
+        parts = _intervals_without_stages(t, u[own], s.of(own))
+        residual[own], eliminated[own], maps[first : first + together, t.interval_elements] = parts
+    regular = np.asarray(np.isfinite(eliminated).reshape(B, -1).all(axis=1))
     flow, events = _joint_columns(t, nodes, T, s)
     flow_residual = nodes[:, t.closed_elements + 1] - flow[:, :, 0]
     maps[:, t.closed_elements] = np.concatenate(
@@ -256,20 +256,25 @@ def _linearise_many(t: Transcription, u: Array, s: Settings) -> Linearisations:
     return Linearisations(t, residual, flow_residual, closure_residual, events, maps, closure, eliminated, regular)
 
 
-def _jets_of(t: Transcription, w: Array, s: Settings) -> Array:
-    """(B, N, d, 1 + n + m, n) field and derivatives at the stages of all intervals."""
-    B, n, m = len(w), t.n, s.directions.shape[1]
-    points = w[:, :, 1:]
-    jet = np.empty((B, t.intervals, t.degree, 1 + n + m, n))
+def _intervals_without_stages(t: Transcription, u: Array, s: Settings) -> tuple[Array, Array, Array]:
+    """(residual, eliminated, condensed maps) of a few members; see ensemble_stages.py."""
+    B, n, d = len(u), t.n, t.degree
+    nodes, T = nodes_of_many(t, u), u[:, -t.phases :]
+    w = u[:, : t.intervals * t.rows].reshape(B, t.intervals, d + 1, n)
+    step = s.fractions * T[:, t.phase_of[t.interval_elements]]
+    return eliminate_many(t, w, nodes[:, t.interval_elements + 1], step, s.fractions, _jets_of(t, w, s))
+
+
+def _jets_of(t: Transcription, w: Array, s: Settings) -> Jets:
+    """Field and derivatives at the stages of all intervals."""
+    B, n, m, N, d = len(w), t.n, s.directions.shape[1], t.intervals, t.degree
+    out = Jets(np.zeros((n, B, N, d)), np.zeros((n, n, B, N, d)), np.zeros((n, m, B, N, d)))
     for f, members in t.groups:
-        x = np.ascontiguousarray(points[:, members]).reshape(-1, n)
-        signs = np.tile(np.repeat(t.signs[members], t.degree), B)
-        mapped = jets(f, n, s.p.shape[1], m)
-        each = members.size * t.degree
-        jet[:, members] = mapped((x, signs), (s.p, s.directions, s.scale), each).reshape(
-            B, members.size, t.degree, 1 + n + m, n
-        )
-    return jet
+        own = out if len(t.groups) == 1 else Jets(*(part[..., members, :] for part in (out.f, out.J, out.q)))
+        jets_at(f, w[:, members, 1:], t.signs[members], s.p, s.directions, s.scale, own)
+        if own is not out:
+            out.f[..., members, :], out.J[..., members, :], out.q[..., members, :] = own.f, own.J, own.q
+    return out
 
 
 def fields_of_many(t: Transcription, x: Array, s: Settings) -> Array:
@@ -288,57 +293,10 @@ def fields_of_many(t: Transcription, x: Array, s: Settings) -> Array:
     -------
     (B, N, k, n).
     """
-    out, (B, _, k, n) = np.empty_like(x), x.shape
+    out = np.empty_like(x)
     for f, members in t.groups:
-        signs = np.tile(np.repeat(t.signs[members], k), B)
-        states = np.ascontiguousarray(x[:, members]).reshape(-1, n)
-        values = fields(f, n, s.p.shape[1])((states, signs), (s.p, s.scale), members.size * k)
-        out[:, members] = values.reshape(B, members.size, k, n)
+        out[:, members] = fields_at(f, x[:, members], t.signs[members], s.p, s.scale)
     return out
-
-
-def _eliminate(
-    t: Transcription, w: Array, x_next: Array, step: Array, fractions: Array, jet: Array
-) -> tuple[Array, Array, Array]:
-    """(residual (B, N, R), eliminated, condensed maps) of the intervals; see the module docstring."""
-    B, N, n, d = len(w), t.intervals, t.n, t.degree
-    columns = jet.shape[3] + 1
-    A, b = t.scheme.matrix, t.scheme.weights
-    x, X = w[:, :, :1], w[:, :, 1:]
-    # K[(j, a), (l, c)] = delta - h T A_jl df_a/dx_c(X_l)
-    J = jet[:, :, :, 1 : n + 1].transpose(0, 1, 4, 2, 3)  # (B, N, a, l, c)
-    K = np.multiply((step[:, :, None, None] * -A)[:, :, :, None, :, None], J[:, :, None])
-    K = K.reshape(B, N, d * n, d * n)
-    own = np.arange(d * n)
-    K[:, :, own, own] += 1.0
-    others = jet[:, :, :, [0, *range(n + 1, columns - 1)]].reshape(B, N, d, -1)  # f and df/dq at the stages
-    sums = np.matmul(np.vstack([A, b]), others).reshape(B, N, d + 1, columns - 1 - n, n)
-    known = np.empty((B, N, d + 1, n, columns))
-    ends = np.concatenate([X, x_next[:, :, None]], axis=2)
-    known[..., 0] = ends - x - step[:, :, None, None] * sums[:, :, :, 0]
-    known[..., 1 : n + 1] = -np.eye(n)
-    known[..., n + 1] = -fractions[:, :, None, None] * sums[:, :, :, 0]
-    known[..., n + 2 :] = -(step[:, :, None, None, None] * sums[:, :, :, 1:]).transpose(0, 1, 2, 4, 3)
-    residual = known[..., 0].reshape(B, N, -1)
-    known = known.reshape(B, N, (d + 1) * n, columns)
-    eliminated = _solved(K, known[:, :, : d * n])
-    through = (-step[:, :, None, None, None] * (b[:, None] * J.transpose(0, 1, 2, 3, 4))).reshape(B, N, n, d * n)
-    condensed = np.matmul(through, eliminated) - known[:, :, d * n :]
-    return residual, eliminated, condensed
-
-
-def _solved(K: Array, known: Array) -> Array:
-    """K^-1 known, stacked; NaN for a member one of whose intervals is singular."""
-    try:
-        return np.linalg.solve(K, known)
-    except np.linalg.LinAlgError:
-        out = np.full_like(known, np.nan)
-        for b in range(len(K)):
-            try:
-                out[b] = np.linalg.solve(K[b], known[b])
-            except np.linalg.LinAlgError:
-                continue
-        return out
 
 
 def _joint_columns(t: Transcription, nodes: Array, T: Array, s: Settings) -> tuple[Array, Array]:

@@ -20,9 +20,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..collocation.admissibility import judge
 from ..collocation.ensemble import Settings, settings_of
+from ..collocation.ensemble_judge import admissible_many
+from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import transfer
+from ..collocation.newton import Solution as Root
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
@@ -30,7 +32,7 @@ from ..hybrid.problem import Problem
 from ..orbits.adapt import TOLERANCE_RANGE, Options, curve_border, solve_adaptively
 from ..orbits.amplitude import estimated
 from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
-from ..orbits.orbit import unknowns_of
+from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along
 from .fold import Fold
@@ -47,6 +49,46 @@ MESHES_OF_KNOWN, MESHES_OF_MEMBER = 4, 2
 
 
 @dataclass(frozen=True, eq=False)
+class Solution:
+    """A fold as the solution of its equations, on a mesh of its own or on that of others.
+
+    Attributes
+    ----------
+    t, u, setting : transcription, unknowns, setting.
+    row, bend : of a, the way along the curve, and d2 lambda/d a2.
+    """
+
+    t: Transcription
+    u: Array
+    setting: Setting
+    row: Array
+    bend: float
+
+    def orbit(self, problem: Problem, numbers: Array) -> tuple[Any, float]:
+        """The cycle there, and phi_s = d2 lambda/d s2 by the arclength s of curve.py.
+
+        Parameters
+        ----------
+        problem, numbers
+            the problem there, and its (6,) numbers: value, period, amplitude, each with its error.
+
+        Returns
+        -------
+        Orbit, of the class that the problem names, and phi_s.
+        """
+        t, u, n = self.t, self.u, self.t.n
+        lin = t.linearise(u, self.setting)
+        du, y = lin.tangent(curve_border(t, u, self.row))
+        of_s = np.append(y[:n], t.durations_of(du)[0] / t.durations_of(u)[0])
+        _, parameter, _, period, measured, amplitude = map(float, numbers)
+        nothing = np.zeros(t.intervals)
+        estimate = Estimate(period, amplitude, parameter, nothing, nothing, measured)
+        root = Root(u, 0.0, Status.CONVERGED, 0, lin.residual_norm(), None)
+        solved = Solved(t, root, self.setting, estimate, Status.CONVERGED, 0)
+        return orbit_of(solved, problem, wall_s=0.0), float(self.bend / (of_s @ of_s))
+
+
+@dataclass(frozen=True, eq=False)
 class Folds:
     """Folds of B members.
 
@@ -57,6 +99,7 @@ class Folds:
     statuses : one of each; only what is CONVERGED is to be trusted.
     how : "batch"; "recut" where other phases or another mesh were needed; "" where there is none.
     slopes : (B, k) d ln value/d ln q for the parameters asked for; (B, 0) where none are.
+    solutions : those of the equations; None where there is none.
     """
 
     values: Array
@@ -68,6 +111,7 @@ class Folds:
     statuses: tuple[Status, ...]
     how: tuple[How, ...]
     slopes: Array
+    solutions: tuple[Solution | None, ...]
 
     @property
     def errors(self) -> Array:
@@ -93,8 +137,29 @@ def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
     ------
     NoOrbit : the fold could not be solved again.
     """
-    problem, vary = fold.orbit.problem, fold.parameter
-    t, u, setting = unknowns_of(fold.orbit)
+    return expansion_at(fold.orbit, fold.parameter, names, tol)
+
+
+def expansion_at(orbit: Orbit, vary: str, names: tuple[str, ...], tol: float) -> Expansion:
+    """As `expansion`, of the orbit at a fold.
+
+    Parameters
+    ----------
+    orbit, vary
+        the orbit, and the parameter that is largest there.
+    names, tol
+        as in `expansion`.
+
+    Returns
+    -------
+    Expansion.
+
+    Raises
+    ------
+    NoOrbit : the fold could not be solved again.
+    """
+    problem = orbit.problem
+    t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=along(problem, vary))
     known = _polished(t, u, setting, problem, vary, tol)
     for changes in range(MESHES_OF_KNOWN):
@@ -157,7 +222,8 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
     found, settings = from_expansion(flat, p, tol, stations=0)
     values = settings.p[:, known.problem.names.index(known.vary)]
     z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
-    z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
+    with np.errstate(invalid="ignore", divide="ignore"):  # of a neighbour that failed
+        z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
     z_0 = np.append(known.u, 0.0)
     z_0[-1 - P : -1] = np.log(z_0[-1 - P : -1])
     up, down = z[::2], z[1::2]
@@ -214,7 +280,8 @@ def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, 
     statuses = tuple(status for part in parts for status in part.statuses)
     how = tuple(word for part in parts for word in part.how)
     slopes = np.concatenate([np.zeros((0, len(slopes_by))), *(part.slopes for part in parts)])
-    return Folds(value, value_error, period, period_error, amplitude, amplitude_error, statuses, how, slopes)
+    solutions = tuple(solution for part in parts for solution in part.solutions)
+    return Folds(value, value_error, period, period_error, amplitude, amplitude_error, statuses, how, slopes, solutions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,10 +296,12 @@ class _Tried:
     how: list[How]
     slopes: Array
     roots: dict[int, tuple[Array, Setting]]
+    solutions: list[Solution | None]
 
-    def take(self, member: int, numbers: Array, slopes: Array, how: How) -> None:
+    def take(self, member: int, numbers: Array, slopes: Array, how: How, solution: Solution) -> None:
         """The fold of a member."""
         self.numbers[:, member], self.slopes[member], self.how[member] = numbers, slopes, how
+        self.solutions[member] = solution
         self.statuses[member] = Status.CONVERGED
 
 
@@ -245,7 +314,8 @@ def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) ->
             local, numbers = found
             own = _settings_of_known(local)
             slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
-            out.take(member, numbers, slopes, "recut")
+            solution = Solution(local.t, local.u, local.setting(), local.row, local.bend)
+            out.take(member, numbers, slopes, "recut", solution)
     return out
 
 
@@ -253,25 +323,28 @@ def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...])
     """The folds of members, as far as they have the phases and the mesh of a known one."""
     B, t = len(p), known.t
     found, settings = from_expansion(known, p, tol)
-    out = _Tried(np.full((6, B), np.nan), list(found.statuses), [""] * B, np.full((B, len(slopes_by)), np.nan), {})
+    out = _Tried(np.full((6, B), np.nan), list(found.statuses), [""] * B, np.full((B, len(slopes_by)), np.nan), {},
+                 [None] * B)  # fmt: skip
     there = np.array([i for i, s in enumerate(found.statuses) if s is Status.CONVERGED], dtype=int)
     if not there.size:
         return out
     own, u = settings.of(there), found.u[there]
     confirmed = confirmed_many(known, u, own, found.bend[there])
     slopes = slopes_of_many(known, u, own, slopes_by) if slopes_by else np.zeros((there.size, 0))
+    admissible = admissible_many(t, u, own)
     for i, member in enumerate(there.tolist()):
-        out.statuses[member] = _verdict(t, u[i], own.one(i), confirmed[:, i], tol)
+        out.statuses[member] = _verdict(bool(admissible[i]), confirmed[:, i], tol)
         if out.statuses[member] is Status.CONVERGED:
-            out.take(member, confirmed[:, i], slopes[i], "batch")
+            solution = Solution(t, u[i], own.one(i), known.row, float(found.bend[there[i]]))
+            out.take(member, confirmed[:, i], slopes[i], "batch", solution)
         else:
             out.roots[member] = u[i], own.one(i)
     return out
 
 
-def _verdict(t: Transcription, u: Array, setting: Setting, numbers: Array, tol: float) -> Status:
+def _verdict(admissible: bool, numbers: Array, tol: float) -> Status:
     """What becomes of a turning point whose (6,) numbers are these."""
-    if not judge(t, u, setting).admissible:
+    if not admissible:
         return Status.INADMISSIBLE
     return Status.CONVERGED if numbers[1::2].max() <= tol else Status.TOLERANCE_NOT_REACHED
 
@@ -294,8 +367,9 @@ def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array
         except (NoOrbit, InputError):
             return None
         start = local.t, local.u, local.setting()
-        numbers = confirmed_many(local, local.u[None], _settings_of_known(local), np.array([local.bend]))[:, 0]
-        verdict = _verdict(*start, numbers, tol)
+        own = _settings_of_known(local)
+        numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
+        verdict = _verdict(bool(admissible_many(local.t, local.u[None], own)[0]), numbers, tol)
         if verdict is Status.CONVERGED:
             return (local, numbers) if local.bend * known.bend > 0 else None
     return None

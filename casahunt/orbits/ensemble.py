@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 
 from ..checks import known as one_of
-from ..collocation.admissibility import judge
 from ..collocation.ensemble import Settings, linearise_many, nodes_of_many, settings_of
 from ..collocation.ensemble_error import estimates_of_many
+from ..collocation.ensemble_judge import admissible_many
 from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Transcription
 from ..errors import InputError, NoOrbit, Status
@@ -267,10 +267,10 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
         own, x = settings.of(there), u[there]
         goals, period, amplitude = goals_of_many(t, x, own)
         errors = estimates_of_many(t, x, own, goals, _fixed(t, there.size))
-        for i, b in enumerate(there.tolist()):
-            if errors[i].max() <= tol and judge(t, x[i], own.one(i)).admissible:
-                done.numbers[:4, rows[b]] = period[i], errors[i, 0], amplitude[i], errors[i, 1]
-                done.statuses[rows[b]], done.how[rows[b]] = Status.CONVERGED, "batch"
+        for i in np.flatnonzero((errors.max(axis=1) <= tol) & admissible_many(t, x, own)):
+            row = rows[there[i]]
+            done.numbers[:4, row] = period[i], errors[i, 0], amplitude[i], errors[i, 1]
+            done.statuses[row], done.how[row] = Status.CONVERGED, "batch"
         kept = [i for i, b in enumerate(there.tolist()) if done.how[rows[b]] == "batch"]
         if task.multipliers and kept:
             done.leading[:, rows[there[kept]]] = leading_of_many(t, x[kept], settings.of(there[kept]))

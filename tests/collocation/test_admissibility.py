@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from layout import cycle_of, laid_out, still
 
 from casahunt.collocation.admissibility import RESOLUTION, Verdict, hides, judge
+from casahunt.collocation.ensemble import settings_of
+from casahunt.collocation.ensemble_judge import admissible_many
 from casahunt.collocation.transcription import Setting
-from casahunt.hybrid.system import Mode
+from casahunt.hybrid.system import Event, Exit, Mode
 
 FREE = Mode("free", still)
 POSITIVE = Mode("climb", still, admissible=lambda x, p, sign: sign * x[0], sign=1.0)
@@ -34,7 +37,13 @@ def judged(modes, breaks, functions, *, durations=None, degree=4, kind="gauss", 
     ]
     durations = durations or [1.0] * len(modes)
     t, u, fractions = laid_out(cycle_of(*modes), breaks, motions, durations, degree=degree, kind=kind)
-    return judge(t, u, Setting(fractions, np.zeros(1), SCALE, np.zeros(1)))
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    found = judge(t, u, setting)
+    many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1, 1)))
+    admitted = admissible_many(t, np.stack([u, np.full_like(u, np.nan)]), many).tolist()
+    within_slack = any(mode.slack for mode in modes) and not admitted[0]
+    assert within_slack or admitted == [found.admissible, False]
+    return found
 
 
 ONE, FOUR = np.array([0.0, 1.0]), np.array([0, 0.2, 0.5, 0.75, 1.0])
@@ -174,3 +183,54 @@ def test_a_march_is_told_of_smaller_jumps():
     points[0, 2:, 1], points[1, 2:, 1], points[2, :, 1] = 0.45, -0.55, 7.0
     assert hides(lambda x, p: p * x[1], points, np.array([1.0])).tolist() == [False, True, False]
     assert hides(lambda x, p: p * x[1], points, np.array([1.0]), largest=0.4).tolist() == [True, True, False]
+
+
+# Many at once ------------------------------------------------------------------------------------------------------
+
+
+def solution(mode, value, count=3):
+    """A phase at rest at x[0] = `value`, as so many members."""
+    t, u, fractions = laid_out(cycle_of(mode), [FOUR], [lambda tau: np.tile([value, 0.0], (tau.size, 1)) / SCALE],
+                               [1.0], degree=4)  # fmt: skip
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    return t, np.repeat(u[None], count, axis=0), settings_of(setting, np.zeros((count, 1)), np.zeros((count, 1, 1)))
+
+
+def test_a_member_has_no_slack():
+    """Within its slack a condition is another mode's affair, of which no error estimate knows."""
+    t, u, settings = solution(replace(POSITIVE, slack=0.01), -0.005)
+    assert judge(t, u[0], settings.one(0)).admissible
+    assert not admissible_many(t, u, settings).any()
+
+
+def test_a_condition_that_takes_numbers_alone():
+    numeric = replace(POSITIVE, admissible=lambda x, p, sign: np.array([float(value) for value in np.ravel(x[0])]))
+    for value, expected in ((1.0, True), (-1.0, False)):
+        t, u, settings = solution(numeric, value)
+        assert admissible_many(t, u, settings).tolist() == [expected] * 3
+
+
+def test_an_event_of_the_mode_is_not_passed():
+    """x[0] rises through zero in the middle of the phase of the second member alone."""
+    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
+    cycle = cycle_of(FREE)
+    _, u, fractions = laid_out(cycle, [FOUR], [lambda tau: np.stack([one(tau), zero(tau)], axis=1)], [1.0], degree=4)
+    crossing = laid_out(cycle, [FOUR], [lambda tau: np.stack([tau - 0.6, zero(tau)], axis=1)], [1.0], degree=4)[1]
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1, 1)))
+    for exits, expected in (((), [True, True]), ((way_out,), [True, False])):
+        there = replace(cycle, phases=(replace(cycle.phases[0], exits=exits),))
+        known = laid_out(there, [FOUR], [lambda tau: np.stack([one(tau), zero(tau)], axis=1)], [1.0], degree=4)[0]
+        assert admissible_many(known, np.stack([u, crossing]), many).tolist() == expected
+
+
+@pytest.mark.parametrize("direction", [-1, 0, 1])
+def test_an_event_is_met_from_its_own_side(direction):
+    falling = Mode("falling", lambda x, p, sign: ca.vertcat(-1.0, 0.0))
+    cycle = cycle_of(falling)
+    phase = replace(cycle.phases[0], end=Event("floor", lambda x, T, p: x[0]), direction=direction)
+    falls = [lambda tau: np.stack([1 - tau, zero(tau)], axis=1) / SCALE]
+    t, u, fractions = laid_out(replace(cycle, phases=(phase,)), [FOUR], falls, [1.0], degree=4)
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    assert judge(t, u, setting).admissible is admissible_many(t, u[None], many)[0].item() is (direction <= 0)

@@ -17,6 +17,7 @@ import pytest
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.continuation.plane_curve import Place, Reading, follow
 from casahunt.continuation.sheet import Axis
+from casahunt.design.fold_curve import batches
 from casahunt.design.fold_curve.curve import fold_curve, unfed
 from casahunt.design.fold_curve.files import INTERRUPTED, load_curve, save_curve
 from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found, hermite
@@ -243,6 +244,74 @@ def test_it_ends_before_coulomb_friction():
     assert found.points[0].gain == pytest.approx(fresh.gain, rel=2e-6)
 
 
+def static_curve() -> FoldCurve:
+    return fold_curve(
+        Servo(), "switch", vary="friction.static", start=0.53, end=0.57, points=5, options=Options(tol=1e-6)
+    )
+
+
+def test_what_batches_do_not_reach_is_followed(monkeypatch):
+    """From the third place on nothing is found in a batch; the points, their slopes and curvatures are the same."""
+    whole = static_curve()
+    assert [point.how for point in whole.points] == ["followed", *["batch"] * 4]
+    honest = batches.folds_near
+
+    def loses(known, p, tol, *, slopes_by):
+        folds = honest(known, p, tol, slopes_by=slopes_by)
+        there = p[:, known.problem.names.index("friction.static")] < 0.555
+        return replace(folds, solutions=tuple(s if t else None for s, t in zip(folds.solutions, there, strict=True)))
+
+    monkeypatch.setattr(batches, "folds_near", loses)
+    parts = static_curve()
+    assert [point.how for point in parts.points][1:3] == ["batch"] * 2 and parts.points[-1].how == "followed"
+    assert parts.status is Status.CONVERGED and parts.ended == whole.ended
+    for ours, known in zip((parts.points[0], parts.points[-1]), (whole.points[0], whole.points[-1]), strict=True):
+        assert ours.gain == pytest.approx(known.gain, rel=2e-6)
+        assert ours.slope == pytest.approx(known.slope, rel=1e-5)
+        # Arclength is in units of the scale of an orbit, here that of the fold it was predicted from.
+        assert ours.curvature == pytest.approx(known.curvature, rel=0.05)
+        assert ours.orbit.period == pytest.approx(known.orbit.period, rel=1e-5)
+
+
+@pytest.mark.parametrize("much", [1.1, 1.6])
+def test_a_batch_does_not_leap(monkeypatch, much):
+    """Other gains than the slopes explain, or far greater ones, are not those of the next points of the curve."""
+    honest = batches.folds_near
+
+    def leaps(known, p, tol, *, slopes_by):
+        folds = honest(known, p, tol, slopes_by=slopes_by)
+        return replace(folds, values=much * folds.values)
+
+    whole = static_curve()
+    monkeypatch.setattr(batches, "folds_near", leaps)
+    alone = static_curve()
+    assert all(point.how == "followed" for point in alone.points)
+    assert alone.gains[-1] == pytest.approx(whole.gains[-1], rel=2e-6)
+
+
+def test_a_fold_that_cannot_be_expanded_is_followed(monkeypatch):
+    def fails(*_):
+        raise NoOrbit("not today")
+
+    monkeypatch.setattr(batches, "expansion_at", fails)
+    assert {point.how for point in static_curve().points} == {"followed"}
+
+
+def test_a_parameter_that_is_zero_has_no_elasticity():
+    found = fold_curve(Servo(), "switch", vary="friction.viscous", start=0.0, end=0.1, points=5)
+    assert [point.how for point in found.points] == ["followed", *["batch"] * 3, "followed"]
+    assert found.points[0].slope == pytest.approx((found.gains[1] - found.gains[0]) / found.values[1], rel=0.02)
+    from_zero = Servo().replace(**{"friction.viscous": 0.0})
+    up = fold_curve(from_zero, "switch", vary="friction.viscous", start=0.0, end=0.01, points=3)
+    assert up.status is Status.CONVERGED and up.gains[0] == pytest.approx(found.gains[0], rel=2e-6)
+
+
+def test_how_a_point_was_computed_is_kept_in_the_file(tmp_path):
+    whole = static_curve()
+    save_curve(whole, tmp_path / "curve.npz", {})
+    assert [point.how for point in load_curve(tmp_path / "curve.npz")[0].points] == [p.how for p in whole.points]
+
+
 def test_unfed():
     """The least slope of g(v) + sigma2 v by sampling, against J/(tau_i + tau_d)."""
     for viscous in (0.1, 3.8, 3.92, 3.96, 5.0):
@@ -339,6 +408,7 @@ def test_a_curve_round_a_cusp_goes_on_where_it_was_interrupted(monkeypatch, firs
     def again(problem: object, orbit: Any, position: float, *, like: object) -> Turning:
         return Turning(orbit.s, position, phi)
 
+    monkeypatch.setattr("casahunt.design.fold_curve.curve.points_in_batches", lambda *_: iter(()))
     monkeypatch.setattr("casahunt.design.fold_curve.curve.chart_of", again)
     at_the_end = Turning(-np.sqrt(0.8 / 3), first, phi)
     monkeypatch.setattr("casahunt.design.fold_curve.curve._first_chart", lambda _: at_the_end)

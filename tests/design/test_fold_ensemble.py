@@ -166,15 +166,12 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.setattr(engine, "confirmed_many", unsure)
     assert how() == ("alone", "batch", "alone")
     monkeypatch.undo()
-    honest = engine.judge
+    honest = engine.admissible_many
 
-    class No:
-        admissible = False
+    def doubts(t, u, settings):
+        return honest(t, u, settings) & (settings.p[:, 4] != rows[1, 4])
 
-    def doubts(t, u, setting):
-        return No() if setting.p[4] == rows[1, 4] else honest(t, u, setting)
-
-    monkeypatch.setattr(engine, "judge", doubts)
+    monkeypatch.setattr(engine, "admissible_many", doubts)
     assert how() == ("batch", "alone", "batch")
     monkeypatch.undo()
     known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
@@ -184,6 +181,19 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr(batch, "known_fold", lambda *_: None)
     assert how() == ("alone",) * 3
+
+
+def test_neighbours_that_fail_leave_no_derivative(folds, monkeypatch):
+    honest = engine.from_expansion
+
+    def spoilt(*given, **more):
+        found, settings = honest(*given, **more)
+        found.u[0, -1], found.statuses[0] = -1.0, Status.INADMISSIBLE
+        return found, settings
+
+    monkeypatch.setattr(engine, "from_expansion", spoilt)
+    known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
+    assert known is not None and not known.first[0].any() and not known.second[0].any() and known.first[1:].any()
 
 
 def test_folds_of_a_ball():

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import re
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,34 @@ def test_worst_corner_of_a_monotone_box(servo, fold):
     assert worst.gain == pytest.approx(gain_at(servo, box.parameters, [0.54, 0.019]), rel=2 * QUICK.tol)
     assert worst.evaluations <= 4 and not worst.failures
     assert worst.servo.friction.static == 0.54
+
+
+def test_a_batch_does_not_decide_on_the_worst_corner(servo, fold, monkeypatch):
+    """What a batch says of the corner that would be the worst is computed alone; here it lies about another one."""
+    from casahunt.design.uncertainty import worst_corner as module
+
+    box = Uncertainty({"friction.static": (0.52, 0.54), "friction.stribeck_velocity": (0.019, 0.021)})
+    honest = module.in_batch
+
+    def lies(task, known):
+        folds = honest(task, known)
+        return replace(folds, values=np.where(task.rows[:, 1] > 0.02, 2.0, folds.values))
+
+    monkeypatch.setattr(module, "in_batch", lies)
+    worst = worst_corner(servo, "switch", box, options=QUICK, fold=fold, starts=[np.array([0.54, 0.021])])
+    assert worst.corner == {"friction.static": 0.54, "friction.stribeck_velocity": 0.019}
+    assert worst.gain == pytest.approx(gain_at(servo, box.parameters, [0.54, 0.019]), rel=2 * QUICK.tol)
+
+
+def test_a_worst_corner_where_a_parameter_is_zero(servo, fold):
+    """No elasticity is a slope there."""
+    worst = worst_corner(servo, "switch", Uncertainty({"friction.viscous": (0.0, 0.1)}), options=QUICK, fold=fold)
+    assert worst.corner == {"friction.viscous": 0.0} and worst.gain > fold.gain
+    up = worst_corner(
+        servo, "switch", Uncertainty({"friction.viscous": (0.0, 0.1), "friction.static": (0.53, 0.54)}), options=QUICK,
+        fold=fold, starts=[np.array([0.0, 0.53])],
+    )  # fmt: skip
+    assert up.corner == {"friction.viscous": 0.0, "friction.static": 0.54}
 
 
 def test_a_worst_case_inside_the_box(servo, fold):

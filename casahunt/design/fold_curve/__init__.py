@@ -8,6 +8,7 @@ continuation/plane_curve.py.  The curve may turn back in q: a cusp, phi_s = 0, w
 
 points.py   a fold curve as data: its points, the cubic through them
 charts.py   the surface of orbits beside a fold, and the fold checked as an extremum
+batches.py  as many points of it at once as can be predicted from one
 curve.py    all of it: `fold_curve`
 files.py    a fold curve on the disk after every point, and taken up again
 """

@@ -22,6 +22,7 @@ from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES
+from .batches import points_in_batches
 from .charts import Chart, Problem, chart_of
 from .points import FoldCurve, FoldPoint, as_found
 
@@ -94,7 +95,7 @@ def fold_curve(
     problem = Problem(model, servo, axis, options, 1 / (points - 1))
     chart, c, sense, found = _begin(problem, begun)
     goal = servo.replace(**{vary: axis.value(1 - c)})
-    reason, gone = _collect(_followed(chart, sense, found), found, goal, report)
+    reason, gone = _collect(_all_points(problem, chart, sense, found), found, goal, axis, report)
     last = found[-1]
     if c == 1:
         found = found[::-1]
@@ -104,23 +105,59 @@ def fold_curve(
 
 
 def _collect(
-    followed: Generator[Place, None, str],
+    points: Generator[FoldPoint, None, str],
     found: list[FoldPoint],
     goal: Servo,
+    axis: Axis,
     report: Callable[[FoldPoint], None] | None,
 ) -> tuple[str, bool]:
     """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero)."""
     reason, gone = "", False
     while not (reason or gone):
         try:
-            place = next(followed)
+            point = next(points)
         except StopIteration as stop:
             return stop.value, False
-        found.append(replace(place.chart.fold, turns=place.turns))
+        found.append(point)
         if report is not None:
-            report(found[-1])
-        reason, gone = _fading(found, place.chart, goal)
+            report(point)
+        reason, gone = _fading(found, axis, goal)
     return reason, gone
+
+
+def _all_points(
+    problem: Problem, chart: Chart, sense: float, found: Sequence[FoldPoint]
+) -> Generator[FoldPoint, None, str]:
+    """The points behind those that were found already: in batches as far as those lead, then step by step.
+
+    The generator's return value is that of `_followed`.
+    """
+    known = list(found)
+    if not known:
+        assert chart.fold is not None
+        known.append(chart.fold)
+        yield known[-1]
+    at_an_end = chart.position in (0.0, 1.0) and len(known) > 1
+    if not at_an_end and not any(point.turns for point in known):
+        count = len(known)
+        for point in points_in_batches(problem, known[-1], sense):
+            known.append(point)
+            yield point
+        if len(known) > count:
+            position = problem.axis.place(known[-1].value)
+            if position in (0.0, 1.0):
+                return ""
+            again = chart_of(problem, known[-1].orbit, position, like=None)
+            if isinstance(again, str):
+                return again
+            chart = again
+    followed = _followed(chart, sense, known)
+    while True:
+        try:
+            place = next(followed)
+        except StopIteration as stop:
+            return str(stop.value)
+        yield replace(place.chart.fold, turns=place.turns)
 
 
 def _followed(chart: Chart, sense: float, found: Sequence[FoldPoint]) -> Generator[Place, None, str]:
@@ -149,10 +186,12 @@ def _followed(chart: Chart, sense: float, found: Sequence[FoldPoint]) -> Generat
         yield place
 
 
-def _fading(found: Sequence[FoldPoint], chart: Chart, goal: Servo) -> tuple[str, bool]:
+def _fading(found: Sequence[FoldPoint], axis: Axis, goal: Servo) -> tuple[str, bool]:
     """(why the curve is left at its last point, or ""; whether the gain tends to zero there)."""
-    share = found[-1].gain / max(point.gain for point in found)
-    if share < VANISHING and unfed(goal) and abs(chart.steepness) > STEEP_GAIN:
+    last = found[-1]
+    share = last.gain / max(point.gain for point in found)
+    steepness = last.slope / last.gain * axis.rate(axis.place(last.value))
+    if share < VANISHING and unfed(goal) and abs(steepness) > STEEP_GAIN:
         return "", True
     return f"its gain has fallen to {share:.2g} of the largest one" if share < GONE else "", False
 

@@ -40,6 +40,7 @@ def save_curve(curve: FoldCurve, path: Path, settings: Mapping[str, Any]) -> Non
     run = {
         "settings": dict(settings),
         "points": [[getattr(p, name) for name in _NUMBERS] + [p.status.name] for p in curve.points],
+        "how": [p.how for p in curve.points],
         "curve": [curve.vary, curve.status.name, curve.wall_s, curve.vanishes],
     }
     orbits = tuple(point.orbit for point in curve.points)
@@ -56,8 +57,8 @@ def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
     branch, run = load_branch(path), load_run(path)
     try:
         points = tuple(
-            FoldPoint(**dict(zip(_NUMBERS, numbers, strict=True)), orbit=orbit, status=Status[status])
-            for (*numbers, status), orbit in zip(run["points"], branch.orbits, strict=True)
+            FoldPoint(**dict(zip(_NUMBERS, numbers, strict=True)), orbit=orbit, status=Status[status], how=how)
+            for (*numbers, status), how, orbit in zip(run["points"], run["how"], branch.orbits, strict=True)
         )
         vary, status, wall_s, vanishes = run["curve"]
         cusps = tuple(point for point in points if point.turns)

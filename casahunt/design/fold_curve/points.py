@@ -48,10 +48,12 @@ class FoldPoint(Result):
         it is the smallest, 0 at a cusp.
     status : as everywhere.
     turns : whether the curve turns back in q here: a cusp.
+    how : "batch" where it was computed together with others (batches.py); "followed" where step by step, and
+        confirmed alone.
     """
 
     _quantities = ("value", "gain [V/rad] ~ error_estimate", "slope", "turns", "status")
-    _details = ("elasticity", "curvature", "orbit")
+    _details = ("elasticity", "curvature", "how", "orbit")
 
     value: float
     gain: float
@@ -61,6 +63,7 @@ class FoldPoint(Result):
     curvature: float
     status: Status
     turns: bool = False
+    how: str = "followed"
 
     @property
     def elasticity(self) -> float:

@@ -94,7 +94,7 @@ def work(task: Task) -> Done:
     statuses: list[Status | None] = [None] * n
     how, sentences = [ON_ITS_OWN] * n, [""] * n
     if task.known is not None:
-        folds = _batch(task, task.known)
+        folds = in_batch(task, task.known)
         numbers = np.array([
             folds.values, folds.value_errors, folds.periods, folds.period_errors, folds.amplitudes,
             folds.amplitude_errors,
@@ -123,7 +123,18 @@ def work(task: Task) -> Done:
     return Done(numbers, elasticities, tuple(statuses), tuple(how), tuple(sentences))
 
 
-def _batch(task: Task, known: Expansion) -> Folds:
+def in_batch(task: Task, known: Expansion) -> Folds:
+    """The folds of a batch as far as the known one leads to them.
+
+    Parameters
+    ----------
+    task, known
+        the batch, and the fold from which they are predicted.
+
+    Returns
+    -------
+    Folds; `how` is "" where it does not.
+    """
     places = [task.servo.names.index(name) for name in task.names]
     p = np.repeat(task.servo.parameters(known.problem.value("gain"))[None], len(task.rows), axis=0)
     p[:, places] = task.rows

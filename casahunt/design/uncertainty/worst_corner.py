@@ -6,14 +6,15 @@ The search is a local one.  K is monotone in most parameters, so it goes straigh
 give, takes the gradient there, and goes on until no bound and no interior point is better to first order: what a
 concave K could still gain, sum_i |g_i| room_i, is below the tolerance.  A coordinate along which the gradient changes
 sign is brought to its zero by a search along that coordinate.  It is started from the servo, from a few random corners,
-and from where the caller likes.
+and from where the caller likes, all side by side: the folds of one round are one batch.  The fold at the best point is
+computed once more, alone.
 
 Units: K in V/rad.  Symbols: k uncertain parameters, q, l, h (k,) values and bounds, g (k,) gradient.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
+from .batch import Task, in_batch, known_fold
 from .linear import gradient
 from .nearby import fold_near, nominal_fold, prediction
 from .set import COULOMB, STATIC, Array, Uncertainty, check_box, servo_at, values_of
@@ -81,8 +83,12 @@ class _Place:
     fold: HuntingFold | None = None
 
 
+Ascent = Generator[list[Array], list[_Place], None]
+"""A search from one point: asks for the folds at points, is told them."""
+
+
 class _Search:
-    """The folds computed so far in one box; every point is computed once."""
+    """The folds computed so far in one box; every point is computed once, those of all searches together."""
 
     def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: HuntingFold | None,
                  report: Callable[[int], None] | None):  # fmt: skip
@@ -91,6 +97,7 @@ class _Search:
         self.names = uncertainty.parameters
         self.low, self.high = uncertainty.box(servo)
         self.predict = prediction(servo, fold, self.names)
+        self.known = known_fold(servo, self.names, fold, options.tol)
         self.places: dict[bytes, _Place] = {}
         self.evaluations = 0
         self.failures: list[str] = []
@@ -98,47 +105,82 @@ class _Search:
             self._keep(_Place(self.predict.q, fold.gain, gradient(fold, self.names), fold))
 
     def _keep(self, place: _Place) -> _Place:
-        return self.places.setdefault(place.q.tobytes(), place)
+        self.places[place.q.tobytes()] = place
+        return place
 
-    def at(self, q: Array) -> _Place:
-        """The fold at q."""
-        if q.tobytes() in self.places:
-            return self.places[q.tobytes()]
-        try:
-            servo = servo_at(self.servo, self.names, q)
-        except InputError:  # static below Coulomb friction; the other bounds have been checked
-            return self._keep(_Place(q, -np.inf))
+    def _counted(self) -> None:
         self.evaluations += 1
         if self.report is not None:
             self.report(self.evaluations)
-        try:
-            fold = fold_near(servo, self.model, float(self.predict(q[None, :])[0]), self.options)
-        except NoOrbit as error:
-            corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, q, strict=True))
-            self.failures.append(f"at {corner}: {error}")
-            return self._keep(_Place(q, -np.inf))
-        if fold is None:
-            return self._keep(_Place(q, 0.0))
-        return self._keep(_Place(q, fold.gain, gradient(fold, self.names), fold))
 
-    def climb(self, q: Array) -> None:
+    def compute(self, asked: list[Array]) -> None:
+        """The folds at points (k,) that are not known yet, in one batch (batch.py)."""
+        rows: dict[bytes, Array] = {}
+        for q in asked:
+            if q.tobytes() in self.places or q.tobytes() in rows:
+                continue
+            try:
+                servo_at(self.servo, self.names, q)
+            except InputError:  # static below Coulomb friction; the other bounds have been checked
+                self._keep(_Place(q, -np.inf))
+            else:
+                self._counted()
+                rows[q.tobytes()] = q
+        if not rows:
+            return
+        table = np.array(list(rows.values()))
+        expected = self.predict(table)
+        task = Task(self.servo, self.model, self.options, self.names, table, expected, self.known, self.names)
+        folds = None if self.known is None else in_batch(task, self.known)
+        for i, q in enumerate(table):
+            if folds is not None and folds.how[i] and q.all():  # of a parameter that is zero no elasticity tells
+                gain = float(folds.values[i])
+                self._keep(_Place(q, gain, gain * folds.slopes[i] / q))
+            else:
+                self._keep(self._alone(_Place(q, float(expected[i]))))
+
+    def _failed(self, q: Array, sentence: str) -> _Place:
+        corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, q, strict=True))
+        self.failures.append(f"at {corner}: {sentence}")
+        return _Place(q, -np.inf)
+
+    def _alone(self, place: _Place) -> _Place:
+        """The fold at a point computed alone, where its gain is about known."""
+        try:
+            fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
+        except NoOrbit as error:
+            return self._failed(place.q, str(error))
+        return _Place(place.q, 0.0) if fold is None else _Place(place.q, fold.gain, gradient(fold, self.names), fold)
+
+    def run(self, ascents: Iterable[Ascent]) -> None:
+        """Searches side by side: what they ask for in one round is one batch."""
+        asked = {ascent: next(ascent, None) for ascent in ascents}
+        while waiting := {ascent: points for ascent, points in asked.items() if points is not None}:
+            self.compute([q for points in waiting.values() for q in points])
+            asked = {}
+            for ascent, points in waiting.items():
+                try:
+                    asked[ascent] = ascent.send([self.places[q.tobytes()] for q in points])
+                except StopIteration:
+                    continue
+
+    def climb(self, q: Array) -> Ascent:
         """From q to a point from which no step within the box leads up, to first order."""
-        here = self.at(q)
+        (here,) = yield [q]
         while here.gradient is not None and self.evaluations < MOST_EVALUATIONS:
             g = here.gradient
             room = np.where(g > 0, self.high, self.low) - here.q
             rise = g * room
             if rise.sum() <= self.options.tol * here.gain:
                 return
-            corner = np.where(rise > 0, np.where(g > 0, self.high, self.low), here.q)
-            there = self.at(corner)
+            (there,) = yield [np.where(rise > 0, np.where(g > 0, self.high, self.low), here.q)]
             if not there.gain > here.gain:
-                there = self._along(here, int(np.argmax(rise)))
+                there = yield from self._along(here, int(np.argmax(rise)))
             if not there.gain > here.gain:
                 return
             here = there
 
-    def _along(self, here: _Place, i: int) -> _Place:
+    def _along(self, here: _Place, i: int) -> Generator[list[Array], list[_Place], _Place]:
         """The best point along coordinate i, upwards from `here`: the zero of the gradient by Illinois steps."""
         assert here.gradient is not None
         sense = np.sign(here.gradient[i])
@@ -149,7 +191,7 @@ class _Search:
         for _ in range(MOST_FOLDS_ALONG):
             q = here.q.copy()
             q[i] = x
-            place = self.at(q)
+            (place,) = yield [q]
             slope = np.nan if place.gradient is None else float(sense * place.gradient[i])
             best = place if place.gain > best.gain else best
             level = abs(slope) * abs(end - start) <= self.options.tol * place.gain
@@ -178,12 +220,19 @@ class _Search:
         return np.where([name == COULOMB for name in self.names], self.low, q)
 
     def best(self) -> _Place:
-        """The best point of the box, the corner that favours hunting most where none was found to hunt."""
+        """The best point of the box, the corner that favours hunting most where none was found to hunt.
+
+        Its fold is computed alone too: what a batch has found there decides nothing by itself.
+        """
         favourable = np.where([name == STATIC for name in self.names], self.high, self.low)
         if max(place.gain for place in self.places.values()) <= 0:
-            self.climb(favourable)
-        inside = [p for p in self.places.values() if (self.low <= p.q).all() and (p.q <= self.high).all()]
-        return max(inside, key=lambda p: (p.gain, np.array_equal(p.q, favourable)))
+            self.run([self.climb(favourable)])
+        while True:
+            inside = [p for p in self.places.values() if (self.low <= p.q).all() and (p.q <= self.high).all()]
+            best = max(inside, key=lambda p: (p.gain, np.array_equal(p.q, favourable)))
+            if best.fold is not None or not best.gain > 0:
+                return best
+            self._keep(self._alone(best))
 
 
 def worst_corner(
@@ -235,8 +284,7 @@ def worst_corner(
     check_box(servo, uncertainty)
     options = options or Options()
     search = _Search(servo, model, uncertainty, options, nominal_fold(servo, model, options, fold), report)
-    for q in search.starts(starts, seed):
-        search.climb(search.possible(np.array(q, dtype=float)))
+    search.run([search.climb(search.possible(np.array(q, dtype=float))) for q in search.starts(starts, seed)])
     best = search.best()
     if best.gain == -np.inf:
         raise NoOrbit(f"no fold in the box was computed: {'; '.join(search.failures)}", Status.NOT_CONVERGED)
