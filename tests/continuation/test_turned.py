@@ -179,9 +179,11 @@ def test_what_is_no_motion_is_no_fold(beside, monkeypatch):
 
 
 def test_an_error_that_is_no_number_makes_no_mesh(beside, monkeypatch):
-    honest = turned.estimated
-    monkeypatch.setattr(turned, "estimated", lambda *a, **k: replace(honest(*a, **k), period=np.nan))
-    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
+    honest, asked = turned.estimated, []
+    monkeypatch.setattr(
+        turned, "estimated", lambda *a, **k: asked.append(a) or replace(honest(*a, **k), period=np.nan)
+    )  # fmt: skip
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None and len(asked) == 1
 
 
 def test_no_mesh_grows_without_end(orbit, monkeypatch):

@@ -112,6 +112,18 @@ def test_newton_is_tried_once_more_from_a_motion_that_is_closer(monkeypatch):
     assert len(seen) == 2
 
 
+def test_of_a_bristle_a_closer_rigid_motion_says_no_more(monkeypatch):
+    asked = []
+    monkeypatch.setattr(cold_start, "_at_once", asked.append)
+    assert quickly_at(Servo(), "lugre", 0.3, options=Options(), beside=beside(0.3)) is None and len(asked) == 1
+
+
+def test_where_no_motion_can_be_computed_none_is_tried(monkeypatch):
+    monkeypatch.setattr(orbits, "stiff_at", lambda *_: True)
+    monkeypatch.setattr(orbits, "near_stable", lambda *_, **__: pytest.fail("it takes for ever"))
+    assert find_orbit(Servo(), "switch", 0.5, branch="unstable").half_multiplier > 1
+
+
 def test_lower_gains_are_tried_before_the_careful_way(monkeypatch):
     """From the highest down, quickly; then again from the highest, carefully."""
     asked = []
