@@ -325,11 +325,13 @@ def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[floa
     return orbit.problem.distance(vary, value, here), ratio
 
 
-def bend(before: Point, after: Point, seen: tuple[float, float], *, side: float = -1.0) -> Array | None:
+def bend(
+    before: Point, after: Point, seen: tuple[float, float], *, side: float = -1.0, row: Array | None = None
+) -> Array | None:
     """The cubic u + s u' + s^2 c_0 + s^3 c_1 through two points.
 
     s is measured along the tangent of `after`, as the corrector measures it: `before` lies at s = tangent . (y_before -
-    y_after).
+    y_after).  Where the curve turns much between the two, another row than the tangent shows it better.
 
     Parameters
     ----------
@@ -339,6 +341,8 @@ def bend(before: Point, after: Point, seen: tuple[float, float], *, side: float 
         lambda at `before`, and its unit there, as `seen_from` has them from `after`.
     side
         the sign that s must have at `before`.
+    row
+        (n + 2,) row along which s is measured, default the tangent of `after`; row . tangent = 1 there.
 
     Returns
     -------
@@ -364,7 +368,7 @@ def bend(before: Point, after: Point, seen: tuple[float, float], *, side: float 
 
     def way(vector: Array) -> float:
         y = np.concatenate([vector[t.node_index[0]], [vector[-1 - t.phases], vector[-1]]])
-        return float(after.row @ y)
+        return float((after.row if row is None else row) @ y)
 
     s, slope = way(change), way(rate)
     if not s * side > 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):

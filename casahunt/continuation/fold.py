@@ -4,9 +4,10 @@ Two ways that share nothing but the collocation equations:
 
 * along the branch: the point where the tangent has no parameter component (special_points.py), the mesh adapted
   and the error of the parameter estimated there by an adjoint;
-* as an optimisation problem: maximise lambda subject to the transcription, IPOPT with the exact Hessian.
+* as an optimisation problem: maximise lambda subject to the transcription, with the exact Hessian: by Newton's method
+  on its conditions (optimum.py); by IPOPT where that is named, or where the conditions are not seen to hold.
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
-  work alone, the turning point of the curve on a fixed mesh takes its place (turning_point.py).
+  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (turning_point.py).
 
 `confirmed` does both, and refuses where they disagree; and it looks for the turning point on the halved mesh.  What a
 coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see; that on the
@@ -38,8 +39,10 @@ from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from ..results import Result
 from .adjoint import parameter_slopes
 from .curve import along, curve_point, in_units_of, parameter_value, secant
+from .optimum import optimum
 from .special_points import FOLD, SpecialPoint, locate, special_point
-from .turning_point import turning_place, turning_point
+from .turned import turned_between
+from .turning_point import row_along, turning_place, turning_point
 from .walk import walk
 
 Array = np.ndarray
@@ -187,8 +190,13 @@ def _as_the_optimum(before: AnyOrbit, after: AnyOrbit, vary: str, options: Optio
     return _optimal(max(before, after, key=lambda o: parameter_value(o, vary)), vary, options)
 
 
+def _where_it_turns(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    return None if options.solver == "ipopt" else turned_between(before, after, vary, options)
+
+
 WAYS = (
-    _on_the_branch,
+    _where_it_turns,
+    _on_the_branch,  # the equations are not close to those of a cubic between the two orbits
     _in_small_steps,  # the way between the two orbits bends too much for one tangent to measure it
     _as_the_optimum,  # too sharp for any step along the branch; the last one, it refuses where it fails
 )
@@ -266,6 +274,18 @@ def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> 
     return (maximise_parameter if _maximiser(options) == "ipopt" else turning_point)(t, u, setting)
 
 
+def _optimum(t: Transcription, u: Array, setting: Setting, row: Array, options: Options) -> Maximum:
+    """The largest lambda at a located fold u, by Newton's method on the optimality conditions where IPOPT is not named.
+
+    Where they are not seen to hold there, `_largest`.
+    """
+    if options.solver != "ipopt":
+        best = optimum(t, u, setting, row)
+        if best.status.ok:
+            return best
+    return _largest(t, u, setting, options)
+
+
 def confirmed(
     special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float | None = None, sense: float = 1.0
 ) -> Any:
@@ -295,13 +315,14 @@ def confirmed(
     t, u, setting = _along(orbit, vary, sense)
     here = parameter_value(orbit, vary)
     where = f"the fold of {orbit.problem.title} at {vary} {here:.10g}"
-    best = _largest(t, u, setting, options)
+    row = row_along(t, u, setting)
+    best = _optimum(t, u, setting, row, options)
     value = orbit.problem.moved(vary, sense * best.parameter)
     if not best.status.ok or abs(best.parameter) > options.tol:
         found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         status = Status.TOLERANCE_NOT_REACHED if best.status.ok else best.status
         raise NoOrbit(f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", status)
-    orbit = _with_second_place(orbit, t, best, setting, options, where)
+    orbit = _with_second_place(orbit, t, best, setting, row, options, where)
     error = orbit.parameter_error
     if orbit.error_estimate > options.tol:
         raise NoOrbit(
@@ -314,7 +335,7 @@ def confirmed(
 
 
 def _with_second_place(
-    orbit: AnyOrbit, t: Transcription, best: Maximum, setting: Setting, options: Options, where: str
+    orbit: AnyOrbit, t: Transcription, best: Maximum, setting: Setting, row: Array, options: Options, where: str
 ) -> AnyOrbit:
     """The orbit with the errors that the fold on the halved mesh shows.  Raises NoOrbit where that is not found.
 
@@ -322,9 +343,10 @@ def _with_second_place(
     """
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     halves, left = replace(setting.moved(best.parameter), fractions=fractions), SECOND_PLACE * options.tol
-    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=left)
+    known = row, best.bend
+    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=left, known=known)
     if place is None:
-        check = _largest(finer, u, halves, options)
+        check = _optimum(finer, u, halves, row, options)
         if not check.status.ok:
             raise NoOrbit(
                 f"{where} is not confirmed: on a mesh of half the intervals' length the optimisation problem was not "
@@ -368,7 +390,8 @@ def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Opti
     """
     orbit = special.orbit
     here = parameter_value(orbit, vary)
-    least = _largest(*_along(orbit, vary, -1.0), options)
+    t, u, setting = _along(orbit, vary, -1.0)
+    least = _optimum(t, u, setting, row_along(t, u, setting), options)
     error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
     if not least.status.ok or error > options.tol:
         raise NoOrbit(f"the fold at {vary} {here:.10g} is not confirmed as the smallest {vary}", least.status)

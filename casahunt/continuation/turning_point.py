@@ -14,13 +14,15 @@ as the multipliers of the optimisation problem that IPOPT solves for the same fo
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 
 from ..collocation.graphs import graphs
 from ..collocation.ipopt import Maximum
 from ..collocation.linearisation import Linearisation
-from ..collocation.newton import Solution, newton
+from ..collocation.newton import LARGEST_MOVE, ROUNDED, Solution, newton, size_of_step, verdict
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import Status
@@ -32,6 +34,9 @@ Array = np.ndarray
 FIRST_STEPS = (1e-4, 1e-6, 1e-8)
 """First steps along the curve, in turn: a sharp fold is narrower than the first of them."""
 MOST_SECANTS = 12
+MOST_TOGETHER, CLEAN = 10, 0.1
+"""Linearisations from a bend that is about known; Newton steps below this part of the way between two slopes let them
+be compared, and below this let the slope be believed."""
 LAST_STEP, LAST_CHANGE = 1e-10, 1e-14
 """No further step is made where the last one, and the change of lambda that it brought, are below these; nor where
 lambda does not change any more and the slope is nothing but rounding."""
@@ -51,7 +56,7 @@ def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: floa
     -------
     Maximum; where none is found, its status is NOT_CONVERGED, and u is what it was.
     """
-    row = _along(t, u, setting)
+    row = row_along(t, u, setting)
     solution, iterations = _turned(t, u, setting, row, freedom, 0.0)
     if solution is None:
         return Maximum(u, 0.0, np.full(t.size, np.nan), Status.NOT_CONVERGED, iterations)
@@ -61,8 +66,9 @@ def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: floa
 
 
 def turning_place(
-    t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01, accuracy: float = 0.0
-) -> tuple[Array, float] | None:
+    t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01, accuracy: float = 0.0,
+    known: tuple[Array, float] | None = None,
+) -> tuple[Array, float] | None:  # fmt: skip
     """`turning_point` without multipliers, and to an accuracy.
 
     Parameters
@@ -71,44 +77,125 @@ def turning_place(
         as there.
     accuracy
         way along the curve that may be left, in scaled units; 0 for all digits.
+    known
+        a row along the curve, without lambda, and d2 lambda/d a2 along it, as they are on another mesh.
 
     Returns
     -------
     (u, lambda), or None where none is found.
     """
-    solution, _ = _turned(t, u, setting, _along(t, u, setting), freedom, accuracy)
+    row, bend = known or (row_along(t, u, setting), np.nan)
+    solution, _ = _turned(t, u, setting, row, freedom, accuracy, bend)
     return None if solution is None else (solution.u, solution.parameter)
 
 
+def turned_solution(
+    t: Transcription, u: Array, setting: Setting, bend: float, *, freedom: float, accuracy: float
+) -> tuple[Solution | None, Array, float]:
+    """`turning_place` with the equations linearised there.
+
+    Parameters
+    ----------
+    t, u, setting
+        as there; u need not solve the equations.
+    bend
+        d2 lambda/d a2, about; NaN where it is not known.
+    freedom, accuracy
+        as there.
+
+    Returns
+    -------
+    (the solution or None, the row along the curve, d2 lambda/d a2 along it where it was known or NaN).
+    """
+    row = row_along(t, u, setting)
+    found = _together(t, u, setting, row, accuracy, bend) if bend < 0 else None
+    if found is not None and abs(found[0].parameter) < freedom:
+        return found[0], row, found[1]
+    return _turned(t, u, setting, row, freedom, accuracy)[0], row, np.nan
+
+
 def _turned(
-    t: Transcription, u: Array, setting: Setting, row: Array, freedom: float, accuracy: float
+    t: Transcription, u: Array, setting: Setting, row: Array, freedom: float, accuracy: float, bend: float = np.nan
 ) -> tuple[Solution | None, int]:
-    """(the solution at the turning point or None, Newton iterations)."""
+    """(the solution at the turning point or None, Newton iterations); from a known bend, else from first steps."""
+    if bend < 0:
+        found = _together(t, u, setting, row, accuracy, bend)
+        if found is not None and abs(found[0].parameter) < freedom:
+            return found[0], found[0].iterations
     iterations = 0
     for first in FIRST_STEPS:
         found = _secants(t, u, setting, row, first, accuracy)
         if found is None:
             continue
-        solution, count = found
-        iterations += count
+        solution = found[0]
+        iterations += solution.iterations
         if abs(solution.parameter) < freedom and solution.linearisation is not None:
             return solution, iterations
     return None, iterations
 
 
-def _along(t: Transcription, u: Array, setting: Setting) -> Array:
-    """(n + 2,) unit row w along the curve at u, without lambda."""
+def _together(
+    t: Transcription, u: Array, setting: Setting, row: Array, accuracy: float, bend: float
+) -> tuple[Solution, float] | None:
+    """(the solution where d lambda/d a = 0, the bend there), from a bend that is about known; None where it is lost.
+
+    One linearisation gives Newton's step at fixed a, and the way along the curve to where its slope should vanish.
+    """
+    start, u, lam = u, u.copy(), 0.0
+    last, former, slope, way = np.inf, np.inf, np.nan, 0.0
+    for k in range(1, MOST_TOGETHER + 1):
+        try:
+            lin = t.linearise(u, setting.moved(lam))
+        except np.linalg.LinAlgError:
+            return None
+        border = curve_border(t, u, row)
+        (du, _, dlam), (along, y) = lin.step(border), lin.tangent(border)
+        size, length = max(size_of_step(t, u, du), abs(dlam)), size_of_step(t, u, along)
+        fresh = (float(y[-1]) - slope) / way if way else np.nan
+        if max(size, last) <= CLEAN * abs(way) * length:
+            bend = fresh
+        slope = float(y[-1])
+        way = -slope / bend if size <= CLEAN else 0.0
+        total = max(size, abs(way) * length)
+        if not (bend < 0 and total <= LARGEST_MOVE):  # a minimum; too far away, or no number
+            return None
+        rounding = size <= ROUNDED and abs(way) <= LAST_STEP and total > 0.3 * former
+        if rounding or max(size, abs(way)) <= min(accuracy, ROUNDED):
+            residual = lin.residual_norm()
+            status = verdict(t, start, u, residual, True, LARGEST_MOVE)
+            return (Solution(u, lam, status, k, residual, lin), bend) if status.ok else None
+        u += du + way * along
+        lam += dlam + way * (slope + bend / 2 * way)
+        last, former = size, total
+    return None
+
+
+def row_along(t: Transcription, u: Array, setting: Setting) -> Array:
+    """The row w of the module docstring at a point of the curve.
+
+    Parameters
+    ----------
+    t, u, setting
+        the point: transcription, unknowns, setting.
+
+    Returns
+    -------
+    (n + 2,) of length one, its last entry zero.
+    """
     lin = t.linearise(u, setting)
-    trial = np.append(np.ones(t.n), [0.0, 0.0])
-    du, y = lin.tangent(curve_border(t, u, trial))
+    # Next to the sharpest folds the first node moves no more than lambda does: the first duration tells.
+    for trial in (np.append(np.ones(t.n), [0.0, 0.0]), np.append(np.zeros(t.n), [1.0, 0.0])):
+        du, y = lin.tangent(curve_border(t, u, trial))
+        if np.isfinite(y).all():
+            break
     row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], 0.0]])
     return row / np.linalg.norm(row)
 
 
 def _secants(
     t: Transcription, u: Array, setting: Setting, row: Array, first: float, accuracy: float
-) -> tuple[Solution, int] | None:
-    """(the solution where d lambda/d a = 0, Newton iterations), or None where that is no maximum or is not reached."""
+) -> tuple[Solution, float] | None:
+    """(the solution where d lambda/d a = 0, the bend there), or None where that is no maximum or is not reached."""
     solution = newton(t, u, setting, border=curve_border(t, u, row), accuracy=accuracy)
     iterations = solution.iterations
     if not solution.status.ok or solution.linearisation is None:
@@ -130,11 +217,11 @@ def _secants(
             return None
         still = abs(fresh * ds) <= LAST_CHANGE
         if still and (abs(ds) <= LAST_STEP or abs(fresh) > 0.1 * abs(slope)):
-            return following, iterations
+            return replace(following, iterations=iterations), bend
         if not bend < 0:
             return None
         if abs(fresh) <= accuracy * abs(bend):
-            return following, iterations
+            return replace(following, iterations=iterations), bend
         solution, slope, ds = following, fresh, -fresh / bend
     return None
 

@@ -15,10 +15,11 @@ sequences.py      the next phase sequence of a hunting cycle where one has stopp
 problem.py        the hunting servo as a problem for the engine; its orbits and folds
 branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files
+denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
-denial.py         what proves that a servo has no cycle
 strategies.py     ways to one end, tried in turn; what a refusal says of them
+times.py          how far apart the times of a servo may be
 cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
 find_fold.py      from a servo to the largest gain at which it hunts
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it

@@ -11,7 +11,6 @@ the last word, from the fold.
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass, replace
 
@@ -19,11 +18,13 @@ import numpy as np
 
 from ..checks import COMPUTED, known, sensible
 from ..collocation.newton import Solver
-from ..errors import InputError, NoOrbit, Status
+from ..collocation.scheme import Kind
+from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options, finished, solve_adaptively
 from ..orbits.marched_mesh import remeshed
 from ..orbits.restart import Start
+from .cycles import SCHEMES
 from .denial import no_cycle
 from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import MODELS, Model
@@ -34,8 +35,6 @@ from .strategies import Strategy, first_of
 
 CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
-SPREAD = 1 / math.sqrt(np.finfo(float).eps)
-"""Largest ratio of the times of a servo: half of the digits of double arithmetic."""
 NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
 """Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
 FLAT = 1.5
@@ -73,13 +72,16 @@ class Met:
 
 @dataclass(frozen=True, eq=False)
 class AtGain:
-    """What the strategies of this module are asked: for the stable cycle at one gain; `start`, for `SOLVES` only."""
+    """What the strategies of this module are asked: for the stable cycle at one gain; `start`, for `SOLVES` only;
+    `beside`, a motion of the Switch servo beside its cycle where one is known.
+    """
 
     servo: Servo
     model: Model
     gain: float
     options: Options
     start: HalfCycle | None = None
+    beside: HalfCycle | None = None
 
     @property
     def typical(self) -> float:
@@ -106,6 +108,32 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
     """
     where = f"the stable hunting cycle of the {model} servo at gain {gain:g} was not met"
     return first_of(AT_ONE_GAIN, AtGain(servo, model, gain, options), where)
+
+
+def quickly_at(
+    servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle
+) -> HuntingOrbit | None:
+    """The stable cycle at a gain where one motion leads to it.
+
+    Parameters
+    ----------
+    servo, model, gain, options
+        as in `stable_at`.
+    beside
+        a motion of the Switch servo beside its cycle at this gain, with the slope of the map.
+
+    Returns
+    -------
+    The cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
+    """
+    if options.solver == "ipopt":
+        return None
+    alone = replace(options, solver="newton")  # where Newton's method is lost, a lower gain costs less than IPOPT here
+    met = _at_once(AtGain(servo, model, gain, alone, beside=beside))
+    if met is None and model == "switch":
+        closer = near_stable(model, servo, gain, beside.fixed, close=CLOSER, slope=beside.slope)
+        met = None if closer is None else _at_once(AtGain(servo, model, gain, alone, beside=closer))
+    return None if met is None else met.orbit
 
 
 def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[HuntingOrbit | None, Scan]:
@@ -139,19 +167,9 @@ def _at_once(q: AtGain) -> Met | None:
     began = time.perf_counter()
     problem = Hunting(q.model, q.servo, q.gain)
     degree, kind = q.options.scheme_of(problem)
-    a = q.typical
     try:
-        if q.model == "lugre":
-            a = _beside_the_rigid_cycle(q)
-        for _ in range(FIRST_MOTIONS):
-            if a <= 0:
-                return None
-            motion = half_cycle(q.model, q.servo, q.gain, a, degree=degree, kind=kind)
-            a = motion.position if motion.ratio > CAME_TO_REST else 0.0
-            nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.model]
-            if 1 / nearby < motion.ratio < nearby:
-                break
-        else:
+        motion = _first_motion(q, degree, kind)
+        if motion is None:
             return None
         first = remeshed(_start(motion, problem, q.options), q.options)
         solved = solve_adaptively(problem, first, q.options, solver="newton")
@@ -161,6 +179,24 @@ def _at_once(q: AtGain) -> Met | None:
     linearisation = solved.solution.linearisation
     leading = np.inf if linearisation is None else float(linearisation.return_map_eigenvalues().real.max())
     return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
+
+
+def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
+    """A motion so close to the stable cycle that Newton is tried, or None."""
+    if q.beside is not None and q.model == "switch" and (degree, kind) == SCHEMES["switch"]:
+        return q.beside
+    a = q.typical if q.beside is None else q.beside.fixed
+    if q.model == "lugre":
+        a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a
+    for _ in range(FIRST_MOTIONS):
+        if a <= 0:
+            return None
+        motion = half_cycle(q.model, q.servo, q.gain, a, degree=degree, kind=kind)
+        a = motion.position if motion.ratio > CAME_TO_REST else 0.0
+        nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.model]
+        if 1 / nearby < motion.ratio < nearby:
+            return motion
+    return None
 
 
 def _beside_the_rigid_cycle(q: AtGain) -> float:
@@ -330,62 +366,3 @@ def check_hunts(servo: Servo, model: Model) -> None:
     why = no_cycle(servo, model)
     if why:
         raise NoOrbit(f"no hunting limit cycle of the {model} servo at any gain: {why}")
-
-
-def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
-    """Refuse a servo that moves in times too far from those of its controller.
-
-    Too fast may be the drop of the friction, J vs/(Fs - Fc), viscous friction, J/sigma2, and the LuGre bristle,
-    sqrt(J/sigma0), J/sigma1 and Fc/(sigma0 vs); too slow the drop, the bristle, and at a gain the controller itself,
-    sqrt(J/kp) and (kd + sigma2)/kp.
-
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    gain
-        K [V/rad]; nan: the largest one that hunts is looked for, where both controller times act.
-
-    Raises
-    ------
-    InputError : one of these times is more than `SPREAD` times tau_d + tau_i, or less than that part of it.
-    """
-    J, f, c = servo.inertia, servo.friction, servo.controller
-    both, fast, slow = {}, {}, {}
-    if f.static > f.coulomb:
-        drop = J * f.stribeck_velocity / (f.static - f.coulomb)
-        both["the drop of the friction curve (inertia * stribeck_velocity/(static - coulomb))"] = drop
-    fast["viscous friction (inertia/viscous)"] = J / f.viscous if f.viscous else math.inf
-    if model == "lugre":
-        both["the bristle (coulomb/(stiffness * stribeck_velocity))"] = f.coulomb / (f.stiffness * f.stribeck_velocity)
-        fast["the bristle (square root of inertia/stiffness)"] = math.sqrt(J / f.stiffness)
-        fast["the damping of the bristle (inertia/damping)"] = J / f.damping if f.damping else math.inf
-    if math.isnan(gain):
-        fast["the shorter one alone"] = min(c.corners) or math.inf
-    else:
-        kp, kd, _ = servo.torque_gains(gain)
-        slow[f"the controller at gain {gain:g}"] = max(math.sqrt(J / kp), (kd + f.viscous) / kp)
-    whole = c.reset_time
-    early = [(what, t) for what, t in (both | fast).items() if t < whole / SPREAD]
-    for what, t in [*early, *((what, t) for what, t in (both | slow).items() if t > SPREAD * whole)]:
-        raise InputError(
-            f"the controller's times are {whole:.2g} s together, but {what} takes {t:.2g} s: cycles are computed up to "
-            f"a factor of {SPREAD:.2g} between them, because double arithmetic must have half of its digits left for "
-            "the answer; are all parameters meant?"
-        )
-
-
-def stiff_at(servo: Servo, gain: float) -> bool:
-    """Whether the controller's damping acts so fast that no motion can be computed.
-
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-
-    Returns
-    -------
-    True where J/(kd + sigma2) is less than 1/`SPREAD` of tau_d + tau_i.
-    """
-    c, (_, kd, _) = servo.controller, servo.torque_gains(gain)
-    return SPREAD * servo.inertia < (kd + servo.friction.viscous) * c.reset_time

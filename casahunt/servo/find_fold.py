@@ -28,8 +28,9 @@ from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import TOLERANCE_RANGE, Options
-from .cold_start import check_hunts, check_problem, check_times, stable_at
+from .cold_start import check_hunts, check_problem, quickly_at, stable_at
 from .denial import no_cycle
+from .event_map.climb import BESIDE_A_CYCLE, climbed
 from .event_map.fixed_points import fixed_points
 from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import Model
@@ -37,6 +38,7 @@ from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
 from .servo import Servo, a_servo
 from .strategies import Strategy, first_of
+from .times import check_times
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
@@ -48,9 +50,6 @@ MOST_FAILED = 8
 """Cycles that may turn out not to be computable before the search is given up."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
-CLIMB_FACTORS = (4.0, 2.0, 1.4)
-MOST_CLIMBS = 20
-"""Factors by which the gain is raised, each as long as a cycle is found."""
 SHARP_TOLERANCE = 1e-8
 """Of the walk to a fold that the rough walk has not led to."""
 HIGHEST = 1e9
@@ -85,10 +84,15 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     check_hunts(servo, model)
     gains = [base * 2.0**k for n in range(SEARCH_FACTORS + 1) for k in ((n, -n) if n else (0,))]
     hunt = _Hunt(servo, model)
-    promised: list[tuple[float, float]] = []
+    promised: list[tuple[float, HalfCycle]] = []
     failed: list[str] = []
-    for gain, a in _gains_to_try(hunt, gains):
-        promised += [(gain, a)] if a is not None else []
+    for gain, beside, quickly in _gains_to_try(hunt, gains):
+        if beside is not None and quickly:
+            orbit = quickly_at(servo, model, gain, options=options, beside=beside)
+            if orbit is not None:
+                return orbit
+            continue
+        promised += [(gain, beside)] if beside is not None else []
         try:
             met = stable_at(servo, model, gain, options=options)
         except NoOrbit as error:
@@ -99,7 +103,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
         if met.orbit is not None:
             return met.orbit
     tried = f"{len(failed)} of them were tried: {failed[-1]}" if failed else "none of them led to one"
-    if any(_has_fixed_point(servo, gain, a) for gain, a in promised):
+    if any(_has_fixed_point(servo, gain, beside.start) for gain, beside in promised):
         raise NoOrbit(
             f"no hunting limit cycle of the {model} servo was computed, though the event map of the Switch servo shows "
             f"some: {tried}",
@@ -114,8 +118,9 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     )
 
 
-Place = tuple[float, float | None]
-"""(gain, stick position of a cycle of the Switch servo there; None where it has none and LuGre's own is sought)."""
+Place = tuple[float, HalfCycle | None, bool]
+"""(gain, motion of the Switch servo beside its cycle there, whether it is to lead to one quickly or not at all); None
+where the Switch servo has none and LuGre's own is sought."""
 
 
 @dataclass(eq=False)
@@ -142,7 +147,7 @@ class _Hunt:
             self.farther[gain], self.proved[gain] = False, why
             return None
         self.farther[gain] = None
-        near = near_stable("switch", self.servo, gain, TYPICAL * unit)
+        near = near_stable("switch", self.servo, gain, TYPICAL * unit, close=BESIDE_A_CYCLE)
         if near is None:
             scanned = scan("switch", self.servo, gain)
             near = scanned.upper
@@ -162,13 +167,19 @@ def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
                 yield from places
                 break
     if hunt.model != "switch":
-        yield from ((gain, None) for gain in gains[:LUGRE_SEARCHES])
+        yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES])
 
 
 def _from_here_up(at: tuple[_Hunt, float]) -> Iterator[Place] | None:
     hunt, gain = at
     rigid = hunt.rigid_cycle(gain)
-    return None if rigid is None else reversed(_climb(hunt.servo, gain, rigid.start))
+    return None if rigid is None else _downwards(climbed(hunt.servo, gain, rigid))
+
+
+def _downwards(places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
+    """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly."""
+    for quickly in (True, False):
+        yield from ((gain, beside, quickly) for gain, beside in reversed(places))
 
 
 def _turns_beside(at: tuple[_Hunt, float]) -> bool:
@@ -186,11 +197,11 @@ def _in_between(at: tuple[_Hunt, float]) -> Iterator[Place]:
     hunt, gain = at
     for low in _turning(hunt, gain):
         between = _between(hunt, low, 2 * low)
-        yield from reversed(_climb(hunt.servo, *between) if between else [])
+        yield from _downwards(climbed(hunt.servo, *between) if between else [])
 
 
-def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, float] | None:
-    """(gain, stick position) of a cycle between a gain at which motions go farther out and one at which they do not.
+def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, HalfCycle] | None:
+    """(gain, motion beside it) of a cycle between a gain at which motions go farther out and one at which they do not.
 
     With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
     of going on for ever to the fold: that range may be narrow.
@@ -199,7 +210,7 @@ def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, float] | None
         gain = float(np.sqrt(low * high))
         rigid = hunt.rigid_cycle(gain)
         if rigid is not None:
-            return gain, rigid.start
+            return gain, rigid
         farther = hunt.farther[gain]
         if farther is None:
             return None
@@ -251,21 +262,6 @@ def _most(seen: list[tuple[float, Scan]]) -> str:
     return f" with the Switch servo; the farthest back it comes at gain {gain:.3g}: {s.sentence()}"
 
 
-def _climb(servo: Servo, gain: float, a: float) -> list[Place]:
-    """Increasing gains at which the Switch servo has a stable cycle, each with its stick position, from (gain, a)."""
-    gains: list[Place] = [(gain, a)]
-    for factor in CLIMB_FACTORS:
-        for _ in range(MOST_CLIMBS):
-            if no_cycle(servo, "switch", gain * factor):  # motions creep to rest there for a thousand intervals
-                break
-            found = near_stable("switch", servo, gain * factor, a / factor)
-            if found is None:
-                break
-            gain, a = gain * factor, found.start
-            gains.append((gain, a))
-    return gains
-
-
 def find_fold(
     servo: Servo, model: Model, *, options: Options | None = None, start: HuntingOrbit | None = None
 ) -> HuntingFold:
@@ -299,7 +295,7 @@ def find_fold(
     began = time.perf_counter()
     a_servo(servo)
     options = of_kind("options", options or Options(), Options)
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE), sketched=True)
     first = start or find_any_orbit(servo, model, options=rough)
     return first_of(WALKS, _Way(first, options, began), f"the fold of the {model} servo was not found")
 
@@ -345,7 +341,7 @@ def _located_to(way: _Way, part: float) -> HuntingFold:
 
 WALKS: tuple[Strategy[_Way, HuntingFold], ...] = (
     Strategy(
-        "with rough steps", "always", "40 ms; LuGre 0.5 s",
+        "with rough steps", "always", "15 ms; LuGre 0.1 s",
         lambda way: _walked_to(way, max(way.options.tol, WALK_TOLERANCE)),
     ),
     # Next to a very sharp fold the errors of the rough way are as large as what is left of the branch.
@@ -356,8 +352,8 @@ WALKS: tuple[Strategy[_Way, HuntingFold], ...] = (
 )  # fmt: skip
 # The place of a fold on the branch takes a finer mesh than its gain, period and amplitude being first order in it.
 LOCATING: tuple[Strategy[_Way, HuntingFold], ...] = (
-    Strategy("to a tenth of the tolerance", "always", "30 ms; LuGre 0.3 s", lambda way: _located_to(way, 0.1)),
-    Strategy("to a thousandth of the tolerance", "always", "50 ms; LuGre 0.6 s", lambda way: _located_to(way, 1e-3)),
+    Strategy("to a tenth of the tolerance", "always", "7 ms; LuGre 40 ms", lambda way: _located_to(way, 0.1)),
+    Strategy("to a thousandth of the tolerance", "always", "10 ms; LuGre 60 ms", lambda way: _located_to(way, 1e-3)),
 )
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -29,13 +30,16 @@ from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import unknowns_of
-from .cold_start import Met, check_hunts, check_problem, check_times, stable_at, stiff_at, unstable_at
+from .cold_start import Met, check_hunts, check_problem, quickly_at, stable_at, unstable_at
 from .denial import no_cycle
+from .event_map.climb import BESIDE_A_CYCLE, climbed
+from .event_map.scan import TYPICAL, near_stable
 from .find_fold import find_fold
 from .hunting import Model
 from .problem import HuntingFold, HuntingOrbit
 from .servo import Servo
 from .strategies import Strategy, first_of
+from .times import check_times, stiff_at
 
 BranchName = Literal["stable", "unstable"]
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
@@ -96,9 +100,6 @@ def find_orbit(
     known("branch", branch, BRANCHES)
     check_hunts(servo, model)
     search = _Search(servo, model, gain, branch, options)
-    if branch == "unstable" and not search.stiff:
-        with suppress(NoOrbit):
-            search.met = stable_at(servo, model, gain, options=search.rough)
     what = f"the {branch} hunting cycle of the {model} servo at gain {gain:g} was not found:"
     orbit = first_of(STABLE if branch == "stable" else UNSTABLE, search, what)
     return replace(orbit, wall_s=time.perf_counter() - began)
@@ -113,8 +114,15 @@ class _Search:
     gain: float
     branch: BranchName
     options: Options
-    met: Met = Met(None, False, None)
     vanished: bool = False
+
+    @cached_property
+    def met(self) -> Met:
+        """What motions at this gain lead to; `_from_motions` puts in its place what it has met itself."""
+        if self.branch == "unstable" and not self.stiff:
+            with suppress(NoOrbit):
+                return stable_at(self.servo, self.model, self.gain, options=self.rough)
+        return Met(None, False, None)
 
     @property
     def rough(self) -> Options:
@@ -129,7 +137,7 @@ class _Search:
     @property
     def rounds(self) -> bool:
         """Whether a way from the stable cycle round the fold may lead to the unstable one."""
-        return self.met.orbit is not None and not self.vanished
+        return not self.vanished and self.met.orbit is not None
 
 
 def _from_motions(s: _Search) -> HuntingOrbit | str:
@@ -154,17 +162,39 @@ def _inner_fixed_point(s: _Search) -> HuntingOrbit | str:
     return orbit if _unstable(orbit) else "the solver went from it to the stable cycle"
 
 
-def _round_the_fold(s: _Search, way: Options) -> HuntingOrbit | str:
-    """The unstable cycle at the gain of a stable one, up to the fold and down again."""
-    stable = s.met.orbit
-    assert stable is not None
-    last = stable
+def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
+    """`_round_the_fold` from a higher gain, to which the event map of the Switch servo climbs; None where it does not.
+
+    With a bristle the fold lies elsewhere: a motion that leads to no stable cycle at one gain may at a lower one.
+    """
+    kp, _, _ = s.servo.torque_gains(s.gain)
+    beside = near_stable("switch", s.servo, s.gain, TYPICAL * s.servo.friction.static / kp, close=BESIDE_A_CYCLE)
+    if beside is None:
+        return None
+    for gain, motion in reversed(climbed(s.servo, s.gain, beside)):
+        start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, sketched=True), beside=motion)
+        if start is not None:
+            return _round_the_fold(s, s.rough, start, max(start.amplitude, beside.fixed))
+    return None
+
+
+def _round_from_here(s: _Search, way: Options) -> HuntingOrbit | str:
+    assert s.met.orbit is not None
+    return _round_the_fold(s, way, s.met.orbit, s.met.orbit.amplitude)
+
+
+def _round_the_fold(s: _Search, way: Options, start: HuntingOrbit, outer: float) -> HuntingOrbit | str:
+    """The unstable cycle from a stable one at this gain or above: up to the fold and down again.
+
+    `outer` is the amplitude of the stable cycle at the gain itself.
+    """
+    last = start
     sketched = replace(way, sketched=way != s.options)
-    for last in walk(stable, low=stable.gain, high=stable.gain * 1e9, options=sketched):
+    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=sketched):
         if _vanished(last):
             s.vanished = True
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
-    if last is stable or last.gain != stable.gain or last.amplitude >= stable.amplitude:
+    if last is start or last.gain != s.gain or last.amplitude >= outer:
         return f"the way ended at gain {last.gain:.6g} with the half multiplier {last.half_multiplier:.3g}"
     try:
         orbit = refined(last, s.options)
@@ -201,12 +231,16 @@ STABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
 # Multipliers of 1e5 and more leave no way that is sure but round the fold.
 UNSTABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
     Strategy(
-        "round the fold, with rough steps", "a cycle was met by motions at this gain", "30 ms; LuGre 0.6 s",
-        lambda s: _round_the_fold(s, s.rough), lambda s: s.rounds,
+        "round the fold, from next to it", "motions can be computed, and IPOPT is not to work alone",
+        "20 ms; LuGre 0.2 s", _from_next_to_the_fold, lambda s: not s.stiff and s.options.solver != "ipopt",
+    ),
+    Strategy(
+        "round the fold, with rough steps", "a cycle was met by motions at this gain", "30 ms; LuGre 0.3 s",
+        lambda s: _round_from_here(s, s.rough), lambda s: s.rounds,
     ),
     Strategy(
         "round the fold, with accurate steps", "the rough ones did not lead to it, nor to one shrunk to nothing",
-        "60 ms; LuGre 2 s", lambda s: _round_the_fold(s, s.options), lambda s: s.rounds and s.rough != s.options,
+        "60 ms; LuGre 2 s", lambda s: _round_from_here(s, s.options), lambda s: s.rounds and s.rough != s.options,
     ),
     Strategy(
         "the inner fixed point of the event map", "a cycle was met by motions at this gain", "0.5 s; LuGre 10 s",

@@ -13,7 +13,8 @@ from casahunt.collocation.ipopt import ipopt, maximise_parameter, minimise
 from casahunt.collocation.newton import ROUNDED, newton
 from casahunt.collocation.solve import POLISHING, ipopt_then_newton, solve
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.continuation.turning_point import turning_point
+from casahunt.continuation.optimum import optimum
+from casahunt.continuation.turning_point import row_along, turning_point
 from casahunt.errors import Status
 from problems import stuart_landau as sl
 
@@ -104,7 +105,11 @@ B, C = 1.2, 0.9
 SMALLEST = 1 - B**2 / (4 * C)
 
 
-@pytest.mark.parametrize("search", [maximise_parameter, turning_point])
+def by_its_conditions(t, u, setting, **how):
+    return optimum(t, u, setting, row_along(t, u, setting), **how)
+
+
+@pytest.mark.parametrize("search", [maximise_parameter, turning_point, by_its_conditions])
 @pytest.mark.parametrize("beside", [1e-3, 8e-3, 3e-2])
 def test_the_fold_is_found_within_the_freedom(search, beside):
     """lambda = 1 - nu_f/nu downwards from a cycle at nu; T is 2 pi/omega and r^2 = b/(2 c)."""

@@ -398,6 +398,7 @@ def test_a_fold_that_one_step_does_not_find(monkeypatch, lost):
         calls.append(arguments[:2])
         return None if len(calls) <= lost else locate(*arguments, **options)
 
+    monkeypatch.setattr(folds, "turned_between", lambda *_: None)
     monkeypatch.setattr(folds, "locate", losing)
     before, after = cycle(3.55), cycle(3.58, -1)
     special = located(before, after, "c", Options(tol=1e-8))

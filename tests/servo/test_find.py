@@ -179,6 +179,7 @@ def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
     def stuck(*arguments, **options):
         raise NoOrbit("stuck", Status.NOT_CONVERGED)
 
+    monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
     monkeypatch.setattr(fold, "stable_at", stuck)
     with pytest.raises(NoOrbit, match="was computed, though the event map .*: 8 of them were tried") as refused:
         find_fold(Servo(), "switch")

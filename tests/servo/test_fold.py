@@ -309,7 +309,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     """P(a)/a is next to one over decades of a and crosses it nowhere: no short cut to a fixed point, and no claim."""
     from casahunt.servo import find_fold as fold
     from casahunt.servo.event_map import scan as event_map
-    from casahunt.servo.event_map.scan import half_cycle, near_stable
+    from casahunt.servo.event_map.scan import near_stable
 
     gain = 5e-6
     unit = NEVER_HUNTS.friction.static / NEVER_HUNTS.torque_gains(gain)[0]
@@ -329,11 +329,18 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
-    monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a: half_cycle(m, s, K, a) if K == gain else None)
+    monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a, **_: _seen_as_stable(m, s, K, a, gain))
+    monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
     with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
+
+
+def _seen_as_stable(model, servo, gain, a, where):
+    from casahunt.servo.event_map.scan import half_cycle
+
+    return replace(half_cycle(model, servo, gain, a), slope=-1.0) if gain == where else None
 
 
 def _stuck(*arguments, **options):

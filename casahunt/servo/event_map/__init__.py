@@ -4,6 +4,7 @@
 
 half_cycle.py    the map by a short march, of both models
 scan.py          the map by half cycles: guesses, and evidence that no cycle exists
+climb.py         upwards in the gain along its stable fixed points
 slopes.py        the map to rounding, with its derivatives
 cubics.py        what motions foretell of those between them
 fixed_points.py  all fixed points in a range, and the jumps that are none

@@ -9,6 +9,7 @@ the elastic bristle and is read off when m has come down to -0.9 Fs on the other
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,16 @@ class HalfCycle:
         """P(a)/a."""
         return self.position / self.start
 
+    @property
+    def fixed(self) -> float:
+        """Stick position of the fixed point next to this motion [rad], by the slope."""
+        return float(self.start * self.ratio ** (-1 / self.slope))
+
+    @property
+    def moving(self) -> float:
+        """Time that the servo moves [s]."""
+        return float(sum(s.duration for s in self.segments if s.mode != "stick"))
+
 
 def half_cycle(
     model: Model,
@@ -68,6 +79,7 @@ def half_cycle(
     tol: float | None = None,
     degree: int = 0,
     kind: Kind = "gauss",
+    longest: float = math.inf,
 ) -> HalfCycle:
     """Let the servo go from the stick position -a < 0 until it is stuck again.
 
@@ -79,6 +91,8 @@ def half_cycle(
         stick position [rad], > 0.
     tol, degree, kind
         of the march; defaults per model.
+    longest
+        time after which the servo counts as being at rest, if that is less than its `patience` [s].
 
     Returns
     -------
@@ -91,7 +105,7 @@ def half_cycle(
     if degree == 0:
         degree, kind = SCHEMES[model]
     run = _switch if model == "switch" else _lugre
-    return run(servo, gain, a, tol or MARCH_TOLERANCE[model], degree, kind)
+    return run(servo, gain, a, tol or MARCH_TOLERANCE[model], degree, kind, min(longest, patience(servo)))
 
 
 def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
@@ -120,7 +134,7 @@ def patience(servo: Servo) -> float:
     return PATIENCE * servo.controller.reset_time
 
 
-def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
+def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
     kp, _, ki = servo.torque_gains(gain)
     slips = 0
 
@@ -141,7 +155,7 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
         tol=tol,
         degree=degree,
         kind=kind,
-        max_time=patience(servo),
+        max_time=longest,
         max_intervals=MOST_INTERVALS["switch"],
     )
     if segments[-1].event == "":
@@ -150,7 +164,7 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
     return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
 
 
-def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind) -> HalfCycle:
+def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
     """Two centre crossings: the second half cycle is the one that is kept, free of the artificial start."""
     kp, _, ki = servo.torque_gains(gain)
     f = servo.friction
@@ -167,7 +181,7 @@ def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: K
     segments = march(
         automaton("lugre", p.size), "slide+", x, p,
         scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
-        max_time=patience(servo), max_intervals=MOST_INTERVALS["lugre"],
+        max_time=longest, max_intervals=MOST_INTERVALS["lugre"],
     )  # fmt: skip
     if crossings < 2:
         return HalfCycle(a, 0.0, segments)

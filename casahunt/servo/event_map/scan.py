@@ -12,6 +12,7 @@ linear loop throws the servo out further, and the peak that counts lies below th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -177,7 +178,10 @@ def _inwards(
     return seen, upper, lower
 
 
-def near_stable(model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None) -> HalfCycle | None:
+def near_stable(
+    model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None, slope: float = math.nan,
+    longest: float = math.inf,
+) -> HalfCycle | None:  # fmt: skip
     """A half cycle close to a stable fixed point; a short cut that replaces no scan.
 
     Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.  The
@@ -192,29 +196,40 @@ def near_stable(model: Model, servo: Servo, gain: float, a: float, *, close: flo
     a
         stick position next to it [rad], > 0.
     close
-        |log P/a| at which it is close enough; default per model.
+        |log P/a| at which it is close enough, default per model; where P < a, no larger than that: P > a alone shows
+        that there is a fixed point, farther out.
+    slope
+        of log P/a where it is known from another gain; one motion may then be enough.
+    longest
+        of a motion [s]: `half_cycle`.
 
     Returns
     -------
     HalfCycle with the slope of log P/a; None where it is no quick case.
     """
     close = close or CONVERGING[model]
-    x, previous = float(np.log(a)), None
+    x, previous, known = float(np.log(a)), None, math.isfinite(slope)
+    slope = slope if known else -1.5
     for _ in range(SECANT_ROUNDS):
         try:
-            run = half_cycle(model, servo, gain, float(np.exp(x)))
+            run = half_cycle(model, servo, gain, float(np.exp(x)), longest=longest)
         except MarchFailure:
             return None
         if not 1 / FAR_OFF < run.ratio < FAR_OFF:
             return None
         y = float(np.log(run.ratio))
-        slope = -1.5 if previous is None or previous[0] == x else (y - previous[1]) / (x - previous[0])
-        if abs(y) < close and previous is not None:
-            return replace(run, slope=slope) if abs(y) < -slope * LARGEST_SECANT else None
+        if previous is not None and previous[0] != x:
+            slope, known = (y - previous[1]) / (x - previous[0]), True
+        enough = abs(y) < (close if y > 0 else min(close, CONVERGING[model]))
+        if enough and known:
+            if abs(y) < -slope * LARGEST_SECANT:
+                return replace(run, slope=slope)
+            if abs(y) < CONVERGING[model]:
+                return None
         if slope >= -0.1:
             return None
         previous = (x, y)
-        x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if abs(y) >= close else x + 0.02
+        x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if known or not enough else x + 0.02
     return None
 
 

@@ -1,0 +1,145 @@
+"""The largest lambda of a solution curve as an optimisation problem, by Newton's method on its conditions.
+
+    maximise lambda   subject to  G(z) = 0,   z = (u, lambda);      L = lambda - nu . G
+
+    G = 0,    G_u^T nu = 0,    nu . G_lambda = 1                                       (first order)
+    v . L_zz v = -v . (nu . G)_zz v < 0   for the v with G_z v = 0                     (second order)
+
+With a row w along the curve, one factorisation of the node system gives what leads back to the curve, the way along it
+and the multipliers (s = d lambda/d a, zero at the optimum):
+
+    [ G_z ]      [ -G ]        [ G_z ]      [ 0 ]        [ G_z ]^T [ nu ]
+    [  w  ] n  = [  0 ],       [  w  ] v  = [ 1 ],       [  w  ]   [ s  ]  = e_lambda
+
+and the Newton step of the conditions is  z += n + a v,   a = -(s - v . H n)/(-v . H v),   H = (nu . G)_zz.
+
+The conditions are evaluated on the whole mesh, from the expressions that IPOPT is given (collocation/graphs.py): they
+share nothing with the elimination of the stages, nor with the tangents by which a fold is located on its branch.
+IPOPT's own step from a point that close is this one.
+
+Symbols: n states, d stages, R = n (d + 1), N intervals.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import casadi as ca
+import numpy as np
+
+from ..collocation.graphs import graphs, lagrangian_hessian
+from ..collocation.interval import interval_map
+from ..collocation.ipopt import Maximum
+from ..collocation.linearisation import Linearisation
+from ..collocation.newton import RESIDUAL_LIMIT, size_of_step
+from ..collocation.transcription import Setting, Transcription
+from ..compiled import Caller, caller, kept
+from ..errors import Status
+from ..orbits.adapt import curve_border
+from .fold_conditions import data_of
+
+Array = np.ndarray
+
+MOST_OPTIMUM_STEPS = 6
+"""Newton steps from a point next to the fold; from a located one it is one."""
+LAST_OPTIMUM_STEP = 1e-8
+"""A step below this is the last one: what it leaves is of its square."""
+STATIONARY = 1e-6
+"""Part of the largest multiplier up to which the gradient of L counts as zero."""
+
+
+def optimum(t: Transcription, u: Array, setting: Setting, row: Array, *, freedom: float = 0.01) -> Maximum:
+    """The largest lambda next to a point by Newton's method on the optimality conditions.
+
+    Parameters
+    ----------
+    t, u, setting
+        the equations, and a point next to the fold.
+    row
+        (n + 2,) weights along the curve, without lambda.
+    freedom
+        |lambda| at which it is no longer next to the point.
+
+    Returns
+    -------
+    Maximum; status NOT_CONVERGED where no largest lambda is next to the point, and where rounding hides whether the
+    conditions hold.
+    """
+    best = None
+    with suppress(np.linalg.LinAlgError):
+        best = _by_newton(t, np.append(u, 0.0), setting, row, freedom)
+    return best or Maximum(u, 0.0, np.full(t.size, np.nan), Status.NOT_CONVERGED, MOST_OPTIMUM_STEPS)
+
+
+def _by_newton(t: Transcription, z: Array, setting: Setting, row: Array, freedom: float) -> Maximum | None:
+    """`optimum` from z, which is changed; None where it is not reached."""
+    for k in range(1, MOST_OPTIMUM_STEPS + 1):
+        lin = t.linearise(z[:-1], setting.moved(float(z[-1])))
+        border = curve_border(t, z[:-1], row)
+        (back, _, lam), (along, y) = lin.step(border), lin.tangent(border)
+        n, v = np.append(back, lam), np.append(along, y[-1])
+        nu, s = _multipliers(t, z, setting, lin, border)
+        residual, gradient, vHv, vHn = _conditions(t, z, setting, nu, v, n)
+        if not vHv > 0:  # a smallest lambda, or no numbers
+            return None
+        step = n + (s - vHn) / vHv * v
+        z += step
+        if max(size_of_step(t, z[:-1], step[:-1]), abs(float(step[-1]))) <= LAST_OPTIMUM_STEP:
+            held = residual <= RESIDUAL_LIMIT and gradient <= STATIONARY * max(1.0, float(np.abs(nu).max()))
+            held = held and abs(z[-1]) < freedom
+            return Maximum(z[:-1], float(z[-1]), nu, Status.CONVERGED, k, bend=-vHv) if held else None
+    return None
+
+
+def _multipliers(
+    t: Transcription, z: Array, setting: Setting, lin: Linearisation, border: Array
+) -> tuple[Array, float]:
+    """(nu (size,), s): those of the node system, and of the stage rows what takes the stages out of L.
+
+    Of an interval, with stages X, stage rows c and node rows e:    nu_c c_X + nu_e e_X = 0.
+    """
+    E, n, d = t.elements, t.n, t.degree
+    goal = np.zeros((1, t.system.size))
+    goal[0, -1] = 1.0
+    psi = t.system.solve_transposed(lin.matrix(border), goal)[0]
+    of_elements = psi[: E * n].reshape(E, n)
+    nu = np.empty((t.intervals, t.rows))
+    nu[:, n * d :] = of_elements[t.interval_elements]
+    w, T = t.intervals_of(z[:-1]), t.durations_of(z[:-1])
+    duration, p = T[t.phase_of[t.interval_elements]], setting.p + z[-1] * setting.dp
+    x_next = z[t.node_index[t.interval_elements + 1]]
+    for field, i in t.groups:
+        blocks = interval_map(field, n, p.size, d, t.kind, i.size)(
+            w[i], x_next[i], duration[i], setting.fractions[i], t.signs[i], p, setting.dp, setting.scale
+        )[:, n + 1 : t.rows + 1]
+        known = blocks[:, :, n * d :] @ nu[i, n * d :, None]
+        nu[i, : n * d] = -np.linalg.solve(blocks[:, :, : n * d], known)[:, :, 0]
+    closed = of_elements[t.closed_elements].ravel()
+    return np.concatenate([nu.ravel(), closed, psi[E * n : -1]]), float(psi[-1])
+
+
+def _conditions(
+    t: Transcription, z: Array, setting: Setting, nu: Array, v: Array, n: Array
+) -> tuple[float, float, float, float]:
+    """(largest |G|, largest entry of the gradient of L, v . H v, v . H n)."""
+    buffers = _compiled(t).buffers
+    for place, value in zip(buffers.inputs, (z, data_of(setting), nu, v, n), strict=True):
+        place[:] = value
+    buffers.trigger()
+    residual, gradient, forms = buffers.outputs
+    return float(np.abs(residual).max()), float(np.abs(gradient).max()), float(forms[0]), float(forms[1])
+
+
+@kept(maxsize=8)
+def _compiled(t: Transcription) -> Caller:
+    """The conditions as a function of z, the data of graphs.py, nu and the directions v and n."""
+    g = graphs(t)
+    v, n = ca.MX.sym("v", t.size + 1), ca.MX.sym("n", t.size + 1)
+    upper = lagrangian_hessian(t, g)
+    bent = ca.mtimes(upper, v) + ca.mtimes(upper.T, v) - ca.diag(upper) * v
+    gradient = ca.mtimes(g.jacobian.T, g.nu) - ca.DM(np.eye(t.size + 1)[-1])
+    forms = ca.vertcat(ca.dot(v, bent), ca.dot(n, bent))
+    function = ca.Function(
+        "conditions", [g.z, g.data, g.nu, v, n], [ca.densify(g.residual), ca.densify(gradient), ca.densify(forms)]
+    )
+    return caller(function, [t.size + 1, g.data.numel(), t.size, t.size + 1, t.size + 1], [t.size, t.size + 1, 2])

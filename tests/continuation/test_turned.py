@@ -1,0 +1,254 @@
+"""The fold located by its turning point and confirmed by its conditions as an optimum; what stands guard over both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import Options, find_fold
+from casahunt.collocation.admissibility import judge
+from casahunt.collocation.ipopt import maximise_parameter
+from casahunt.collocation.linearisation import Linearisation
+from casahunt.continuation import fold as folds
+from casahunt.continuation import optimum as conditions
+from casahunt.continuation import turned, turning_point
+from casahunt.continuation.curve import along
+from casahunt.continuation.fold import located
+from casahunt.continuation.optimum import optimum
+from casahunt.continuation.turned import turned_between
+from casahunt.continuation.turning_point import row_along, turning_place
+from casahunt.errors import Status
+from casahunt.orbits.orbit import unknowns_of
+from problems import table1
+
+FOLD = table1.REFERENCE["switch"]["fold"]
+
+
+@pytest.fixture
+def at_fold(orbit):
+    """Transcription, unknowns, setting and row at the fold of Table 1, lambda in units of the gain."""
+    best = find_fold(table1.servo(), "switch", options=Options(tol=1e-9)).orbit
+    t, u, setting = unknowns_of(best)
+    setting = replace(setting, dp=along(best.problem, "gain"))
+    return t, u, setting, row_along(t, u, setting)
+
+
+@pytest.fixture
+def beside(orbit):
+    """An orbit on either side of the fold."""
+    return orbit("switch", 0.64), orbit("switch", 0.64, "unstable")
+
+
+def test_conditions_and_ipopt_agree(at_fold):
+    """The same problem, the same Hessian, another linear algebra."""
+    t, u, setting, row = at_fold
+    ours, theirs = optimum(t, u, setting, row), maximise_parameter(t, u, setting)
+    assert ours.status is theirs.status is Status.CONVERGED
+    assert ours.parameter == pytest.approx(theirs.parameter, abs=1e-12)
+    assert ours.multipliers == pytest.approx(theirs.multipliers, abs=1e-6 * np.abs(theirs.multipliers).max())
+    assert ours.bend < 0 and np.isnan(theirs.bend)
+
+
+def test_a_smallest_gain_is_no_largest(at_fold):
+    t, u, setting, row = at_fold
+    assert optimum(t, u, replace(setting, dp=-setting.dp), row).status is Status.NOT_CONVERGED
+
+
+@pytest.mark.parametrize("fault", ["multipliers", "equations", "singular"])
+def test_conditions_that_do_not_hold_confirm_nothing(at_fold, monkeypatch, fault):
+    """Multipliers a thousandth off, equations that are not solved, a matrix that cannot be factorised."""
+    t, u, setting, row = at_fold
+    multipliers, evaluated = conditions._multipliers, conditions._conditions
+    if fault == "multipliers":
+        wrong = 1 + 1e-3 * np.sin(np.arange(t.size))
+        monkeypatch.setattr(conditions, "_multipliers", lambda *a: (wrong * (found := multipliers(*a))[0], found[1]))
+    elif fault == "equations":
+        monkeypatch.setattr(conditions, "_conditions", lambda *a: (1e-6, *evaluated(*a)[1:]))
+    else:
+        monkeypatch.setattr(conditions, "_multipliers", lambda *_: np.linalg.inv(np.zeros((1, 1))))
+    assert optimum(t, u, setting, row).status is Status.NOT_CONVERGED
+
+
+def test_ipopt_confirms_where_the_conditions_are_not_seen_to_hold(monkeypatch):
+    options = Options(tol=1e-9)
+    ours = find_fold(table1.servo(), "switch", options=options)
+    asked = []
+
+    def seen(*arguments, **how):
+        asked.append(arguments)
+        return maximise_parameter(*arguments, **how)
+
+    monkeypatch.setattr(folds, "maximise_parameter", seen)
+    monkeypatch.setattr(
+        folds, "optimum", lambda t, u, *_: conditions.Maximum(u, 0.0, u, Status.NOT_CONVERGED, 1)
+    )  # fmt: skip
+    theirs = find_fold(table1.servo(), "switch", options=options)
+    assert len(asked) == 1
+    assert theirs.optimised_gain == pytest.approx(ours.optimised_gain, rel=1e-11)
+    assert theirs.sensitivities == pytest.approx(ours.sensitivities, rel=1e-5)
+    monkeypatch.setattr(folds, "optimum", lambda *_: pytest.fail("IPOPT is to work alone"))
+    monkeypatch.setattr(folds, "turned_between", lambda *_: pytest.fail("IPOPT is to work alone"))
+    alone = find_fold(table1.servo(), "switch", options=replace(options, solver="ipopt"))
+    assert alone.gain == pytest.approx(FOLD["K"], rel=1e-9)
+
+
+def test_a_row_is_found_where_the_first_node_does_not_move(at_fold, monkeypatch):
+    """Next to the sharpest folds its rate is none: the first duration has one."""
+    t, u, setting, row = at_fold
+    honest, asked = Linearisation.tangent, []
+
+    def tangent(self, border):
+        asked.append(border)
+        du, y = honest(self, border)
+        return (du, np.nan * y) if len(asked) == 1 else (du, y)
+
+    monkeypatch.setattr(Linearisation, "tangent", tangent)
+    again = row_along(t, u, setting)
+    assert len(asked) == 2 and abs(again @ row) == pytest.approx(1, rel=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [0.2, 1.0, 5.0, -1.0, 1e-6])
+def test_a_bend_need_be_known_about(at_fold, orbit, wrong):
+    """Five times off either way, of the other sign, or a million times too small."""
+    t, u, setting, row = at_fold
+    bend = optimum(t, u, setting, row).bend
+    near = orbit("switch", 0.647)
+    t, u, setting = unknowns_of(near)
+    setting = replace(setting, dp=along(near.problem, "gain"))
+    place = turning_place(t, u, setting, accuracy=1e-12, known=(row_along(t, u, setting), wrong * bend))
+    honest = turning_place(t, u, setting)
+    assert place is not None and honest is not None
+    assert place[1] == pytest.approx(honest[1], abs=1e-13)
+    assert t.nodes_of(place[0]) == pytest.approx(t.nodes_of(honest[0]), abs=1e-10)
+
+
+def test_of_a_smallest_gain_no_bend_makes_a_largest(at_fold, orbit):
+    """The slopes on the way show the sign of the bend, whatever it was said to be."""
+    near = orbit("switch", 0.6465)
+    t, u, setting = unknowns_of(near)
+    setting = replace(setting, dp=-along(near.problem, "gain"))
+    assert turning_place(t, u, setting, accuracy=1e-11, known=(row_along(t, u, setting), -40.0)) is None
+
+
+def test_a_turning_point_far_away_is_not_followed(at_fold, orbit, monkeypatch):
+    """A bend a million times too small sends it there: one linearisation shows that; a singular one shows nothing."""
+    t, u, setting, row = at_fold
+    near = orbit("switch", 0.647)
+    t, u, setting = unknowns_of(near)
+    setting, asked = replace(setting, dp=along(near.problem, "gain")), []
+    honest = type(t).linearise
+    monkeypatch.setattr(type(t), "linearise", lambda *a, **k: asked.append(a) or honest(*a, **k))
+    assert turning_point._together(t, u, setting, row, 1e-11, -4e-6) is None and len(asked) == 1
+
+    def singular(*_, **__):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(type(t), "linearise", singular)
+    assert turning_point._together(t, u, setting, row, 1e-11, -4.0) is None
+
+
+def test_a_fold_is_solved_for_where_the_branch_turns(beside, monkeypatch):
+    """Between two orbits that lie far apart, in either order, and with no step along the branch."""
+    monkeypatch.setattr(folds, "locate", lambda *_, **__: pytest.fail("no steps are needed"))
+    for before, after in (beside, beside[::-1]):
+        found = located(before, after, "gain", Options(tol=1e-10))
+        assert found.orbit.gain == pytest.approx(FOLD["K"], rel=1e-11)
+        assert found.orbit.amplitude == pytest.approx(FOLD["amplitude"], rel=1e-9)
+        assert found.orbit.error_estimate <= 1e-10
+
+
+def test_what_is_not_between_the_two_orbits_is_another_fold(beside, orbit, monkeypatch):
+    monkeypatch.setattr(turned, "turned_orbit", lambda *_: orbit("switch", 0.3))
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
+
+
+@pytest.mark.parametrize("part", [-0.5, 1.5, np.nan])
+def test_a_cubic_that_turns_elsewhere_leads_to_no_solve(beside, monkeypatch, part):
+    monkeypatch.setattr(turned, "turned_orbit", lambda *_: pytest.fail("there is nothing to solve for"))
+    monkeypatch.setattr(turned, "_top", lambda *_: (part, -1.0))
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
+
+
+def test_what_is_no_motion_is_no_fold(beside, monkeypatch):
+    judged = []
+    monkeypatch.setattr(turned, "judge", lambda *a: judged.append(a) or replace(judge(*a), violated="a slip"))
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
+    assert len(judged) == 1, "no mesh makes it one"
+
+
+def test_an_error_that_is_no_number_makes_no_mesh(beside, monkeypatch):
+    honest, asked = turned.estimated, []
+    monkeypatch.setattr(
+        turned, "estimated", lambda *a, **k: asked.append(a) or replace(honest(*a, **k), period=np.nan)
+    )  # fmt: skip
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None and len(asked) == 1
+
+
+def test_no_mesh_grows_without_end(orbit, monkeypatch):
+    rough = orbit("switch", 0.64, "stable", 1e-5), orbit("switch", 0.64, "unstable", 1e-5)
+    assert turned_between(*rough, "gain", Options(tol=1e-11)) is not None
+    monkeypatch.setattr(turned, "MAX_INTERVALS", 1)
+    assert turned_between(*rough, "gain", Options(tol=1e-11)) is None
+
+
+def test_what_is_not_presentable_gets_another_mesh(beside, monkeypatch):
+    seen = []
+    monkeypatch.setattr(turned, "presentable", lambda e, options: seen.append(e) or len(seen) > 1)
+    assert turned_between(*beside, "gain", Options(tol=1e-6)).gain == pytest.approx(FOLD["K"], rel=1e-9)
+    assert len(seen) == 2
+
+
+def test_orbits_of_other_phases_have_no_cubic_between_them(beside, monkeypatch):
+    monkeypatch.setattr(turned, "bend", lambda *_, **__: None)
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
+
+
+def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
+    """Once everything is unclear: the mesh has four times the intervals, the fold is the same."""
+    judged = []
+
+    def unclear(t, u, setting):
+        verdict = judge(t, u, setting)
+        judged.append(t.intervals)
+        blank = len(judged) == 1
+        return replace(verdict, unclear=np.ones(t.intervals, bool)) if blank else verdict
+
+    monkeypatch.setattr(turned, "judge", unclear)
+    found = turned_between(*beside, "gain", Options(tol=1e-6))
+    assert found.gain == pytest.approx(FOLD["K"], rel=1e-9)
+    assert judged[1] == 4 * judged[0]
+
+
+def test_turning_point_is_not_sought_without_end(at_fold, monkeypatch):
+    """An accuracy that rounding does not grant is not waited for."""
+    t, u, setting, row = at_fold
+    bend = optimum(t, u, setting, row).bend
+    counted = []
+    honest = type(t).linearise
+    monkeypatch.setattr(type(t), "linearise", lambda *a, **k: counted.append(1) or honest(*a, **k))
+    assert turning_place(t, u, setting, accuracy=1e-18, known=(row, bend)) is not None
+    assert len(counted) <= turning_point.MOST_TOGETHER
+
+
+@pytest.mark.parametrize(("gain", "off"), [(0.64, 0.0), (0.647, 0.1)])
+def test_slopes_are_believed_on_the_curve_and_compared_far_apart(orbit, gain, off):
+    """From an orbit a percent below the fold; from unknowns a tenth off the curve, by a bend that is about known."""
+    near = orbit("switch", gain)
+    t, u, setting = unknowns_of(near)
+    setting = replace(setting, dp=along(near.problem, "gain"))
+    start = u * (1 + off * np.random.default_rng(1).uniform(-1, 1, u.size))
+    found = turning_point._together(t, start, setting, row_along(t, u, setting), 1e-11, -4.0)
+    assert found is not None and gain * (1 + found[0].parameter) == pytest.approx(FOLD["K"], rel=1e-9)
+
+
+def test_a_turning_point_beyond_the_freedom_is_not_next_to_the_start(orbit):
+    near = orbit("switch", 0.647)
+    t, u, setting = unknowns_of(near)
+    setting = replace(setting, dp=along(near.problem, "gain"))
+    way, row = FOLD["K"] / 0.647 - 1, row_along(t, u, setting)
+    for part, there in ((1.1, True), (0.9, False)):
+        how = {"freedom": part * way, "accuracy": 1e-11}
+        assert (turning_place(t, u, setting, known=(row, -4.0), **how) is not None) == there
+        assert (turning_point.turned_solution(t, u, setting, -4.0, **how)[0] is not None) == there
