@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from casahunt.collocation.scheme import scheme
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation import walk as walks
 from casahunt.continuation.curve import bend, bent_through, curve_point, predict, secant, seen_from
-from casahunt.continuation.moving_mesh import by_time, carried, resampled, starts, way_of
+from casahunt.continuation.moving_mesh import Way, by_time, carried, resampled, starts, way_of
 from casahunt.continuation.special_points import _turning_point
 from casahunt.continuation.walk import step_along, walk
 from casahunt.hybrid.examples import ball, belt
@@ -69,8 +70,8 @@ def test_polynomials_on_another_mesh_are_those_that_transfer_finds(slipping):
     breaks = [b + 0.2 * np.sin(2 * np.pi * b) / (2 * np.pi) for b in phase_breaks(t, fractions)]
     new, expected, f = transfer(t, u, fractions, breaks)
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
-    got = resampled(t, w, fractions, new, f)
-    np.testing.assert_allclose(got.reshape(new.intervals, -1)[:, t.n :], new.intervals_of(expected)[:, t.n :], atol=1e-12)
+    got = resampled(t, w, fractions, new, f).reshape(new.intervals, -1)
+    np.testing.assert_allclose(got[:, t.n :], new.intervals_of(expected)[:, t.n :], atol=1e-12)
 
 
 def test_values_carried_by_a_mesh_that_moves(slipping):
@@ -82,7 +83,8 @@ def test_values_carried_by_a_mesh_that_moves(slipping):
         own = slice(first, first + count)
         rates[own] -= fractions[own] * rates[own].sum()
     ahead, behind = (resampled(t, w, fractions, t, fractions + s * rates) for s in (h, -h))
-    np.testing.assert_allclose(carried(t, w, fractions, rates)[:, 1:-1], ((ahead - behind) / (2 * h))[:, 1:-1], atol=2e-4)
+    by_differences = (ahead - behind) / (2 * h)
+    np.testing.assert_allclose(carried(t, w, fractions, rates)[:, 1:-1], by_differences[:, 1:-1], atol=2e-4)
 
 
 def test_meshes_of_stiff_modes_move_along_and_predict_better(stiff):
@@ -157,6 +159,35 @@ def test_a_parameter_that_changes_sign_is_no_logarithm():
     assert bend(here, there, seen) is not None
     relative = replace(there, setting=replace(there.setting, dp=np.where(there.setting.dp, there.setting.p, 0.0)))
     assert bend(here, relative, (-1.5, 1.0)) is None
+
+
+def test_a_state_that_was_zero_has_no_logarithm(stiff):
+    way = secant(stiff[0], stiff[1], "gain")
+    here, there = (curve_point(orbit, "gain", like=way) for orbit in stiff[:2])
+    seen = seen_from(there, stiff[1], "gain", stiff[0].gain)
+    u = here.u.copy()
+    u[: -here.t.phases].reshape(-1, here.t.n)[:, 3] = 0.0  # zero at the start as it is
+    assert bend(here, there, seen) is not None and bend(replace(here, u=u), there, seen) is None
+
+
+def test_the_way_goes_on_where_the_polynomials_do_not_resolve_it(slipping):
+    """Speeds that jump between the stages make quadratures negative; places come in order all the same."""
+    t, u, fractions = slipping
+    rough = u.copy()
+    rough[: -t.phases] += np.where(np.arange(u.size - t.phases) % 14 == 3, 30.0, 0.0)
+    way = way_of(t, rough, fractions)
+    assert np.all(np.diff(way.ways) > 0)
+    places = np.linspace(0, 1, t.intervals, endpoint=False)
+    assert way.fractions(t, places).min() > 0
+
+
+def test_places_come_in_order_across_a_jump_of_the_speed():
+    """The cubic with the slopes 1000 and 1 would overshoot its ends."""
+    ends = np.array([0.0, 0.5, 1.0])
+    way = Way(ends, ends, np.array([1e-3, 1.0]), np.ones(2))
+    one_phase = SimpleNamespace(first_intervals=np.array([0]))
+    fractions = way.fractions(one_phase, np.arange(8) / 8)
+    assert fractions.min() > 0 and fractions.sum() == pytest.approx(1.0, abs=1e-14)
 
 
 def test_bent_through_another_mesh_says_nothing(stiff):
