@@ -147,7 +147,7 @@ VISCOUS_FOLD = {"gain": 0.620271708903377402755, "amplitude": 0.0015844465965807
 """Table 1 with sigma2 = 0.2: P(a) = a and P'(a) = 1 to 24 digits (scripts/peers/switch_digits.py)."""
 
 
-@pytest.mark.parametrize("degree", [6, 9])
+@pytest.mark.parametrize("degree", [6, 7, 8, 10])
 def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     """A coarse mesh moves the fold along the branch: amplitude and period are wrong by ten times what the estimate at
     that point of the branch says, the gain is not.  The optimum on the halved mesh knows."""
@@ -155,7 +155,7 @@ def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     sizes = (fold.orbit.amplitude / VISCOUS_FOLD["amplitude"], fold.orbit.period / VISCOUS_FOLD["period"])
     true = max(abs(size - 1) for size in sizes)
     assert abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true, "a case in which it matters"
-    assert 1e-9 < true < 2 * fold.orbit.error_estimate < 2e-6
+    assert 1e-9 < true < fold.orbit.error_estimate < 1e-6
     assert fold.orbit.error_estimate < 10 * true
 
 
