@@ -265,6 +265,10 @@ def switch_fold(servo: Servo, gain: float, guess: float) -> tuple[float, float]:
     Returns
     -------
     Gain [V/rad] and stick position [rad] of the fold.
+
+    Raises
+    ------
+    ValueError : P(a) - a has no extremum, or several, near the guess.
     """
     points = np.cos(np.pi * (np.arange(9) + 0.5) / 9)
 

@@ -52,6 +52,8 @@ WALK_TOLERANCE = 1e-5
 SECOND_PLACE = 1e-3
 """Part of the tolerance to which the place of the fold on the halved mesh is known."""
 OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
+OPTIMAL_INTERVALS = 500
+"""Of a mesh on which the largest parameter is sought: IPOPT takes minutes and gigabytes on larger ones."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,6 +226,8 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
             problem = orbit.problem.with_value(vary, orbit.problem.moved(vary, best.parameter))
             return orbit_of(solved, problem, wall_s=orbit.wall_s)
         breaks = better_breaks(t, setting.fractions, error, options.tol, k)
+        if sum(b.size - 1 for b in breaks) > OPTIMAL_INTERVALS:
+            break
         t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
         setting = replace(setting, fractions=fractions)
     raise NoOrbit(

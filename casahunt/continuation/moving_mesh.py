@@ -29,7 +29,17 @@ WAY_AT_REST = 0.03
 
 
 def starts(t: Transcription, fractions: Array) -> Array:
-    """(N,) times at which the intervals start."""
+    """Times at which the intervals start.
+
+    Parameters
+    ----------
+    t, fractions
+        transcription, and (N,) lengths of the intervals.
+
+    Returns
+    -------
+    (N,), counted on from phase to phase.
+    """
     ends = np.cumsum(fractions)
     first = (ends - fractions)[t.first_intervals]
     return ends - fractions + np.repeat(np.arange(first.size) - first, t.collocated_counts)
@@ -51,7 +61,17 @@ class Way:
     before: Array
 
     def fractions(self, t: Transcription, places: Array) -> Array:
-        """(N,) lengths of intervals that start at (N,) ways, the first of each phase at its start."""
+        """Lengths of intervals that start at given parts of the way.
+
+        Parameters
+        ----------
+        t, places
+            transcription, and (N,) ways at which its intervals start, the first of each phase at its start.
+
+        Returns
+        -------
+        (N,).
+        """
         i = np.clip(np.searchsorted(self.ways, places, side="right") - 1, 0, self.after.size - 1)
         across, time = self.ways[i + 1] - self.ways[i], self.times[i + 1] - self.times[i]
         s = (places - self.ways[i]) / across
@@ -96,7 +116,17 @@ def way_of(t: Transcription, u: Array, fractions: Array) -> Way:
 
 
 def by_time(t: Transcription, fractions: Array) -> Way:
-    """The way of a motion that comes along as the time does."""
+    """The way of a motion that comes along as the time does.
+
+    Parameters
+    ----------
+    t, fractions
+        transcription, and (N,) lengths of the intervals.
+
+    Returns
+    -------
+    Way.
+    """
     points = _rules(t.degree, t.kind)[2][:-1]
     times = np.append(starts(t, fractions)[:, None] + fractions[:, None] * points, float(t.collocated_counts.size))
     ones = np.ones(times.size - 1)

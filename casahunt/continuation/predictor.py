@@ -83,16 +83,46 @@ class Bend:
     way: Way
 
     def ahead(self, ds: float) -> Array:
-        """(size + n + 1,) z, ds further on."""
+        """The point further on.
+
+        Parameters
+        ----------
+        ds
+            how far on.
+
+        Returns
+        -------
+        (size + n + 1,) z.
+        """
         z = self.here.value + ds * self.here.rate
         return z + ds**2 * (self.coefficients[0] + ds * self.coefficients[1]) if len(self.coefficients) else z
 
     def fractions(self, t: Transcription, ds: float) -> Array:
-        """(N,) lengths of the intervals, ds further on."""
+        """The mesh further on.
+
+        Parameters
+        ----------
+        t, ds
+            transcription, and how far on.
+
+        Returns
+        -------
+        (N,) lengths of the intervals.
+        """
         return _shares(t, self.lengths + ds * self.drift)
 
     def through(self, ds: float, z: Array) -> Bend:
-        """The same with z (size + n + 1,) ds further on: the highest power takes up the defect."""
+        """The same through a point further on: the highest power takes up the defect.
+
+        Parameters
+        ----------
+        ds, z
+            how far on, and (size + n + 1,) z there.
+
+        Returns
+        -------
+        Bend.
+        """
         defect, c = z - self.ahead(ds), self.coefficients
         c = np.array([c[0], c[1] + defect / ds**3] if len(c) else [defect / ds**2, np.zeros_like(defect)])
         return replace(self, coefficients=c)
@@ -115,12 +145,32 @@ def _per_phase(t: Transcription, f: Array) -> Array:
 
 
 def alive(t: Transcription, u: Array) -> Array:
-    """(n,) True for the states that are not zero all along."""
+    """Which states are not zero all along.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+
+    Returns
+    -------
+    (n,) bool.
+    """
     return np.asarray(np.abs(u[: -t.phases].reshape(-1, t.n)).max(axis=0) > AS_GOOD_AS_ZERO)
 
 
 def sizes(t: Transcription, u: Array, sized: Array) -> Array:
-    """(n,) root mean squares of the states over the unknowns; 1 where they have no size."""
+    """Root mean squares of the states over the unknowns.
+
+    Parameters
+    ----------
+    t, u, sized
+        transcription, unknowns, and (n,) True for the states that have a size.
+
+    Returns
+    -------
+    (n,), 1 where they have none.
+    """
     x = u[: -t.phases].reshape(-1, t.n)
     return np.where(sized, np.sqrt(np.einsum("ij,ij->j", x, x) / len(x)), 1.0)
 
@@ -181,7 +231,17 @@ def unknowns(t: Transcription, z: Array, here: Array, sign: float) -> tuple[Arra
 
 
 def straight(here: Place, sign: float) -> Bend:
-    """The tangent alone, on the mesh as it is."""
+    """The tangent alone, on the mesh as it is.
+
+    Parameters
+    ----------
+    here, sign
+        as in `bent`.
+
+    Returns
+    -------
+    Bend.
+    """
     z = logarithms(here, sign, alive(here.t, here.u))
     lengths = np.log(here.fractions)
     return Bend(z, np.empty((0, z.value.size)), lengths, np.zeros_like(lengths), here.way)
