@@ -48,9 +48,9 @@ SMALL_AMPLITUDE = 0.1
 
 LEFT_ON_HALVED, LEFT_OF_LOW_ORDER = 1 / 16, 1.0
 """Part of the blame of an interval that its halves keep: that of order four, below the order of the schemes, and all
-of it where stiffness and kinks reduce the order.  Measured on 60 cycles at five tolerances: at most 0.02; in stiff modes
-mostly below 0.24, for one solution in thirty up to 2.  With all of it errors were at most 0.8 of what is said, on 41
-others at five tolerances; with a quarter 14 of 410 were larger, by up to a third."""
+of it where stiffness and kinks reduce the order.  Measured on 60 cycles at five tolerances: at most 0.02; in stiff
+modes mostly below 0.24, for one solution in thirty up to 2.  With all of it errors were at most 0.8 of what is said, on
+41 others at five tolerances; with a quarter 14 of 410 were larger, by up to a third."""
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""
 

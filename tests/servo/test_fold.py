@@ -11,7 +11,7 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
 from casahunt.collocation.newton import newton
-from casahunt.continuation.fold import confirmed
+from casahunt.continuation.fold import confirmed, next_fold
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.find_fold import find_any_orbit
@@ -157,6 +157,16 @@ def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     assert abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true, "a case in which it matters"
     assert 1e-9 < true < fold.orbit.error_estimate < 1e-6
     assert fold.orbit.error_estimate < 10 * true
+
+
+def test_the_largest_gain_is_not_sought_on_any_mesh(monkeypatch):
+    """IPOPT takes minutes and gigabytes on large ones; this one would have eleven intervals."""
+    below = find_orbit(Servo(), "switch", 0.646, options=Options(tol=1e-3))
+    monkeypatch.setattr("casahunt.continuation.fold.OPTIMAL_INTERVALS", 10)
+    with pytest.raises(NoOrbit, match="not solved to the tolerance; try another tolerance"):
+        next_fold(below, "gain", Options(tol=1e-10))
+    monkeypatch.undo()
+    assert next_fold(below, "gain", Options(tol=1e-10)).orbit.error_estimate <= 1e-10
 
 
 def test_only_folds_are_confirmed(orbit):
