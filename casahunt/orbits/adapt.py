@@ -22,7 +22,7 @@ from ..checks import known, of_kind, require, shown, whole
 from ..collocation.admissibility import Verdict, judge
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
-from ..collocation.newton import Solution, Solver, newton, size_of_step
+from ..collocation.newton import Solution, Solver, newton
 from ..collocation.remesh import COARSENING, better_breaks, shape_limit
 from ..collocation.scheme import Kind
 from ..collocation.solve import ipopt_then_newton, solve
@@ -135,7 +135,6 @@ def solve_adaptively(
     task, spent = _Task(problem, options, border, soft), _Spent()
     accepted: Solved | None = None
     root = _corrected(task, start, solver, 0.0)
-    spent.off = size_of_step(t, start[1], root.solution.u - start[1])
     for _ in range(MAX_ROUNDS):
         spent.iterations += root.solution.iterations
         if not root.solution.status.ok:
@@ -175,7 +174,6 @@ class _Spent:
     sequences: int = 0
     changes: int = 0
     marched: bool = False
-    off: float = np.inf  # as of `Solved`
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,12 +211,12 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Sol
     if task.options.sketched and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
         if presentable(e, task.options):
-            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations, off=spent.off)
+            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent)
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
-        return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations, off=spent.off)
+        return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
@@ -252,10 +250,12 @@ def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spe
     if not root.solution.status.ok and not spent.marched:
         # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
         spent.marched = True
-        again = task.problem.remarch(known.t, known.solution.u, known.setting.moved(known.solution.parameter))
+        moved = known.setting.moved(known.solution.parameter)
+        again = task.problem.remarch(known.t, known.solution.u, moved)
         if again is not None:
             t, u, fresh = again
-            root = _corrected(task, (t, u, replace(fresh, p=known.setting.p)), "newton", known.solution.parameter)
+            start = t, u, replace(fresh, p=known.setting.p)
+            root = _corrected(task, start, "newton", known.solution.parameter)
     return root
 
 
@@ -293,8 +293,8 @@ def presentable(e: Estimate, options: Options) -> bool:
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
-    found = known.solution
-    return _corrected(task, on_breaks((known.t, found.u, known.setting), breaks), "newton", found.parameter)
+    start = on_breaks((known.t, known.solution.u, known.setting), breaks)
+    return _corrected(task, start, "newton", known.solution.parameter)
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
