@@ -147,11 +147,7 @@ VISCOUS_FOLD = {"gain": 0.620271708903377402755, "amplitude": 0.0015844465965807
 """Table 1 with sigma2 = 0.2: P(a) = a and P'(a) = 1 to 24 digits (scripts/peers/switch_digits.py)."""
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("degree", [6, 7, 8, 10])
-=======
-@pytest.mark.parametrize("degree", [6, 8])
->>>>>>> parent of a2da492 (Merge walk: predictions by logarithms of sizes, a mesh that moves along)
 def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     """A coarse mesh moves the fold along the branch: amplitude and period are wrong by ten times what the estimate at
     that point of the branch says, the gain is not.  The optimum on the halved mesh knows."""
