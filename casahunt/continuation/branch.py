@@ -363,7 +363,7 @@ def _met_itself(
         return replace(branch, missed=(*branch.missed, point))
     others = tuple(monitor for monitor in looked_for if monitor.kind not in (FOLD.kind, met.reached.kind))
     found, missed = crossings(before, after, vary=vary, monitors=others, options=options)
-    found = [special for special in found if not met.off(special.orbit) < 0]
+    found = [special for special in found if not met.off(special.orbit) <= 0]
     value = parameter_value(point.orbit, vary)
     return Branch(
         vary, (*branch.orbits, *([point.orbit] if met.same_period else [])),

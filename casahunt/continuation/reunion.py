@@ -60,8 +60,8 @@ class Reunion:
     Attributes
     ----------
     matrix : S, whose image of the cycle half of the phases later is meant.
-    off : (orbit) -> how far before it on the branch an orbit is, in parts of the way between the two; NaN where it has
-        other phases.
+    off : (orbit) -> how far before it on the branch an orbit is, in parts of the way between the two; 0 where it is not
+        told from its image, NaN where it has other phases.
     reached : the kind of point that it is, by the multipliers of the cycle that is its own image.
     """
 
@@ -94,13 +94,17 @@ def reunion(before: Orbit, after: Orbit, tol: float) -> Reunion | None:
     system, scale = before.problem.system, before.scale
     for S, reached in ((np.eye(scale.size), FLIP_REACHED), *((S, SYMMETRY_REACHED) for S in symmetries(system))):
         a, b = _off_its_image(before, system, S, scale), _off_its_image(after, system, S, scale)
-        if a is None or b is None or not a @ b < 0 or not np.max(np.abs(a - b)) > max(LOPSIDED, 10 * tol):
+        least = max(LOPSIDED, 10 * tol)
+        if a is None or b is None or not np.max(np.abs(a)) > least or not np.max(np.abs(a - b)) > least:
+            continue
+        gone_over = np.max(np.abs(b)) <= least  # the step led to the cycles that are their own image: b is rounding
+        if not (a @ b < 0 or gone_over):
             continue
         way = (a - b) / float((a - b) @ (a - b))
 
-        def before_it(orbit: Orbit, S: Array = S, way: Array = way) -> float:
+        def before_it(orbit: Orbit, S: Array = S, way: Array = way, least: float = least) -> float:
             off = _off_its_image(orbit, system, S, scale)
-            return math.nan if off is None else float(way @ off)
+            return math.nan if off is None else float(way @ off) if np.max(np.abs(off)) > least else 0.0
 
         return Reunion(S, before_it, reached)
     return None
