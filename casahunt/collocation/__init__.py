@@ -16,6 +16,7 @@ newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
 solve.py          which of the two solves, alone or one after the other
 mesh.py           the same solution on another mesh
+quarters.py       intervals whose halves do not tell their error, cut in four
 error_estimate.py the error of what is read from a solution, by an adjoint
 over_arrays.py    a function of a point at many points, by numpy
 ensemble_points.py fields, closed forms and events of many members

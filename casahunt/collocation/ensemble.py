@@ -243,7 +243,9 @@ def _linearise_many(t: Transcription, u: Array, s: Settings) -> Linearisations:
     together = max(1, INTERVALS_TOGETHER // max(t.intervals, 1))
     for first in range(0, B if t.intervals else 0, together):
         own = np.arange(first, min(first + together, B))
-        parts = _intervals_without_stages(t, u[own], s.of(own))
+        w = u[own, : t.intervals * t.rows].reshape(own.size, t.intervals, d + 1, n)
+        duration = T[own][:, t.phase_of[t.interval_elements]]
+        parts = intervals_without_stages(t, w, nodes[own][:, t.interval_elements + 1], duration, s.of(own))
         residual[own], eliminated[own], maps[first : first + together, t.interval_elements] = parts
     regular = np.asarray(np.isfinite(eliminated).reshape(B, -1).all(axis=1))
     flow, events = _joint_columns(t, nodes, T, s)
@@ -256,13 +258,27 @@ def _linearise_many(t: Transcription, u: Array, s: Settings) -> Linearisations:
     return Linearisations(t, residual, flow_residual, closure_residual, events, maps, closure, eliminated, regular)
 
 
-def _intervals_without_stages(t: Transcription, u: Array, s: Settings) -> tuple[Array, Array, Array]:
-    """(residual, eliminated, condensed maps) of a few members; see ensemble_stages.py."""
-    B, n, d = len(u), t.n, t.degree
-    nodes, T = nodes_of_many(t, u), u[:, -t.phases :]
-    w = u[:, : t.intervals * t.rows].reshape(B, t.intervals, d + 1, n)
-    step = s.fractions * T[:, t.phase_of[t.interval_elements]]
-    return eliminate_many(t, w, nodes[:, t.interval_elements + 1], step, s.fractions, _jets_of(t, w, s))
+def intervals_without_stages(
+    t: Transcription, w: Array, x_next: Array, duration: Array, s: Settings
+) -> tuple[Array, Array, Array]:
+    """The intervals of a few members, their stages eliminated (ensemble_stages.py).
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    w, x_next
+        (B, N, d + 1, n) starts and stages, (B, N, n) next nodes.
+    duration
+        (B, N) of the phases that the intervals are fractions of [s].
+    s
+        settings.
+
+    Returns
+    -------
+    (residual (B, N, R), eliminated (B, N, n d, c), maps (B, N, n, c)).
+    """
+    return eliminate_many(t, w, x_next, s.fractions * duration, s.fractions, _jets_of(t, w, s))
 
 
 def _jets_of(t: Transcription, w: Array, s: Settings) -> Jets:

@@ -8,10 +8,20 @@ Symbols: B members, n states, d stages, N intervals, E elements, P phases, k fun
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from .ensemble import Linearisations, Settings, fields_of_many, linearise_many, nodes_of_many
-from .error_estimate import ROUNDING, fine_rule, left_on_halved
+from .ensemble import (
+    Linearisations,
+    Settings,
+    fields_of_many,
+    intervals_without_stages,
+    linearise_many,
+    nodes_of_many,
+)
+from .error_estimate import ROUNDING, fine_rule, left_on_halved, left_on_quarters, to_be_quartered
+from .quarters import QUARTERS, chained, quarters
 from .transcription import Transcription, transcribe
 
 Array = np.ndarray
@@ -75,25 +85,67 @@ def errors_of_many(
     (B, k) absolute errors, what they overlook added.
     """
     with np.errstate(all="ignore"):
-        B, E, n = len(u), t.elements, t.n
+        B, n, own = len(u), t.n, t.interval_elements
         maps = _joined(t, fine, lin.maps)
-        system, zero = t.system, np.zeros((B, 1))
-        events = lin.events[:, : n + 3]
-        rhs = np.concatenate([maps[..., 0].reshape(B, -1), -lin.closure_residual, -events[:, 0], zero], axis=1)
-        nonzeros = system.nonzeros_of_many(maps[..., : n + 3], lin.closure, events, border)
-        psi = system.solve_many(nonzeros, goals, transposed=True)
-        errors = np.abs(np.matmul(psi, rhs[:, :, None])[..., 0])
-        chains = psi[:, :, : E * n]
+        errors, chains, shares = _blamed(t, lin, np.arange(B), maps, border, goals)
         if t.intervals:
             # Laid out as it is written, whatever B is: the additions below come in the order of the memory.
-            weights = np.ascontiguousarray(chains.reshape(B, -1, E, n)[:, :, t.interval_elements])
-            blame = np.abs((weights * maps[..., 0][:, None, t.interval_elements]).sum(axis=3))
-            errors = errors + np.matmul(blame, left_on_halved(t))
+            weights = np.ascontiguousarray(chains[:, :, own])
+            blame, one_each = np.abs(np.ascontiguousarray(shares[:, :, own])), np.ones(t.intervals)
             left = _left_by_steps(fine, u, lin, settings).reshape(B, t.intervals, 4, n)
             terms = np.abs(np.matmul(left, weights.transpose(0, 2, 3, 1)))
             overlooked = np.maximum(terms[:, :, 0], terms[:, :, 1]) + np.maximum(terms[:, :, 2], terms[:, :, 3])
-            errors = errors + np.matmul(np.ones(t.intervals), overlooked)
-        return errors + ROUNDING * np.sqrt(np.matmul(chains[:, :, None, :], chains[..., None])[..., 0, 0])
+            overlooked = np.matmul(one_each, overlooked)
+            unseen = left_on_halved(t) * blame
+            first = errors + overlooked + np.matmul(unseen, one_each)
+            where = to_be_quartered(t, blame, first)
+            members, chosen = np.nonzero(where)
+            if members.size:
+                maps[members, own[chosen]] = _over_quarters(fine, u, settings, members, chosen)
+                some = np.flatnonzero(where.any(axis=1))
+                errors[some], chains[some], again = _blamed(t, lin, some, maps[some], border[some], goals[some])
+                on_quarters = left_on_quarters(shares[some][:, :, own], again[:, :, own])
+                unseen[some] = np.where(where[some, None], on_quarters, unseen[some])
+            errors = errors + np.matmul(unseen, one_each) + overlooked
+        flat = chains.reshape(B, chains.shape[1], 1, -1)
+        return errors + ROUNDING * np.sqrt(np.matmul(flat, flat.swapaxes(2, 3))[..., 0, 0])
+
+
+def _over_quarters(fine: Transcription, u: Array, s: Settings, members: Array, chosen: Array) -> Array:
+    """The maps (m, n, c) over some intervals (m,) of some members (m,), from four parts of each."""
+    first = 2 * chosen
+    halves = u[:, : fine.intervals * fine.rows].reshape(len(u), -1, 2, fine.rows)[members, chosen]
+    w, following = quarters(fine, halves, u[members[:, None], fine.node_index[fine.interval_elements[first + 1] + 1]])
+    duration = u[members, -fine.phases + fine.phase_of[fine.interval_elements[first]]]
+    fractions = np.repeat(s.fractions[members, first, None] / 2, QUARTERS, axis=1)
+    out = np.empty((chosen.size, fine.n, fine.n + 2 + s.directions.shape[1]))
+    for mode, intervals in fine.modes:
+        own = np.flatnonzero(np.isin(first, intervals))
+        if own.size:
+            of = members[own]
+            settings = Settings(fractions[own], s.p[of], s.scale[of], s.directions[of])
+            phase = next(phase for phase in fine.cycle.phases if phase.mode == mode)
+            alone = replace(fine.cycle, phases=(replace(phase, reset=None),))
+            parts = transcribe(alone, (QUARTERS,), fine.degree, fine.kind)
+            out[own] = chained(
+                intervals_without_stages(parts, w[own], following[own], duration[own, None], settings)[2]
+            )
+    return out
+
+
+def _blamed(
+    t: Transcription, lin: Linearisations, members: Array, maps: Array, border: Array, goals: Array
+) -> tuple[Array, Array, Array]:
+    """First-order errors (B, k) of functionals of some members; psi (B, k, E, n), and psi . r (B, k, E)."""
+    B, E, n = len(maps), t.elements, t.n
+    closure, events = lin.closure[members], lin.events[members][:, : n + 3]
+    rhs = [maps[..., 0].reshape(B, -1), -lin.closure_residual[members], -events[:, 0], np.zeros((B, 1))]
+    nonzeros = t.system.nonzeros_of_many(maps[..., : n + 3], closure, events, border)
+    psi = t.system.solve_many(nonzeros, goals, transposed=True)
+    chains = np.ascontiguousarray(psi[:, :, : E * n]).reshape(B, -1, E, n)
+    errors = np.abs(np.matmul(psi, np.concatenate(rhs, axis=1)[:, :, None])[..., 0])
+    shares = np.matmul(chains[..., None, :], maps[:, None, :, :, :1])[..., 0, 0]
+    return errors, chains, shares
 
 
 def _left_by_steps(fine: Transcription, u: Array, lin: Linearisations, s: Settings) -> Array:
@@ -122,15 +174,10 @@ def _left_by_steps(fine: Transcription, u: Array, lin: Linearisations, s: Settin
 
 
 def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
-    """(B, E, n, .) maps over the intervals of t from those over their two halves: the middle node eliminated."""
-    B, n = len(maps), t.n
-    halves = maps[:, fine.interval_elements].reshape(B, t.intervals, 2, n, maps.shape[-1])
-    first, second = halves[:, :, 0], halves[:, :, 1]
-    through = np.matmul(second[..., 1 : n + 1], first)
-    through[..., 0] += second[..., 0]
-    through[..., n + 1 :] += second[..., n + 1 :]
-    out = np.empty((B, t.elements, n, maps.shape[-1]))
-    out[:, t.interval_elements] = through
+    """(B, E, n, c) maps over the intervals of t from those over their two halves."""
+    B, *shape = len(maps), *maps.shape[2:]
+    out = np.empty((B, t.elements, *shape))
+    out[:, t.interval_elements] = chained(maps[:, fine.interval_elements].reshape(B, t.intervals, 2, *shape))
     out[:, t.closed_elements] = maps[:, fine.closed_elements]
     return out
 

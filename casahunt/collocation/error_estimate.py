@@ -11,11 +11,13 @@ interval is to blame and place the next mesh.  An interval far up-stream of an u
 as it matters, which no local monitor can know.
 
 Three things can make that sum too small.  The refined mesh has an error itself: of each term a part (`left_on_halved`),
-without regard to signs, since terms that cancel on one mesh need not on the next.  The others arise where the field
-changes suddenly inside an interval.  Gauss collocation is far more accurate at the nodes (h^2d) than inside (h^(d+1)):
-r_e, a small number, no longer says how wrong the inside is, whose square may be larger.  And what happens between two
-points of the refined mesh, such as a change in the first hundredth of an interval, none of its equations sees.  So an
-estimate that is about to be believed gets the first added, and what a Newton step inside each interval leaves,
+without regard to signs, since terms that cancel on one mesh need not on the next.  In stiff modes and at kinks that may
+be several times the term: the few intervals that matter are cut in four there (quarters.py), and of what that changes
+half is added.  The others arise where the field changes suddenly inside an interval.  Gauss collocation is far more
+accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside is, whose
+square may be larger.  And what happens between two points of the refined mesh, such as a change in the first hundredth
+of an interval, none of its equations sees.  So an estimate that is about to be believed gets the first added, and what
+a Newton step inside each interval leaves,
 psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
@@ -37,6 +39,7 @@ from numpy.polynomial import legendre
 from .interval import points_map
 from .linearisation import Linearisation
 from .mesh import on_halved_mesh, shape, sizes_of_states
+from .quarters import chained, maps_over_quarters
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
 
@@ -49,8 +52,11 @@ SMALL_AMPLITUDE = 0.1
 LEFT_ON_HALVED, LEFT_OF_LOW_ORDER = 1 / 16, 1 / 4
 """Part of the blame of an interval that its halves keep: that of order four, below the order of the schemes, and of
 order two, to which stiffness and kinks reduce it.  Measured on 60 cycles at five tolerances: at most 0.02; in
-stiff modes at most 0.24, but for one solution in thirty, where up to 2: there the error is up to 1.4 times what is said
-(7 of 205 solutions of 41 other systems; with all of the blame none, but phases that die were lost before they do)."""
+stiff modes at most 0.24, but for one solution in thirty, where up to 11: intervals in which something happens that
+halves do not show.  Those that matter are therefore cut in four."""
+MATTERS, LEFT_OF_CHANGE = 1 / 32, 1 / 2
+"""Intervals of low order that are to blame for more than this part of the error are cut in four, some four in sixty;
+part that is left of what this changes."""
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""
 
@@ -200,30 +206,81 @@ def functional_errors(
     lin = fine.linearise(u_fine, halves)
     maps = _joined(t, fine, lin.maps)
     row = t.system.border(parameter=1.0) if border is None else border
-    matrix = t.system.nonzeros(maps, lin.closure, lin.events, row)
-    rhs = np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
-    E, n = t.elements, t.n
-    psi = t.system.solve_transposed(matrix, goals)
-    total = psi @ rhs
-    weights = psi[:, : E * n].reshape(-1, E, n)
-    per_element = np.abs((weights * maps[:, :, 0]).sum(axis=2))
-    errors = np.abs(total)
+    own = t.interval_elements
+    errors, weights, blame = _blamed(t, lin, maps, row, goals)
+    per_element = np.abs(blame)
     if t.intervals and errors.max() <= believed:
-        left = _left_by_a_step(fine, u_fine, lin, halves).reshape(-1, 4, n)
-        terms = np.abs(left @ weights[:, t.interval_elements].transpose(1, 2, 0))
+        left = _left_by_a_step(fine, u_fine, lin, halves).reshape(-1, 4, t.n)
+        terms = np.abs(left @ weights[:, own].transpose(1, 2, 0))
         overlooked = (np.maximum(terms[:, 0], terms[:, 1]) + np.maximum(terms[:, 2], terms[:, 3])).T
-        overlooked += left_on_halved(t) * per_element[:, t.interval_elements]
-        per_element[:, t.interval_elements] += overlooked
-        errors += overlooked.sum(axis=1)
-    errors += ROUNDING * np.sqrt((psi[:, : E * n] ** 2).sum(axis=1))
+        unseen = left_on_halved(t) * per_element[:, own]
+        first = errors + (overlooked + unseen).sum(axis=1)
+        chosen = np.flatnonzero(to_be_quartered(t, per_element[:, own], first))
+        if chosen.size:
+            at = own[chosen]
+            maps[at] = maps_over_quarters(fine, u_fine, halves, chosen)
+            errors, weights, again = _blamed(t, lin, maps, row, goals)
+            per_element = np.maximum(per_element, np.abs(again))
+            unseen[:, chosen] = left_on_quarters(blame[:, at], again[:, at])
+        per_element[:, own] += overlooked + unseen
+        errors += (overlooked + unseen).sum(axis=1)
+    errors += ROUNDING * np.sqrt((weights**2).sum(axis=(1, 2)))
     return errors, per_element
+
+
+def _blamed(
+    t: Transcription, lin: Linearisation, maps: Array, border: Array, goals: Array
+) -> tuple[Array, Array, Array]:
+    """First-order errors (k,) of functionals by the maps over the elements; psi (k, E, n) there, and psi . r (k, E)."""
+    E, n = t.elements, t.n
+    matrix = t.system.nonzeros(maps, lin.closure, lin.events, border)
+    rhs = np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
+    psi = t.system.solve_transposed(matrix, goals)
+    weights = psi[:, : E * n].reshape(-1, E, n)
+    return np.abs(psi @ rhs), weights, (weights * maps[:, :, 0]).sum(axis=2)
 
 
 def left_on_halved(t: Transcription) -> Array:
     """(N,) part of the blame of every interval that its halves keep."""
+    return np.where(of_low_order(t), LEFT_OF_LOW_ORDER, LEFT_ON_HALVED)
+
+
+def of_low_order(t: Transcription) -> Array:
+    """(N,) whether stiffness or kinks may take the schemes their order there."""
     modes = [phase.mode for phase in t.cycle.phases]
-    left = np.array([LEFT_OF_LOW_ORDER if mode.stiff or not mode.smooth else LEFT_ON_HALVED for mode in modes])
-    return left[t.phase_of[t.interval_elements]]
+    return np.array([mode.stiff or not mode.smooth for mode in modes])[t.phase_of[t.interval_elements]]
+
+
+def to_be_quartered(t: Transcription, blame: Array, errors: Array) -> Array:
+    """Which intervals matter, and are such that their halves may not tell by how much.
+
+    Parameters
+    ----------
+    t
+        the transcription.
+    blame, errors
+        (..., k, N) blame of its intervals for functionals, and (..., k) errors.
+
+    Returns
+    -------
+    (..., N) bool.
+    """
+    return of_low_order(t) & (blame > np.maximum(MATTERS * errors, ROUNDING)[..., None]).any(axis=-2)
+
+
+def left_on_quarters(on_halves: Array, on_quarters: Array) -> Array:
+    """What quarters of intervals leave.
+
+    Parameters
+    ----------
+    on_halves, on_quarters
+        (..., m) blame of intervals, by their halves and by their quarters.
+
+    Returns
+    -------
+    (..., m).
+    """
+    return LEFT_OF_CHANGE * np.abs(on_quarters - on_halves) + LEFT_ON_HALVED * np.abs(on_quarters)
 
 
 @lru_cache(maxsize=32)
@@ -279,14 +336,8 @@ def _left_by_a_step(fine: Transcription, u: Array, lin: Linearisation, setting: 
 
 
 def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
-    """(E, n, n + 3) maps over the intervals of t from those over their two halves: the middle node eliminated."""
-    n = t.n
-    halves = maps[fine.interval_elements].reshape(t.intervals, 2, n, n + 3)
-    first, second = halves[:, 0], halves[:, 1]
-    through = second[:, :, 1 : n + 1] @ first
-    through[:, :, 0] += second[:, :, 0]
-    through[:, :, n + 1 :] += second[:, :, n + 1 :]
-    out = np.empty((t.elements, n, n + 3))
-    out[t.interval_elements] = through
+    """(E, n, n + 3) maps over the intervals of t from those over their two halves."""
+    out = np.empty((t.elements, *maps.shape[1:]))
+    out[t.interval_elements] = chained(maps[fine.interval_elements].reshape(t.intervals, 2, *maps.shape[1:]))
     out[t.closed_elements] = maps[fine.closed_elements]
     return out
