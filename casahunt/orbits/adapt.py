@@ -146,7 +146,7 @@ def solve_adaptively(
                 return root.ended(Status.INADMISSIBLE, spent, verdict.violated)
             root, accepted = following, None
             continue
-        accepted = _estimated(task, root, verdict, spent)
+        accepted, verdict = _estimated(task, root, verdict, spent)
         if accepted.status is not Status.TOLERANCE_NOT_REACHED:
             return accepted
         breaks = _better_mesh(task, accepted, verdict, spent)
@@ -204,23 +204,40 @@ def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) ->
     return _first_converging(task, starts, root)
 
 
-def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Solved:
-    """A root with its error: within the tolerance and clear, or what is missing."""
+def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tuple[Solved, Verdict]:
+    """A root with its error: within the tolerance and clear, or what is missing; what its halves say put in."""
     t, u, tol = root.t, root.solution.u, task.options.tol
     row = None if task.border is None else curve_border(t, u, task.border)
     if task.options.sketched and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
         if presentable(e, task.options):
-            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
+            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations), verdict
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
-        return root.ended(Status.NOT_FINITE, spent)
+        return root.ended(Status.NOT_FINITE, spent), verdict
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
-        return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
+        verdict = replace(verdict, unclear=_unclear_on_halves(t, e))
+        if verdict.admissible:
+            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations), verdict
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
-    return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note)
+    return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note), verdict
+
+
+def _unclear_on_halves(t: Transcription, e: Estimate) -> Array:
+    """(N,) intervals on which the solution after a Newton step on their halves is not, or not clearly, a motion.
+
+    An interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
+    """
+    if e.better is None:
+        return np.zeros(t.intervals, dtype=bool)
+    fine, u, setting = e.better
+    verdict = judge(fine, u, setting)
+    unclear = verdict.unclear.reshape(-1, 2).any(axis=1)
+    if verdict.violated and not unclear.any():
+        unclear[t.phase_intervals(verdict.phase)] = True
+    return unclear
 
 
 def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:
