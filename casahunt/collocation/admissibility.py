@@ -106,6 +106,31 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     return Verdict("", -1, inside.unclear)
 
 
+def unclear_on_halves(t: Transcription, better: tuple[Transcription, Array, Setting] | None) -> Array:
+    """Where a solution that is a motion is none, or not clearly one, after a Newton step on its halved mesh.
+
+    An interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
+
+    Parameters
+    ----------
+    t
+        transcription of the solution.
+    better
+        the solution after that step (error_estimate.Estimate); None for nothing to look at.
+
+    Returns
+    -------
+    (N,) bool, for the intervals of t.
+    """
+    unclear = np.zeros(t.intervals, dtype=bool)
+    if better is not None:
+        verdict = judge(*better)
+        unclear |= verdict.unclear.reshape(-1, 2).any(axis=1)
+        if verdict.violated and not unclear.any():
+            unclear[t.phase_intervals(verdict.phase)] = True
+    return unclear
+
+
 def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array) -> str:
     """The event of a way out that is passed inside a phase, or ""; where one may be, intervals become unclear."""
     phase, own, p = t.cycle.phases[k], t.phase_intervals(k), setting.p

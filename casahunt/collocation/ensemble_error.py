@@ -20,11 +20,12 @@ from .ensemble import (
     linearise_many,
     nodes_of_many,
 )
-from .error_estimate import ROUNDING, fine_rule, left_on_halved, left_on_quarters, to_be_quartered
+from .error_estimate import ANYWHERE, ROUNDING, fine_rule, left_on_halved, left_on_quarters, to_be_quartered
 from .quarters import QUARTERS, chained, quarters
 from .transcription import Transcription, transcribe
 
 Array = np.ndarray
+Solutions = tuple[Transcription, Array, Settings]
 
 
 def halved_for_many(t: Transcription, u: Array, settings: Settings) -> tuple[Transcription, Array, Settings]:
@@ -66,7 +67,7 @@ def errors_of_many(
     lin: Linearisations,
     goals: Array,
     border: Array,
-) -> Array:
+) -> tuple[Array, Solutions]:
     """Errors of linear functionals of the node systems at converged solutions.
 
     Parameters
@@ -82,20 +83,23 @@ def errors_of_many(
 
     Returns
     -------
-    (B, k) absolute errors, what they overlook added.
+    (B, k) absolute errors, what they overlook added; and the solutions after a Newton step on the halved mesh.
     """
     with np.errstate(all="ignore"):
         B, n, own = len(u), t.n, t.interval_elements
-        maps = _joined(t, fine, lin.maps)
-        errors, chains, shares = _blamed(t, lin, np.arange(B), maps, border, goals)
+        maps, everyone = _joined(t, fine, lin.maps), np.arange(B)
+        system = _newton_step(t, lin, everyone, maps, border)
+        y = t.system.solve_many(system[0], system[1][:, None])[:, 0]
+        better = fine, u + lin.expand(_with_middles(t, fine, lin, y), 1.0), settings.moved(y[:, -1])
+        errors, chains, shares = _blamed(t, maps, goals, *system)
         if t.intervals:
             # Laid out as it is written, whatever B is: the additions below come in the order of the memory.
             weights = np.ascontiguousarray(chains[:, :, own])
             blame, one_each = np.abs(np.ascontiguousarray(shares[:, :, own])), np.ones(t.intervals)
-            left = _left_by_steps(fine, u, lin, settings).reshape(B, t.intervals, 4, n)
+            left = _left_by_steps(*better, lin).reshape(B, t.intervals, 4, n)
             terms = np.abs(np.matmul(left, weights.transpose(0, 2, 3, 1)))
             overlooked = np.maximum(terms[:, :, 0], terms[:, :, 1]) + np.maximum(terms[:, :, 2], terms[:, :, 3])
-            overlooked = np.matmul(one_each, overlooked)
+            overlooked = ANYWHERE * np.matmul(one_each, overlooked)
             unseen = left_on_halved(t) * blame
             first = errors + overlooked + np.matmul(unseen, one_each)
             where = to_be_quartered(t, blame, first)
@@ -103,12 +107,13 @@ def errors_of_many(
             if members.size:
                 maps[members, own[chosen]] = _over_quarters(fine, u, settings, members, chosen)
                 some = np.flatnonzero(where.any(axis=1))
-                errors[some], chains[some], again = _blamed(t, lin, some, maps[some], border[some], goals[some])
+                system = _newton_step(t, lin, some, maps[some], border[some])
+                errors[some], chains[some], again = _blamed(t, maps[some], goals[some], *system)
                 on_quarters = left_on_quarters(shares[some][:, :, own], again[:, :, own])
                 unseen[some] = np.where(where[some, None], on_quarters, unseen[some])
             errors = errors + np.matmul(unseen, one_each) + overlooked
         flat = chains.reshape(B, chains.shape[1], 1, -1)
-        return errors + ROUNDING * np.sqrt(np.matmul(flat, flat.swapaxes(2, 3))[..., 0, 0])
+        return errors + ROUNDING * np.sqrt(np.matmul(flat, flat.swapaxes(2, 3))[..., 0, 0]), better
 
 
 def _over_quarters(fine: Transcription, u: Array, s: Settings, members: Array, chosen: Array) -> Array:
@@ -133,35 +138,46 @@ def _over_quarters(fine: Transcription, u: Array, s: Settings, members: Array, c
     return out
 
 
-def _blamed(
-    t: Transcription, lin: Linearisations, members: Array, maps: Array, border: Array, goals: Array
-) -> tuple[Array, Array, Array]:
+def _newton_step(
+    t: Transcription, lin: Linearisations, members: Array, maps: Array, border: Array
+) -> tuple[Array, Array]:
+    """Nonzeros and right-hand sides (B, y) of the node systems of some members, as `error_estimate._newton_step`."""
+    B, closure, events = len(maps), lin.closure[members], lin.events[members][:, : t.n + 3]
+    rhs = [maps[..., 0].reshape(B, -1), -lin.closure_residual[members], -events[:, 0], np.zeros((B, 1))]
+    nonzeros = t.system.nonzeros_of_many(maps[..., : t.n + 3], closure, events, border)
+    return nonzeros, np.concatenate(rhs, axis=1)
+
+
+def _blamed(t: Transcription, maps: Array, goals: Array, nonzeros: Array, rhs: Array) -> tuple[Array, Array, Array]:
     """First-order errors (B, k) of functionals of some members; psi (B, k, E, n), and psi . r (B, k, E)."""
     B, E, n = len(maps), t.elements, t.n
-    closure, events = lin.closure[members], lin.events[members][:, : n + 3]
-    rhs = [maps[..., 0].reshape(B, -1), -lin.closure_residual[members], -events[:, 0], np.zeros((B, 1))]
-    nonzeros = t.system.nonzeros_of_many(maps[..., : n + 3], closure, events, border)
     psi = t.system.solve_many(nonzeros, goals, transposed=True)
     chains = np.ascontiguousarray(psi[:, :, : E * n]).reshape(B, -1, E, n)
-    errors = np.abs(np.matmul(psi, np.concatenate(rhs, axis=1)[:, :, None])[..., 0])
+    errors = np.abs(np.matmul(psi, rhs[:, :, None])[..., 0])
     shares = np.matmul(chains[..., None, :], maps[:, None, :, :, :1])[..., 0, 0]
     return errors, chains, shares
 
 
-def _left_by_steps(fine: Transcription, u: Array, lin: Linearisations, s: Settings) -> Array:
+def _with_middles(t: Transcription, fine: Transcription, lin: Linearisations, y: Array) -> Array:
+    """Solutions y (B, y) of the node systems of t, with the nodes in the middles of the intervals."""
+    B, n, ends = len(y), t.n, (t.elements + 1) * t.n
+    coarse, first = y[:, :ends].reshape(B, -1, n), fine.interval_elements[::2]
+    nodes = np.empty((B, fine.elements + 1, n))
+    nodes[:, first], nodes[:, fine.closed_elements] = coarse[:, t.interval_elements], coarse[:, t.closed_elements]
+    nodes[:, -1] = coarse[:, -1]
+    known = np.empty((B, t.intervals, n + 3, 1))
+    known[:, :, 0], known[:, :, 1 : n + 1, 0], known[:, :, n + 2] = 1.0, nodes[:, first], y[:, None, -1:]
+    known[:, :, n + 1, 0] = y[:, ends:-1][:, t.phase_of[t.interval_elements]]
+    nodes[:, first + 1] = np.matmul(lin.maps[:, first, :, : n + 3], known)[..., 0]
+    return np.concatenate([nodes.reshape(B, -1), y[:, ends:]], axis=1)
+
+
+def _left_by_steps(fine: Transcription, u: Array, s: Settings, lin: Linearisations) -> Array:
     """r' (B, N, 2, 2, n): see `error_estimate._left_by_a_step`."""
     B, n, count, d = len(u), fine.n, fine.intervals // 2, fine.degree
-    w = u[:, : fine.intervals * fine.rows].reshape(B, count, 2, d + 1, n).copy()
+    w = u[:, : fine.intervals * fine.rows].reshape(B, count, 2, d + 1, n)
     ends = nodes_of_many(fine, u)[:, fine.interval_elements + 1].reshape(B, count, 2, n)
-    maps = lin.maps[:, fine.interval_elements].reshape(B, count, 2, n, -1)
-    update = lin.eliminated.reshape(B, count, 2, d * n, -1)
-    middle, through = maps[:, :, 0, :, 0], maps[..., 1 : n + 1]
-    second = through[:, :, 1]
-    w[..., 1:, :] -= update[..., 0].reshape(B, count, 2, d, n)
-    w[:, :, 1, 1:] -= np.matmul(update[:, :, 1, :, 1 : n + 1], middle[..., None]).reshape(B, count, d, n)
-    w[:, :, 1, 0] += middle
-    ends[:, :, 0] += middle
-    ends[:, :, 1] += maps[:, :, 1, :, 0] + np.matmul(second, middle[..., None])[..., 0]
+    through = lin.maps[:, fine.interval_elements].reshape(B, count, 2, n, -1)[..., 1 : n + 1]
     weights, rule = fine_rule(d, fine.kind)
     x = np.matmul(rule, w).reshape(B, fine.intervals, -1, n)
     f = fields_of_many(fine, x, s).reshape(B, count, 2, -1, n)
@@ -169,7 +185,7 @@ def _left_by_steps(fine: Transcription, u: Array, lin: Linearisations, s: Settin
     integrals = np.matmul(weights[:, None], f)[..., 0, :] * step.reshape(B, count, 2, 1)
     left = w[:, :, :, 0] + integrals - ends
     late_early = np.stack([left, np.matmul(through, left[..., None])[..., 0]], axis=3)
-    late_early[:, :, 0] = np.matmul(late_early[:, :, 0], second.transpose(0, 1, 3, 2))
+    late_early[:, :, 0] = np.matmul(late_early[:, :, 0], through[:, :, 1].transpose(0, 1, 3, 2))
     return late_early
 
 
@@ -182,7 +198,9 @@ def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
     return out
 
 
-def estimates_of_many(t: Transcription, u: Array, settings: Settings, goals: Array, border: Array) -> Array:
+def estimates_of_many(
+    t: Transcription, u: Array, settings: Settings, goals: Array, border: Array
+) -> tuple[Array, Solutions]:
     """Errors of linear functionals, from solutions on the mesh that they were computed on.
 
     Parameters
@@ -194,7 +212,7 @@ def estimates_of_many(t: Transcription, u: Array, settings: Settings, goals: Arr
 
     Returns
     -------
-    (B, k) absolute errors.
+    As `errors_of_many`.
     """
     fine, finer, halves = halved_for_many(t, u, settings)
     return errors_of_many(t, fine, finer, halves, linearise_many(fine, finer, halves), goals, border)

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Generic
 import numpy as np
 
 from ..checks import to_error
-from ..collocation.admissibility import judge
+from ..collocation.admissibility import judge, unclear_on_halves
 from ..collocation.error_estimate import left_on_halved
 from ..collocation.ipopt import Maximum, maximise_parameter
 from ..collocation.mesh import on_halved_mesh, transfer
@@ -218,7 +218,8 @@ def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
         error = estimated(t, best.u, moved, border=curve_border(t, best.u, across))
         if not np.isfinite(error.error):  # no duration moves
             break
-        if error.error <= options.tol and judge(t, best.u, moved).admissible:
+        clear = judge(t, best.u, moved).admissible and not unclear_on_halves(t, error.better).any()
+        if error.error <= options.tol and clear:
             lin = t.linearise(best.u, moved)
             by = _maximiser(options)
             solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin, by)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..collocation.ensemble import Settings, linearise_many
 from ..collocation.ensemble_error import errors_of_many, halved_for_many
+from ..collocation.ensemble_judge import admissible_many
 from ..collocation.error_estimate import left_on_halved
 from ..collocation.transcription import Transcription
 from ..orbits.amplitude import amplitudes_off, goals_of_many, row_sums
@@ -54,7 +55,8 @@ def confirmed_many(known: Expansion, u: Array, settings: Settings, bend: Array) 
     goals = np.concatenate([np.zeros_like(goals[:, :1]), goals], axis=1)
     goals[:, 0, -1] = 1.0
     lin = linearise_many(fine, finer, halves)
-    first = errors_of_many(t, fine, finer, halves, lin, goals, borders(t, u, known.row))
+    first, better = errors_of_many(t, fine, finer, halves, lin, goals, borders(t, u, known.row))
+    motions = admissible_many(*better)
     newton, _ = step_and_tangent(fine, finer, lin, known.row)
     finer = finer + lin.expand(newton, 1.0)
     lam = newton[:, -1]
@@ -73,7 +75,7 @@ def confirmed_many(known: Expansion, u: Array, settings: Settings, bend: Array) 
         elsewhere[:, 0] *= 0.5
         second = (1 + left_on_halved(t).max(initial=0.0)) * np.column_stack([np.abs(lam), longer, larger])
         errors = np.maximum(first + elsewhere, second)
-        errors[~(far <= FARTHEST_SECOND) | ~lin.finite()] = np.inf
+        errors[~(far <= FARTHEST_SECOND) | ~lin.finite() | ~motions] = np.inf
     place = known.problem.names.index(known.vary)
     return np.array([settings.p[:, place], errors[:, 0], period, errors[:, 1], amplitude, errors[:, 2]])
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..collocation.admissibility import judge
+from ..collocation.admissibility import judge, unclear_on_halves
 from ..collocation.mesh import quartered_where
 from ..collocation.remesh import better_breaks
 from ..errors import Status
@@ -72,6 +72,8 @@ def turned_orbit(problem: Problem, start: Start, vary: str, options: Options, be
         if verdict.violated or not np.isfinite(error.error):
             return None
         fine = error.error <= options.tol and presentable(error, options)
+        if fine and verdict.admissible:
+            verdict = replace(verdict, unclear=unclear_on_halves(t, error.better))
         if fine and verdict.admissible:
             solution = replace(solution, parameter=0.0, iterations=iterations)
             solved = Solved(t, solution, setting, error, Status.CONVERGED, iterations)

@@ -84,13 +84,13 @@ def runs_out(before: Orbit, last: Orbit, vary: str, *, stuck: bool = False) -> s
 
 
 def _slowest(orbit: Orbit) -> float:
-    """The least max_i |x_i'| T / (max x_i - min x_i) over the nodes of the collocated phases."""
+    """The least max_i |x_i'| T / (max x_i - min x_i) over the nodes and stages of the collocated phases."""
     size, p, scale = ranges(orbit), orbit.problem.vector(), orbit.scale
     moves = size > 0
     least = np.inf
     for arc, phase in zip(orbit.arcs, orbit.cycle.phases, strict=True):
         if phase.mode.flow is None:
-            for x in arc.states[:, 0]:
+            for x in arc.states.reshape(-1, scale.size):
                 rate = scale * field_at(phase.mode.field, x / scale, phase.mode.sign, p, scale)
                 least = min(least, float(np.max(np.abs(rate[moves]) / size[moves], initial=0.0)))
     return least * orbit.period

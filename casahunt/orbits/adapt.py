@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..checks import known, of_kind, require, shown, whole
-from ..collocation.admissibility import Verdict, judge
+from ..collocation.admissibility import Verdict, judge, unclear_on_halves
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
 from ..collocation.newton import Solution, Solver, newton
@@ -216,28 +216,13 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tup
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent), verdict
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
-        verdict = replace(verdict, unclear=_unclear_on_halves(t, e))
+        verdict = replace(verdict, unclear=unclear_on_halves(t, e.better))
         if verdict.admissible:
             return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations), verdict
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
     return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note), verdict
-
-
-def _unclear_on_halves(t: Transcription, e: Estimate) -> Array:
-    """(N,) intervals on which the solution after a Newton step on their halves is not, or not clearly, a motion.
-
-    An interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
-    """
-    if e.better is None:
-        return np.zeros(t.intervals, dtype=bool)
-    fine, u, setting = e.better
-    verdict = judge(fine, u, setting)
-    unclear = verdict.unclear.reshape(-1, 2).any(axis=1)
-    if verdict.violated and not unclear.any():
-        unclear[t.phase_intervals(verdict.phase)] = True
-    return unclear
 
 
 def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:

@@ -266,8 +266,9 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
     if there.size:
         own, x = settings.of(there), u[there]
         goals, period, amplitude = goals_of_many(t, x, own)
-        errors = estimates_of_many(t, x, own, goals, _fixed(t, there.size))
-        for i in np.flatnonzero((errors.max(axis=1) <= tol) & admissible_many(t, x, own)):
+        errors, better = estimates_of_many(t, x, own, goals, _fixed(t, there.size))
+        motions = admissible_many(t, x, own) & admissible_many(*better)
+        for i in np.flatnonzero((errors.max(axis=1) <= tol) & motions):
             row = rows[there[i]]
             done.numbers[:4, row] = period[i], errors[i, 0], amplitude[i], errors[i, 1]
             done.statuses[row], done.how[row] = Status.CONVERGED, "batch"

@@ -13,7 +13,7 @@ import pytest
 
 from casahunt import InputError, Options, Servo, Status, find_fold
 from casahunt.continuation import fold_ensemble as engine
-from casahunt.continuation import smallest, turning_points
+from casahunt.continuation import fold_confirmation, smallest, turning_points
 from casahunt.continuation.fold_confirmation import confirmed_many
 from casahunt.design.ensemble import fold_ensemble
 from casahunt.design.sensitivity import fold_sensitivities
@@ -171,9 +171,10 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     def doubts(t, u, settings):
         return honest(t, u, settings) & (settings.p[:, 4] != rows[1, 4])
 
-    monkeypatch.setattr(engine, "admissible_many", doubts)
-    assert how() == ("batch", "alone", "batch")
-    monkeypatch.undo()
+    for module in (engine, fold_confirmation):  # of the fold, and of what a Newton step on the halved mesh makes of it
+        monkeypatch.setattr(module, "admissible_many", doubts)
+        assert how() == ("batch", "alone", "batch")
+        monkeypatch.undo()
     known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     monkeypatch.setattr(turning_points, "LARGEST_MOVE", 1e-9)  # another fold than the one that was expected
     monkeypatch.setattr(batch, "known_fold", lambda *_: known)

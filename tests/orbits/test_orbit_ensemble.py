@@ -134,8 +134,19 @@ def test_nothing_is_believed_that_is_not_known(bouncing, monkeypatch):
     honest = module.admissible_many
     monkeypatch.setattr(module, "admissible_many", lambda t, u, s: honest(t, u, s) & (s.p[:, 0] != 0.0124))
     assert orbit_ensemble(bouncing, ["a"], rows).how == ("recut", "batch")
+    # The same of the solution after a Newton step on the halved mesh alone, which is judged second.
+    asked = []
+
+    def doubts(t, u, s):
+        asked.append(t)
+        return honest(t, u, s) & ((s.p[:, 0] != 0.0124) | (len(asked) == 1))
+
+    monkeypatch.setattr(module, "admissible_many", doubts)
+    assert orbit_ensemble(bouncing, ["a"], rows).how == ("recut", "batch")
     monkeypatch.undo()
-    monkeypatch.setattr(module, "estimates_of_many", lambda t, u, *_: np.array([[0.0, 0.0], [0.0, 1.0]]))
+    estimates = module.estimates_of_many
+    too_large = np.array([[0.0, 0.0], [0.0, 1.0]])
+    monkeypatch.setattr(module, "estimates_of_many", lambda *how: (too_large, estimates(*how)[1]))
     assert orbit_ensemble(bouncing, ["a"], rows).how == ("batch", "recut")
     # Where the cycle that a root leads to is behind a fold, and the one found from the known cycle too.
     monkeypatch.setattr(module, "odd_beyond_one", lambda *_: True)

@@ -1,4 +1,4 @@
-"""Stiff bristles, which ring through hundreds of reversals before they stick."""
+"""Bristles that ring: through hundreds of reversals before they stick, or through some weak ones."""
 
 from __future__ import annotations
 
@@ -11,12 +11,8 @@ from casahunt import Options, Servo, find_orbit
 GAIN, TOLERANCE = 0.1, 1e-8
 
 
-@pytest.mark.parametrize(("stiffness", "reversals"), [(1e6, 80), pytest.param(1e7, 250, marks=pytest.mark.slow)])
-def test_a_stiff_bristle_rings_out(stiffness, reversals):
+def assert_flown(servo, orbit) -> None:
     """Half a cycle by an implicit Runge-Kutta method that knows no phases ends where the mirror image begins."""
-    servo = Servo().replace(**{"friction.stiffness": stiffness})
-    orbit = find_orbit(servo, "lugre", GAIN, options=Options(tol=TOLERANCE))
-    assert len(orbit.arcs) >= reversals and orbit.error_estimate <= TOLERANCE
     kp, kd, ki = servo.torque_gains(GAIN)
     f = servo.friction
 
@@ -31,3 +27,32 @@ def test_a_stiff_bristle_rings_out(stiffness, reversals):
     scale = np.abs(states).max(axis=1)
     end = solve_ivp(field, (0, orbit.period / 2), states[:, 0], method="Radau", rtol=1e-9, atol=1e-10 * scale).y[:, -1]
     assert np.abs((end + states[:, 0]) / scale).max() < 1e-7
+
+
+@pytest.mark.parametrize(("stiffness", "reversals"), [(1e6, 80), pytest.param(1e7, 250, marks=pytest.mark.slow)])
+def test_a_stiff_bristle_rings_out(stiffness, reversals):
+    servo = Servo().replace(**{"friction.stiffness": stiffness})
+    orbit = find_orbit(servo, "lugre", GAIN, options=Options(tol=TOLERANCE))
+    assert len(orbit.arcs) >= reversals and orbit.error_estimate <= TOLERANCE
+    assert_flown(servo, orbit)
+
+
+WEAK = {
+    "servo.inertia": 0.023845375669146848, "friction.static": 0.5021019136991866,
+    "friction.coulomb": 0.46651215293816295, "friction.stribeck_velocity": 0.020328648144257472,
+    "friction.viscous": 0.091882572844808, "friction.stiffness": 21705.758537040485,
+    "friction.damping": 7.548241767981505,
+}  # fmt: skip
+
+
+def test_no_weak_reversal_is_overlooked():
+    """The last but one lasts 0.7 ms and reaches 7e-6 of the speed: a mesh good to 1e-7 in period may hide it inside.
+
+    Twelve phases in place of fourteen are a solution too, 35 estimates off in its period.
+    """
+    servo = Servo().replace(**WEAK)
+    known, *others = (find_orbit(servo, "lugre", GAIN, options=Options(tol=tol)) for tol in (1e-11, 1e-5, 1e-7, 1e-8))
+    assert_flown(servo, known)
+    for orbit in others:
+        assert len(orbit.arcs) == len(known.arcs) == 14
+        assert abs(orbit.period / known.period - 1) <= orbit.period_error
