@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from layout import cycle_of, laid_out, still
 
-from casahunt.collocation.admissibility import RESOLUTION, Verdict, hides, judge
+from casahunt.collocation.admissibility import RESOLUTION, Verdict, hides, judge, unclear_on_halves
 from casahunt.collocation.ensemble import settings_of
 from casahunt.collocation.ensemble_judge import admissible_many
 from casahunt.collocation.transcription import Setting
@@ -183,6 +183,23 @@ def test_a_march_is_told_of_smaller_jumps():
     points[0, 2:, 1], points[1, 2:, 1], points[2, :, 1] = 0.45, -0.55, 7.0
     assert hides(lambda x, p: p * x[1], points, np.array([1.0])).tolist() == [False, True, False]
     assert hides(lambda x, p: p * x[1], points, np.array([1.0]), largest=0.4).tolist() == [True, True, False]
+
+
+def test_what_halves_make_of_a_solution_is_judged():
+    """By whole intervals: those with a half that is not clear, or all of a phase that is wrong elsewhere."""
+    coarse = cycle_of(POSITIVE, POSITIVE)
+
+    def halves(dip, last=1.0):
+        motions = [lambda tau: np.stack([one(tau), zero(tau)], axis=1) / SCALE,
+                   lambda tau: np.stack([1 - dip * (abs(tau - 0.4) < 0.09), zero(tau)], axis=1) / SCALE]  # fmt: skip
+        t, u, fractions = laid_out(coarse, [np.linspace(0, 1, 5), np.linspace(0, 1, 9)], motions, [1.0, last], degree=4)
+        return t, u, Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+
+    t = laid_out(coarse, [np.linspace(0, 1, 3), np.linspace(0, 1, 5)], [lambda tau: np.zeros((tau.size, 2))] * 2,
+                 [1.0, 1.0], degree=4)[0]  # fmt: skip
+    assert not unclear_on_halves(t, None).any() and not unclear_on_halves(t, halves(0.0)).any()
+    assert np.flatnonzero(unclear_on_halves(t, halves(1.1))).tolist() == [3]
+    assert np.flatnonzero(unclear_on_halves(t, halves(0.0, last=-1.0))).tolist() == [2, 3, 4, 5]
 
 
 # Many at once ------------------------------------------------------------------------------------------------------

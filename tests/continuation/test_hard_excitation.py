@@ -363,6 +363,12 @@ def test_the_next_fold(solver):
     assert found.orbit.solver == solver
 
 
+def test_the_next_fold_must_be_a_motion_on_halves_too(monkeypatch):
+    monkeypatch.setattr(folds, "unclear_on_halves", lambda t, better: np.ones(t.intervals, bool))
+    with pytest.raises(NoOrbit, match="was not located"):
+        next_fold(cycle(3.59), "c", Options(tol=1e-8))
+
+
 @pytest.mark.parametrize("solver", ["newton", "ipopt"])
 def test_a_fold_is_confirmed_or_refused(solver):
     options = Options(tol=1e-4, solver=solver)

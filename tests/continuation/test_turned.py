@@ -221,6 +221,20 @@ def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
     assert judged[1] == 4 * judged[0]
 
 
+def test_halves_that_are_not_clear_are_cut_too(beside, monkeypatch):
+    """Once, what the halved mesh makes of the fold is no motion in its first interval: that one becomes four."""
+    looked = []
+
+    def unclear(t, better):
+        looked.append(t.intervals)
+        return np.arange(t.intervals) == (0 if len(looked) == 1 else -1)
+
+    monkeypatch.setattr(turned, "unclear_on_halves", unclear)
+    found = turned_between(*beside, "gain", Options(tol=1e-6))
+    assert found.gain == pytest.approx(FOLD["K"], rel=1e-9)
+    assert looked[1] == looked[0] + 3
+
+
 def test_turning_point_is_not_sought_without_end(at_fold, monkeypatch):
     """An accuracy that rounding does not grant is not waited for."""
     t, u, setting, row = at_fold

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Options, Servo, Status, find_fold
-from casahunt.continuation import fold_ensemble as engine
 from casahunt.continuation import fold_confirmation, smallest, turning_points
+from casahunt.continuation import fold_ensemble as engine
 from casahunt.continuation.fold_confirmation import confirmed_many
 from casahunt.design.ensemble import fold_ensemble
 from casahunt.design.sensitivity import fold_sensitivities
