@@ -18,6 +18,7 @@ solve.py          which of the two solves, alone or one after the other
 mesh.py           the same solution on another mesh
 quarters.py       intervals whose halves do not tell their error, cut in four
 error_estimate.py the error of what is read from a solution, by an adjoint
+side_by_side.py   solutions on meshes of parts, corrected many at once
 over_arrays.py    a function of a point at many points, by numpy
 ensemble_points.py fields, closed forms and events of many members
 ensemble_stages.py the stages of many members eliminated

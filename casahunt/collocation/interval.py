@@ -254,24 +254,29 @@ def points_map(field: Field, n: int, parameters: int, points: int, intervals: in
     return PointsMap(field, n, parameters, points, intervals)
 
 
-POINTS_AT_ONCE = 128
+FEW_POINTS, POINTS_AT_ONCE = 32, 128
+"""Points of one call of what is compiled."""
 
 
 class PointMap:
-    """`point_function` over any number of points, through fixed buffers for `POINTS_AT_ONCE` of them."""
+    """`point_function` over any number of points, through fixed buffers for some of them at once."""
 
     def __init__(self, function: ca.Function, n: int) -> None:
-        inputs = [(POINTS_AT_ONCE, width) for width in (n, 1, function.size1_in(2), n)]
-        self._caller = caller(function.map(POINTS_AT_ONCE), inputs, [(POINTS_AT_ONCE, n)])
+        widths = (n, 1, function.size1_in(2), n)
+        self._few, self._many = (
+            caller(function.map(count), [(count, width) for width in widths], [(count, n)])
+            for count in (FEW_POINTS, POINTS_AT_ONCE)
+        )
 
     def __call__(self, x: Array, sign: Array, p: Array, scale: Array) -> Array:
         """Scaled field (m, n) at the scaled states x (m, n) with the signs (m,)."""
-        buffers = self._caller.buffers
+        few = len(x) <= FEW_POINTS
+        buffers, at_once = (self._few if few else self._many).buffers, FEW_POINTS if few else POINTS_AT_ONCE
         states, signs, parameters, scales = buffers.inputs
         parameters[:], scales[:] = p, scale
         out = np.empty_like(x)
-        for first in range(0, len(x), POINTS_AT_ONCE):
-            chunk = slice(first, first + POINTS_AT_ONCE)
+        for first in range(0, len(x), at_once):
+            chunk = slice(first, first + at_once)
             count = len(out[chunk])
             states[:count], signs[:count, 0] = x[chunk], sign[chunk]
             buffers.trigger()

@@ -103,7 +103,7 @@ class Transcription:
         self.elements = self.intervals + self.closed
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
-        self._joints = joint_map(cycle)
+        self.joints = joint_map(cycle)
         self.shift = np.array(cycle.shift) if cycle.shift else np.zeros(n)
         """(n,) the shift c of the closure."""
         self._system: NodeSystem | None = None
@@ -237,7 +237,7 @@ class Transcription:
         maps = np.empty((self.elements, n, n + 3))
         intervals = self._eliminated(u, nodes, T, setting)
         maps[self.interval_elements] = intervals.maps
-        joints = self._joints(
+        joints = self.joints(
             nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
         )
         flow_residual = nodes[self.closed_elements + 1] - joints.flow[:, 0]
@@ -280,7 +280,7 @@ class Transcription:
             f = at(X, self.signs[members], setting.p, setting.scale)
             ends = np.concatenate([X, next_node[:, None]], axis=1)
             yield ends - w[members, :1] - step[members, None, None] * (self.scheme.sums @ f)
-        joints = self._joints(
+        joints = self.joints(
             nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
         )
         yield nodes[self.closed_elements + 1] - joints.flow[:, 0]

@@ -131,6 +131,7 @@ class Monitor:
     tolerance : |value| at which the point counts as located.
     confirmed : (orbit) -> whether a located point is what it is called, and an orbit next to one may be.
     passed : (orbit, point, orbit, point) before and after -> whether multipliers say, too, that there is one between.
+    by_multipliers : whether the value is one of the orbit's multipliers.
     """
 
     kind: str
@@ -139,6 +140,7 @@ class Monitor:
     tolerance: float = 1e-9
     confirmed: Callable[[Orbit], bool] = lambda orbit: True
     passed: Callable[[Orbit, Point, Orbit, Point], bool] = lambda before, here, after, there: True
+    by_multipliers: bool = False
 
 
 def _fold_value(orbit: Orbit, point: Point) -> float:
@@ -152,10 +154,12 @@ FOLD = Monitor(
 SYMMETRY_BREAKING = Monitor(
     "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
     "symmetry breaking at {name} = {value:.10g}: the symmetric cycle hands its stability to a pair of lopsided ones",
+    by_multipliers=True,
 )  # fmt: skip
 SUPERSTABLE = Monitor(
     "superstable", lambda orbit, point: orbit.half_multiplier,
     "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
+    by_multipliers=True,
 )  # fmt: skip
 GRAZING = Monitor(
     "grazing", lambda orbit, point: float("nan"),

@@ -2,7 +2,8 @@
 
 Or, by natural continuation in the gain, from there to the fold, which then is the last point.
 
-A generator, so that every point can be written down as soon as it is known; `collect` gathers a Branch.
+A generator, so that points can be written down as they become known, some at once, since their multipliers are computed
+side by side; `collect` gathers a Branch.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from .. import effort
 from ..continuation.fold import next_fold
 from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint, crossings
 from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
+from ..orbits.side_by_side import know_multipliers
 from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST
@@ -26,6 +29,8 @@ from ..servo.servo import Servo
 
 DEFAULT_START = 0.0321
 """Gain at which the diagrams of the report start (its Routh-Hurwitz gain without friction)."""
+ORBITS_AHEAD = 8
+"""Orbits that are known before the first of them is given away: multipliers take half as long for eight at once."""
 DRAWING_STEP = 0.15
 """Largest arclength between points: the solver could take three times as much, the eye could not."""
 
@@ -107,10 +112,10 @@ def diagram(
     if over:
         return over
     bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
-    if natural:
-        steps = walk_naturally(before, **bounds)
-    else:
-        steps = walk(before, previous=begun[-2].orbit if len(begun) > 1 else None, **bounds)
+    previous = begun[-2].orbit if len(begun) > 1 else None
+    steps = walk_naturally(before, **bounds) if natural else walk(before, previous=previous, **bounds)
+    if any(monitor.by_multipliers for monitor in monitors):
+        steps = _some_ahead(steps)
     while True:
         try:
             after = next(steps)
@@ -121,6 +126,29 @@ def diagram(
         yield DiagramPoint(after, tuple(found), tuple(missed))
         before = after
     return (yield from _fold_behind(before, ended, options)) if natural else ended
+
+
+def _some_ahead(steps: Generator[HuntingOrbit, None, str]) -> Generator[HuntingOrbit, None, str]:
+    """The orbits of a walk that is some steps ahead, whose multipliers are computed side by side.
+
+    What ends it, an interrupt too, comes behind the orbits that were found before.
+    """
+    while True:
+        some: list[HuntingOrbit] = []
+        ended: str | BaseException | None = None
+        while ended is None and len(some) < ORBITS_AHEAD:
+            try:
+                some.append(next(steps))
+            except StopIteration as end:
+                ended = str(end.value)
+            except (NoOrbit, KeyboardInterrupt, effort.GivenUp) as error:
+                ended = error
+        know_multipliers(some)
+        yield from some
+        if isinstance(ended, BaseException):
+            raise ended
+        if ended is not None:
+            return ended
 
 
 def _fold_behind(before: HuntingOrbit, ended: str, options: Options) -> Generator[DiagramPoint, None, str]:

@@ -12,6 +12,7 @@ passage.py   where an expression turns or goes through zero inside a phase
 amplitude.py what is measured of a cycle, with the errors
 multiplier_mesh.py  the multipliers on meshes made for them
 orbit.py     Orbit and Arc: results as frozen numpy
+side_by_side.py the multipliers of many orbits
 restart.py   starting points for another phase sequence
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 marched_mesh.py  the mesh of a motion that is not yet the orbit

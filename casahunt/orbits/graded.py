@@ -28,7 +28,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .qr_chain import FACTORS_AT_ONCE, swept
+from .qr_chain import FACTORS_AT_ONCE, MANY_AT_ONCE, left_behind, swept
 
 Array = np.ndarray
 
@@ -98,38 +98,50 @@ def spectrum(
     if n == 0:
         return Spectrum(np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)))
     q = _first_frame(n) if frame is None else frame
-    previous = np.full(n, np.inf, dtype=complex)
+    previous: list[float] = []
     for _ in range(rounds):
         start = q
         q, steps, triangular, exponent = _round(chain, q)
-        turn = start.T @ q
+        turn, resolved = start.T @ q, False
         if wanted and not exponent:
             raw, resolved = _resolved(turn, triangular, wanted)
         else:
-            raw, resolved = np.linalg.eigvals(turn @ triangular), False
+            raw = _eigenvalues(turn, triangular)
         values = _cut(raw, exponent)
-        values = values[np.argsort(-np.abs(values), kind="stable")]
-        alive = np.abs(values) > SMALLEST_MULTIPLIER
-        change = np.abs(np.abs(values) - np.abs(previous))[alive] / np.abs(values[alive])
-        if resolved or not alive.any() or float(np.max(change)) < ROUND_TOLERANCE:
+        sizes = np.abs(values)
+        order = np.argsort(-sizes, kind="stable")
+        values, now = values[order], sizes[order].tolist()
+        if resolved or (previous and _same(now, previous)):
             break
-        previous = values
-    low = np.abs(values) < READ_OFF * np.abs(values[0])
-    if low.any():
+        previous = now
+    low = sizes[order] < READ_OFF * now[0]
+    if n > 2 and low.any():
         values = np.where(low, _cut(_of_blocks(turn, triangular), exponent), values)
     if noise is None:
         return Spectrum(values, np.zeros(n), 0.0, q)
-    r = np.concatenate(steps)
+    r = steps[0] if len(steps) == 1 else np.concatenate(steps)
     return Spectrum(values, _floor(r, noise), _uncertainty(r, noise, turn, triangular), q)
+
+
+def _same(sizes: list[float], previous: list[float]) -> bool:
+    """Whether moduli are those of the round before, but for those that are zero for every purpose."""
+    pairs = zip(sizes, previous, strict=True)
+    return all(abs(size - before) < ROUND_TOLERANCE * size for size, before in pairs if size > SMALLEST_MULTIPLIER)
 
 
 def _round(chain: Array, q: Array) -> tuple[Array, list[Array], Array, int]:
     """Once around the cycle: the frame behind, the triangular factors, and their product times 2^-exponent."""
     triangular, exponent, steps = np.eye(len(q)), 0, []
-    for e in range(0, len(chain), FACTORS_AT_ONCE):
-        q, some, triangular = swept(chain[e : e + FACTORS_AT_ONCE], q, triangular)
+    e, at_once = 0, MANY_AT_ONCE
+    while e < len(chain):
+        after, some, product = swept(chain[e : e + at_once], q, triangular)
+        size = float(np.abs(product).max())
+        if at_once > FACTORS_AT_ONCE and not size < LARGEST_MULTIPLIER**2:  # too many at once
+            at_once = FACTORS_AT_ONCE
+            continue
+        q, triangular = after, product
         steps.append(some)
-        size = float(np.abs(triangular).max())
+        e += len(some)
         if size > LARGEST_MULTIPLIER:  # by a power of two: no digit changes
             power = math.frexp(size)[1]
             triangular, exponent = np.ldexp(triangular, -power), exponent + power
@@ -156,6 +168,28 @@ def _cut(values: Array, exponent: int) -> Array:
     return direction * np.where(large, LARGEST_MULTIPLIER, np.exp(np.minimum(logs, math.log(LARGEST_MULTIPLIER))))
 
 
+def _eigenvalues(turn: Array, triangular: Array) -> Array:
+    """(n,) eigenvalues of turn @ triangular; of two, the smaller one by their product, of which it has all digits.
+
+    Half the distance of two, squared, is ((a - d) / 2)^2 + b c = ((a + d) / 2)^2 - det: the sum that cancels less.
+    """
+    whole = turn @ triangular
+    if len(whole) != 2:
+        return np.linalg.eigvals(whole)
+    (a, b), (c, d) = whole.tolist()
+    ((e, f), (g, h)), ((p, _), (_, r)) = turn.tolist(), triangular.tolist()
+    middle, apart, turned = (a + d) / 2, (a - d) / 2, e * h - f * g
+    product = turned * p * r
+    if apart * apart + abs(b * c) < middle * middle + abs(product):
+        squared = apart * apart + b * c
+    else:
+        squared = middle * middle - product
+    if squared < 0:
+        return np.array([complex(middle, math.sqrt(-squared)), complex(middle, -math.sqrt(-squared))])
+    large = middle + math.copysign(math.sqrt(squared), middle)
+    return np.array([large, turned * p * (r / large) if large else 0.0])
+
+
 def _resolved(turn: Array, triangular: Array, wanted: float) -> tuple[Array, bool]:
     """Eigenvalues (n,) of turn @ triangular, and whether rounding leaves those alone that are at least `wanted`.
 
@@ -169,8 +203,9 @@ def _resolved(turn: Array, triangular: Array, wanted: float) -> tuple[Array, boo
     except np.linalg.LinAlgError:
         return values, False
     moved = (((left @ np.abs(turn)) @ np.abs(triangular)) * np.abs(right).T).sum(axis=1)
-    lost = EPS * moved > ONE_ROUND * sizes
-    return values, not (lost & (sizes >= wanted)).any()
+    # One that rounding has made small may be one that is wanted: what moves it says so, not its size.
+    lost = EPS * moved > ONE_ROUND * np.maximum(sizes, wanted)
+    return values, not lost.any()
 
 
 def _of_blocks(turn: Array, triangular: Array) -> Array:
@@ -203,9 +238,11 @@ def _floor(steps: Array, noise: Array) -> Array:
 def _uncertainty(steps: Array, noise: Array, turn: Array, triangular: Array) -> float:
     """See `Spectrum`."""
     whole = turn @ triangular
-    rights = _carried(steps, whole)
     z = _leading_vector(whole.T) @ turn  # from the basis at the start to the one at the end
-    left = _behind(steps, z)
+    if np.isrealobj(z) or not z.imag.any():
+        left, rights = left_behind(steps, z.real), np.eye(len(whole))[:1]  # the frame's first direction
+    else:
+        left, rights = _left_behind(steps, z), _carried(steps, whole)
     carried = (left[:, None] @ steps)[:, 0]
     stretch = np.abs(np.sum(carried * rights, axis=1))
     if not stretch.all():
@@ -216,43 +253,30 @@ def _uncertainty(steps: Array, noise: Array, turn: Array, triangular: Array) -> 
     return total / (0.5 + math.sqrt(0.25 + total))
 
 
-def _behind(steps: Array, z: Array) -> Array:
-    """(E, n) the left eigenvector behind every factor, each to a scale of its own; z (n,) stands behind the last.
+def _left_behind(steps: Array, z: Array) -> Array:
+    """(E, n) the complex left eigenvector behind every factor, z behind the last, each to a scale of its own.
 
-    Some factors at a time: products from the ends of all chunks backwards, and z through whole chunks.
+    Of z = x + i y the frame's first two directions hold all that grows, and a real factor takes x and y apart.
     """
-    n, size = len(z), FACTORS_AT_ONCE
-    chunks = -(-len(steps) // size)
-    before = chunks * size - len(steps)
-    padded = np.concatenate([np.broadcast_to(np.eye(n), (before, n, n)), steps]).reshape(chunks, size, n, n)
-    product = np.broadcast_to(np.eye(n), (chunks, n, n))
-    products = np.empty_like(padded)
-    for k in range(size - 1, -1, -1):
-        products[:, k] = product
-        product = product @ padded[:, k]
-        largest = np.abs(product).max(axis=(1, 2), keepdims=True)
-        product = product / np.where(largest > 0, largest, 1.0)
-    found = np.empty((chunks, size, n), dtype=z.dtype)
-    for c in range(chunks - 1, -1, -1):
-        found[c] = z @ products[c]
-        z = z @ product[c]
-        z = z / (np.abs(z).max() or 1.0)
-    return found.reshape(-1, n)[before:]
+    left = []
+    for step in steps[::-1]:
+        left.append(z / (np.abs(z).max() or 1.0))
+        z = left[-1] @ step
+    return np.array(left[::-1])
 
 
 def _carried(steps: Array, whole: Array) -> Array:
-    """(E, n) the right eigenvector in front of every factor: the first direction of the frame, where that is real."""
-    v = _leading_vector(whole)
-    if np.isrealobj(v) or not v.imag.any():
-        return np.broadcast_to(np.eye(len(whole))[0], (len(steps), len(whole)))
-    rights = []
+    """(E, n) the complex right eigenvector in front of every factor, each to a scale of its own."""
+    v, rights = _leading_vector(whole), []
     for step in steps:
-        rights.append(v / np.abs(v).max())
+        rights.append(v / (np.abs(v).max() or 1.0))
         v = step @ rights[-1]
     return np.array(rights)
 
 
 def _leading_vector(matrix: Array) -> Array:
     """(n,) eigenvector of the eigenvalue of largest modulus."""
+    if len(matrix) == 1:
+        return np.ones(1)
     values, vectors = np.linalg.eig(matrix)
     return np.asarray(vectors[:, int(np.argmax(np.abs(values)))])

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -24,10 +25,11 @@ import numpy as np
 
 from ..collocation.interval import point_map
 from ..collocation.linearisation import Linearisation
+from ..collocation.side_by_side import Corrected
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import NoOrbit, Status
-from ..hybrid.system import Mode
+from ..hybrid.system import Cycle, Field, Mode
 
 Array = np.ndarray
 
@@ -103,19 +105,42 @@ def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Lineari
     MapChain, states scaled.
     """
     lin = lin or t.linearise(u, setting)
-    along = _flows(t, t.nodes_of(u), setting)
-    pieces = [
-        (lin.maps[start:end, :, 1 : t.n + 1], flows)
-        for start, end, flows in zip(t.phase_start, t.phase_end, along, strict=True)
-    ]
-    return _closed(pieces, _jumps(t, lin), lin.events[1 : t.n + 1], lin.closure)
+    return _chain(t.cycle, (t.phase_start, t.phase_end), t.nodes_of(u), setting, (lin.maps, lin.events, lin.closure))
 
 
-def _jumps(t: Transcription, lin: Linearisation) -> list[Array | None]:
+def parted_chain(solved: Corrected) -> MapChain:
+    """`collocation_chain` of a solution on the mesh of its parts.
+
+    Parameters
+    ----------
+    solved
+        the solution.
+
+    Returns
+    -------
+    MapChain, states scaled.
+    """
+    places, setting = (solved.phase_start, solved.phase_end), solved.member.setting.moved(solved.parameter)
+    return _chain(
+        solved.member.t.cycle, places, solved.nodes, setting, (solved.maps, solved.events, solved.closure)
+    )
+
+
+def _chain(
+    cycle: Cycle, places: tuple[Array, Array], nodes: Array, setting: Setting, linear: tuple[Array, Array, Array]
+) -> MapChain:
+    """The period map from maps, events and closure of a linearisation, the phases between the nodes `places`."""
+    maps, events, closure = linear
+    n, along = nodes.shape[1], _flows(cycle, places, nodes, setting)
+    pieces = [(maps[start:end, :, 1 : n + 1], flows) for start, end, flows in zip(*places, along, strict=True)]
+    return _closed(pieces, _jumps(cycle, places[1], maps), events[1 : n + 1], closure)
+
+
+def _jumps(cycle: Cycle, ends: Array, maps: Array) -> list[Array | None]:
     """DR (n, n) of the jump at the end of every phase, None where the state does not jump."""
     return [
-        None if phase.reset is None else lin.maps[end, :, 1 : t.n + 1]
-        for phase, end in zip(t.cycle.phases, t.phase_end, strict=True)
+        None if phase.reset is None else maps[end, :, 1 : maps.shape[1] + 1]
+        for phase, end in zip(cycle.phases, ends, strict=True)
     ]
 
 
@@ -143,7 +168,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
     """
     lin = t.linearise(u, setting)
     nodes, durations = t.nodes_of(u), t.durations_of(u)
-    starts, along = t.phase_start, _flows(t, nodes, setting)
+    starts, along = t.phase_start, _flows(t.cycle, (t.phase_start, t.phase_end), nodes, setting)
     pieces = []
     for k, phase in enumerate(t.cycle.phases):
         inside = slice(starts[k], t.phase_end[k])
@@ -164,7 +189,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
                 Status.NOT_CONVERGED,
             ) from error
         pieces.append((factors, flows))
-    return _closed(pieces, _jumps(t, lin), lin.events[1 : t.n + 1], lin.closure)
+    return _closed(pieces, _jumps(t.cycle, t.phase_end, lin.maps), lin.events[1 : t.n + 1], lin.closure)
 
 
 def _cuts(maps: Array) -> Array:
@@ -221,34 +246,32 @@ def _closed(
     pieces: Sequence[tuple[Any, Array]], jumps: list[Array | None], h_x: Array, closure: Array
 ) -> MapChain:
     """Join the factors of the phases with saltation matrices and the closure."""
-    starts = [along[0] for _, along in pieces]
-    follow = [*starts[1:], np.linalg.inv(closure) @ starts[0]]
+    starts, ends = (np.array([along[i] for _, along in pieces]) for i in (0, -1))
+    follow = np.concatenate([starts[1:], np.linalg.solve(closure, starts[0])[None]])
+    kinked = np.abs(follow - ends).max(axis=1) > 1e-9 * np.abs(ends).max(axis=1)
     factors: list[Array] = []
-    noise: list[Any] = []
-    flows: list[Any] = [starts[:1]]
-    elements: list[Array] = []
-    count = 0
+    flows: list[Array] = [starts[:1]]
+    saltations: list[int] = []
+    count, slants = 0, []
     for k, (maps, along) in enumerate(pieces):
-        maps = np.asarray(maps)
-        factors.append(maps)
-        noise.append(FACTOR_ROUNDING * np.abs(maps).max(axis=(1, 2)))
+        factors.append(np.asarray(maps))
         flows.append(along[1:])
-        elements.append(np.arange(count, count + len(maps)))
         count += len(maps)
-        before, after = along[-1], follow[k]
-        kinked = np.abs(after - before).max() > 1e-9 * np.abs(before).max()
-        if kinked or jumps[k] is not None:
-            jump = saltation(before, after, h_x[:, k], jumps[k])
-            factors.append(jump[None])
-            noise.append([_slant(before, h_x[:, k]) * float(np.abs(jump).max())])
-            flows.append(after[None])
+        if kinked[k] or jumps[k] is not None:
+            factors.append(saltation(ends[k], follow[k], h_x[:, k], jumps[k])[None])
+            flows.append(follow[k : k + 1])
+            saltations.append(count)
+            slants.append(_slant(ends[k], h_x[:, k]))
             count += 1
-    last = flows[-1][-1]
+    chain = np.concatenate([*factors, closure[None]])
+    noise = np.abs(chain).max(axis=(1, 2))
+    noise[saltations] *= slants
+    is_element = np.ones(count, dtype=bool)
+    is_element[saltations] = False
+    noise[:count][is_element] *= FACTOR_ROUNDING
+    noise[-1] = FACTOR_ROUNDING
     return MapChain(
-        np.concatenate([*factors, closure[None]]),
-        np.concatenate([*flows, (closure @ last)[None]]),
-        np.concatenate([*noise, [FACTOR_ROUNDING]]),
-        np.concatenate(elements),
+        chain, np.concatenate([*flows, (closure @ flows[-1][-1])[None]]), noise, np.flatnonzero(is_element)
     )
 
 
@@ -259,14 +282,27 @@ def _slant(f: Array, h_x: Array) -> float:
     return along / through if through > 0 else math.inf
 
 
-def _flows(t: Transcription, nodes: Array, setting: Setting) -> list[Array]:
-    """Scaled fields (count + 1, n) of every phase at its nodes (E + 1, n)."""
-    modes = [phase.mode for phase in t.cycle.phases]
-    sizes = t.phase_end - t.phase_start + 1
-    x = nodes[np.concatenate([np.arange(a, b + 1) for a, b in zip(t.phase_start, t.phase_end, strict=True)])]
-    signs = np.repeat([float(mode.sign) for mode in modes], sizes)
-    found = np.empty_like(x)
-    for field_ in {mode.field: None for mode in modes}:
-        chosen = np.repeat([mode.field == field_ for mode in modes], sizes)
-        found[chosen] = point_map(field_, t.n, setting.p.size)(x[chosen], signs[chosen], setting.p, setting.scale)
-    return np.split(found, np.cumsum(sizes)[:-1])
+def _flows(cycle: Cycle, places: tuple[Array, Array], nodes: Array, setting: Setting) -> list[Array]:
+    """Scaled fields (count + 1, n) of every phase at its nodes (E + 1, n), those between the two `places`."""
+    (first, last), (fields, place, mode_signs) = places, _fields(cycle)
+    sizes = last - first + 1
+    behind = np.cumsum(sizes)
+    x = nodes[np.arange(behind[-1]) + np.repeat(first - behind + sizes, sizes)]
+    signs = np.repeat(mode_signs, sizes)
+    if len(fields) == 1:
+        found = point_map(fields[0], x.shape[1], setting.p.size)(x, signs, setting.p, setting.scale)
+    else:
+        found, of = np.empty_like(x), np.repeat(place, sizes)
+        for i, field_ in enumerate(fields):
+            at = point_map(field_, x.shape[1], setting.p.size)
+            found[of == i] = at(x[of == i], signs[of == i], setting.p, setting.scale)
+    return [found[end - size : end] for end, size in zip(behind.tolist(), sizes.tolist(), strict=True)]
+
+
+@lru_cache(maxsize=16)
+def _fields(cycle: Cycle) -> tuple[tuple[Field, ...], Array, Array]:
+    """The vector fields of a cycle, and of every phase (P,) which one and the sign of its mode."""
+    modes = [phase.mode for phase in cycle.phases]
+    fields = tuple({mode.field: None for mode in modes})
+    signs = np.array([float(mode.sign) for mode in modes])
+    return fields, np.array([fields.index(mode.field) for mode in modes]), signs

@@ -14,6 +14,7 @@ Symbols: n states, N intervals.
 
 from __future__ import annotations
 
+from collections.abc import Generator, Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,10 +23,11 @@ from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import divided
 from ..collocation.newton import Solver
 from ..collocation.parted_system import PartedTranscription
+from ..collocation.side_by_side import Corrected, Member, corrected
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
-from .map_chain import MapChain, collocation_chain
+from .map_chain import MapChain, collocation_chain, parted_chain
 
 Array = np.ndarray
 Place = tuple[Transcription, Array, Setting]
@@ -52,8 +54,25 @@ NO_STEP = 1e-11
 class _Solved:
     """The orbit on a mesh, and the factors of its linearised map there."""
 
-    place: Place
+    at: Place | Corrected
     chain: MapChain
+
+    @property
+    def place(self) -> Place:
+        """The orbit: transcription, unknowns, setting."""
+        return self.at.place() if isinstance(self.at, Corrected) else self.at
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """The orbit is to be solved with every interval of a mesh in some parts; weights as of `_fold_border`."""
+
+    place: Place
+    parts: Array
+    weights: Array | None
+
+
+Found = tuple[floquet.Multipliers, _Solved]
 
 
 def refined_multipliers(
@@ -77,6 +96,48 @@ def refined_multipliers(
     -------
     Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
     """
+    ((found, solved),) = _of_many([(t, u, setting, lin)], solver)
+    return found, solved.place
+
+
+def multipliers_of_many(
+    orbits: Sequence[tuple[Transcription, Array, Setting, Linearisation | None]], solver: Solver = "newton"
+) -> list[floquet.Multipliers]:
+    """Those of many orbits, each on a mesh of its own, solved side by side.
+
+    Parameters
+    ----------
+    orbits, solver
+        transcription, unknowns, setting, linearisation of each, and the solver, as in `refined_multipliers`.
+
+    Returns
+    -------
+    As many, the same but for rounding as one by one.
+    """
+    return [found for found, _ in _of_many(orbits, solver)]
+
+
+def _of_many(
+    orbits: Sequence[tuple[Transcription, Array, Setting, Linearisation | None]], solver: Solver
+) -> list[Found]:
+    """Every orbit asks for meshes until it is content; what they ask for in a round is solved side by side."""
+    asking = {k: _refining(*orbit) for k, orbit in enumerate(orbits)}
+    requests, found = {k: next(one) for k, one in asking.items()}, {}
+    while requests:
+        answers = _solved_side_by_side(list(requests.values()), solver)
+        for k, answer in zip(list(requests), answers, strict=True):
+            try:
+                requests[k] = asking[k].send(answer)
+            except StopIteration as end:
+                found[k] = end.value
+                del requests[k]
+    return [found[k] for k in range(len(orbits))]
+
+
+def _refining(
+    t: Transcription, u: Array, setting: Setting, lin: Linearisation | None
+) -> Generator[_Request, _Solved | None, Found]:
+    """`refined_multipliers` of one orbit, to whom it is told what its meshes show."""
     start: Place = (t, u, setting)
     if lin is None:
         lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
@@ -86,21 +147,21 @@ def refined_multipliers(
     parts = np.maximum(_parts(own), 2)
     halves = (parts + 1) // 2
     best: floquet.Multipliers | None = None
-    last, place = own, start
+    last = place = own
     for k in range(1 + MORE_MESHES):
-        solved = _solved(last.place, parts, weights, solver)
+        solved = yield _Request(last.place, parts, weights)
         if solved is None:
             break
         last = solved
         fresh = floquet.chain_multipliers(solved.chain, t.cycle.repeats, frame)
         frame = fresh.frame
         if k == 0 and not _settled(fresh, coarse) and halves.max(initial=1) > 1:
-            between = _solved(start, halves, weights, solver)
+            between = yield _Request(start, halves, weights)
             coarse = coarse if between is None else floquet.rough_multipliers(between.chain, frame)[0]
         found, settled = floquet.compared(fresh, coarse), _settled(fresh, coarse)
         better = best is None or found.trivial_error < best.trivial_error or best.error >= floquet.TRUSTED
         if best is None or better or abs(found.leading) >= LARGE_MULTIPLIER:
-            best, place = found, solved.place
+            best, place = found, solved
         if best.trivial_error < HEALTHY and best.error < floquet.TRUSTED and settled:
             break
         if settled:
@@ -112,6 +173,32 @@ def refined_multipliers(
         finer = collocation_chain(*_cut(start, np.full(t.intervals, 2)))
         best = floquet.compared(best, floquet.rough_multipliers(finer, best.frame)[0], share=1.0)
     return best, place
+
+
+def _solved_side_by_side(requests: Sequence[_Request], solver: Solver) -> list[_Solved | None]:
+    """What is asked for; what Newton's method does not find side by side, one by one."""
+    answers: list[_Solved | None] = [None] * len(requests)
+    alike: dict[Hashable, list[int]] = {}
+    for k, (t, _, _) in enumerate(request.place for request in requests if solver == "newton"):
+        alike.setdefault((t.cycle, t.degree, t.kind), []).append(k)
+    for members in alike.values():
+        found = corrected([_member(requests[k]) for k in members], NO_STEP)
+        for k, one in zip(members, found, strict=True):
+            answers[k] = None if one is None else _Solved(one, parted_chain(one))
+    for k, request in enumerate(requests):
+        answers[k] = answers[k] or _solved(request.place, request.parts, request.weights, solver)
+    return answers
+
+
+def _member(request: _Request) -> Member:
+    """What is asked for, to be solved with others."""
+    t, u, setting = request.place
+    return Member(t, u, setting, request.parts, _border(t, request.weights))
+
+
+def _border(t: Transcription, weights: Array | None) -> Array:
+    """The border row of the node system: lambda fixed, or the weights of `_fold_border`."""
+    return t.system.border(parameter=1.0) if weights is None else t.system.border(nodes=weights, parameter=0.0)
 
 
 def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
@@ -149,8 +236,9 @@ def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -
     """
     for whole in (False, True):
         t, u, setting = _cut(place, parts, whole=whole)
-        border = None if weights is None else t.system.border(nodes=weights, parameter=0.0)
-        solution = solve(t, u, setting, solver=solver, border=border, accuracy=NO_STEP)
+        solution = solve(
+            t, u, setting, solver=solver, border=None if weights is None else _border(t, weights), accuracy=NO_STEP
+        )
         if solution.status.ok:
             u, setting = solution.u, setting.moved(solution.parameter)
             return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
@@ -163,7 +251,9 @@ def _fold_border(t: Transcription, lin: Linearisation) -> Array | None:
     There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
     error of the coarser one.
     """
-    _, y = lin.tangent(t.system.border(parameter=1.0))
+    rhs = np.zeros(t.system.size)
+    rhs[-1] = 1.0
+    y = t.system.solve(lin.matrix(t.system.border(parameter=1.0)), rhs)  # as `lin.tangent`
     length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
     if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
         return None

@@ -29,7 +29,7 @@ from ..hybrid.system import Cycle, Signature
 from ..results import Result
 from . import floquet, map_chain
 from .extrema import Extrema, extrema
-from .multiplier_mesh import refined_multipliers
+from .multiplier_mesh import multipliers_of_many, refined_multipliers
 from .observables import scalar_of
 
 Array = np.ndarray
@@ -144,10 +144,8 @@ class Orbit(Result):
     @cached_property
     def multipliers(self) -> floquet.Multipliers:
         """Floquet multipliers, computed at the first reading on a mesh that is made for them."""
-        if not self.problem.names:
-            return refined_multipliers(*unknowns_of(self), solver=self.solver)[0]
-        t, u, setting, lin = linearised(self, self.problem.principal)
-        return refined_multipliers(t, u, setting, solver=self.solver, lin=lin)[0]
+        place = linearised(self, self.problem.principal) if self.problem.names else (*unknowns_of(self), None)
+        return multipliers_of_many([place], self.solver)[0]
 
     @cached_property
     def integrator_multipliers(self) -> floquet.Multipliers:
@@ -287,7 +285,8 @@ def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:
 def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, Linearisation]:
     """What `unknowns_of` says of an orbit, and the equations linearised there.
 
-    Who follows a branch asks twice for every orbit, on the way there and on the way on, and its multipliers once more.
+    Who follows a branch asks twice for every orbit, on the way there and on the way on, and its multipliers once more,
+    some orbits later where they are computed for several at once (side_by_side.py).
 
     Parameters
     ----------
@@ -303,7 +302,7 @@ def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, 
     return found
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=12)
 def _linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, Linearisation]:
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=orbit.problem.direction(vary) * orbit.problem.unit(vary))

@@ -22,8 +22,8 @@ from ..compiled import Caller, caller, kept
 
 Array = np.ndarray
 
-FACTORS_AT_ONCE = 12
-"""Factors of one call; the product may grow by 1e150 meanwhile."""
+FACTORS_AT_ONCE, MANY_AT_ONCE = 12, 48
+"""Factors of one call; the product may grow by 1e150 during the fewer ones."""
 LARGEST_COMPILED = 8
 """Directions beyond which the compiled expressions would be longer than they are worth."""
 
@@ -34,7 +34,7 @@ def swept(factors: Array, q: Array, triangular: Array) -> tuple[Array, Array, Ar
     Parameters
     ----------
     factors
-        (k, n, n), k <= FACTORS_AT_ONCE.
+        (k, n, n), k <= MANY_AT_ONCE.
     q, triangular
         (n, n) orthonormal frame in front of them, and the product so far.
 
@@ -50,7 +50,7 @@ def swept(factors: Array, q: Array, triangular: Array) -> tuple[Array, Array, Ar
             triangular = steps[k] @ triangular
         return q, steps, triangular
     count = len(factors)
-    buffers = _sweep(n).buffers
+    buffers = _sweep(n, _calls_of(count)).buffers
     # What stands in the places of the factors that are too few comes after all that is read.
     buffers.inputs[0][:], buffers.inputs[1][:], buffers.inputs[2][:count] = q, triangular, factors
     buffers.trigger()
@@ -59,14 +59,63 @@ def swept(factors: Array, q: Array, triangular: Array) -> tuple[Array, Array, Ar
 
 
 @kept(maxsize=16)
-def _sweep(n: int) -> Caller:
-    """`swept` for `FACTORS_AT_ONCE`, compiled."""
-    count = FACTORS_AT_ONCE
+def _sweep(n: int, count: int) -> Caller:
+    """`swept` for so many factors, compiled."""
     A, q, T = ca.SX.sym("A", n, n), ca.SX.sym("q", n, n), ca.SX.sym("T", n, n)
     after, r = _givens(ca.mtimes(A.T, q.T))  # numpy's order of axes is the reverse of CasADi's
     one = ca.Function("factor", [q, T, A], [ca.densify(x.T) for x in (after, ca.mtimes(r, T.T), r)])
     function = one.mapaccum("sweep", count, 2)
     return caller(function, [(n, n), (n, n), (count, n, n)], [(count, n, n)] * 3)
+
+
+def _calls_of(count: int) -> int:
+    """The compiled length for some factors."""
+    return next(length for length in (FACTORS_AT_ONCE, 2 * FACTORS_AT_ONCE, MANY_AT_ONCE) if length >= count)
+
+
+def left_behind(steps: Array, z: Array) -> Array:
+    """A row vector carried backwards through a chain, z_e = z_{e+1} R_{e+1}, each to a scale of its own.
+
+    Parameters
+    ----------
+    steps
+        (E, n, n) the R.
+    z
+        (n,) real, behind the last.
+
+    Returns
+    -------
+    (E, n) the z behind every R.
+    """
+    E, n = len(steps), len(z)
+    found = np.empty((E, n))
+    if n > LARGEST_COMPILED:
+        for e in range(E - 1, -1, -1):
+            found[e] = z
+            z = z @ steps[e]
+            z = z / (np.abs(z).max() or 1.0)
+        return found
+    end = E
+    while end > 0:
+        count = min(end, MANY_AT_ONCE)
+        buffers = _backwards(n, _calls_of(count)).buffers
+        buffers.inputs[0][:], buffers.inputs[1][:count] = z, steps[end - count : end][::-1]
+        buffers.trigger()
+        carried = buffers.outputs[0]
+        found[end - 1], found[end - count : end - 1] = z, carried[: count - 1][::-1]
+        z = carried[count - 1].copy()
+        end -= count
+    return found
+
+
+@kept(maxsize=16)
+def _backwards(n: int, count: int) -> Caller:
+    """`left_behind` for so many factors in reverse order, compiled."""
+    z, A = ca.SX.sym("z", n), ca.SX.sym("A", n, n)
+    through = ca.mtimes(A, z)  # numpy's order of axes is the reverse of CasADi's
+    size = ca.mmax(ca.fabs(through))
+    one = ca.Function("factor", [z, A], [through / ca.if_else(size > 0, size, 1)])
+    return caller(one.mapaccum("backwards", count), [n, (count, n, n)], [(count, n)])
 
 
 def _givens(m: Any) -> tuple[Any, Any]:

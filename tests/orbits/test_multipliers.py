@@ -20,7 +20,7 @@ from casahunt.collocation.scheme import scheme
 from casahunt.continuation.walk import walk
 from casahunt.hybrid.language import Event, Mode, System
 from casahunt.orbits import Options, Orbit, find_cycle, floquet, map_chain, multiplier_mesh
-from casahunt.orbits.graded import spectrum
+from casahunt.orbits.graded import _eigenvalues, _resolved, spectrum
 from casahunt.orbits.multiplier_mesh import refined_multipliers
 from casahunt.orbits.orbit import unknowns_of
 
@@ -281,7 +281,7 @@ def test_uncertainty_is_that_of_the_factors(slant):
     assert found.uncertainty / 100 < max(moved) < found.uncertainty
 
 
-@pytest.mark.parametrize("large", [1.0, 1e6, 1e10])
+@pytest.mark.parametrize("large", [1.0, 1e6, 1e10, 1e29])
 def test_one_round_where_rounding_leaves_what_is_wanted(large):
     """From a frame that is right by a thousandth, 1 is lost below 1e10 in one round, and not below 1e6."""
     rng = np.random.default_rng(7)
@@ -292,6 +292,41 @@ def test_one_round_where_rounding_leaves_what_is_wanted(large):
     frame = np.linalg.qr(turns[0] + 1e-3 * rng.standard_normal((3, 3)))[0]
     found = np.sort(np.abs(spectrum(factors, frame=frame, wanted=0.5).values))[::-1]
     assert found[:2] == pytest.approx([max(large, 1.0), 1.0], rel=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_that_rounding_has_made_small_is_not_resolved(seed):
+    """Beside 1e29 the solver sees 0 for 1, in some frames that rounding has turned by a little."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(np.eye(3) + 1e-15 * rng.standard_normal((3, 3)))[0]
+    triangular = np.triu(rng.standard_normal((3, 3))) * np.array([[1e29], [1.0], [0.0]])
+    assert not _resolved(turn, triangular, 0.5)[1]
+
+
+@pytest.mark.parametrize("count", [40, 400])
+def test_growth_that_no_number_holds(count):
+    """1e10 in every factor: a few of them at once, and what the product has grown by kept as a power of two."""
+    rng = np.random.default_rng(9)
+    turns = [np.linalg.qr(rng.standard_normal((2, 2)))[0] for _ in range(count)]
+    turns.append(turns[0])
+    factors = [b @ np.diag([1e10, 1e-10]) @ a.T for a, b in zip(turns, turns[1:], strict=False)]
+    found = spectrum(factors, np.full(count, 1e-20))
+    assert abs(found.values[0]) == pytest.approx(1e150, rel=1e-9) and np.isfinite(found.uncertainty)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[2.0, 1e-9], [1e-9, 2.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.5, -2.0], [2.0, 0.5]], [[3.0, 1e8], [0.0, 1e-8]],
+        [[0.0, 0.0], [0.0, 0.0]], [[1e-150, 0.0], [0.0, 1e150]],
+    ],
+)  # fmt: skip
+def test_eigenvalues_of_two(matrix):
+    turn, triangular = np.linalg.qr(np.array(matrix))
+    found = _eigenvalues(turn, triangular)
+    expected = np.linalg.eigvals(np.array(matrix)).astype(complex)
+    for value in expected:
+        assert np.min(np.abs(found - value)) <= 1e-13 * abs(value)
 
 
 def test_two_that_merge_near_zero():

@@ -1,4 +1,4 @@
-"""casahunt diagram: both branches, the fold, pictures and files; every point is on disk before the next begins."""
+"""casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin."""
 
 from __future__ import annotations
 
