@@ -22,7 +22,7 @@ from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
-from ..orbits.adapt import curve_border
+from ..orbits.border import curve_border
 from ..orbits.orbit import Orbit, Solved, linearised
 
 Array = np.ndarray

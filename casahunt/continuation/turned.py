@@ -23,8 +23,9 @@ from ..collocation.mesh import quartered_where
 from ..collocation.remesh import better_breaks
 from ..errors import Status
 from ..hybrid.problem import Problem
-from ..orbits.adapt import LEFT_OUT, MAX_INTERVALS, Options, curve_border, on_breaks, presentable
+from ..orbits.adapt import LEFT_OUT, MAX_INTERVALS, Options, on_breaks, presentable
 from ..orbits.amplitude import estimated
+from ..orbits.border import curve_border
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of
 from ..orbits.restart import Start
 from .curve import Point, along, backwards, bend, ends, predict, seen_from

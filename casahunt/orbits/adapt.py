@@ -30,6 +30,7 @@ from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from .amplitude import estimated, measured
+from .border import curve_border, with_other_phases
 from .orbit import AnyOrbit, Solved, orbit_of, unknowns_of
 from .restart import Start
 
@@ -133,18 +134,26 @@ def solve_adaptively(
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
         raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
     task, spent = _Task(problem, options, border, soft), _Spent()
+    found = _adapted(task, _corrected(task, start, solver, 0.0), spent)
+    while found.status.ok and spent.barely >= 0 and (other := _parted(task, found, spent)) is not None:
+        found = other
+    return found
+
+
+def _adapted(task: _Task, root: _Root, spent: _Spent) -> Solved:
+    """The loop."""
     accepted: Solved | None = None
-    root = _corrected(task, start, solver, 0.0)
     for _ in range(MAX_ROUNDS):
         spent.iterations += root.solution.iterations
         if not root.solution.status.ok:
             return accepted or root.ended(root.solution.status, spent)
         verdict = judge(root.t, root.solution.u, root.moved)
+        spent.barely = verdict.barely
         if verdict.violated:
             following = _next_sequence(task, root, verdict, spent)
             if following is None:
                 return root.ended(Status.INADMISSIBLE, spent, verdict.violated)
-            root, accepted = following, None
+            (task, root), accepted = following, None
             continue
         accepted = _estimated(task, root, verdict, spent)
         if accepted.status is not Status.TOLERANCE_NOT_REACHED:
@@ -168,12 +177,16 @@ class _Task:
 
 @dataclass
 class _Spent:
-    """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march."""
+    """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march.
+
+    And which phase of its last root passes an event by less than counts (Verdict.barely).
+    """
 
     iterations: int = 0
     sequences: int = 0
     changes: int = 0
     marched: bool = False
+    barely: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,14 +207,31 @@ class _Root:
         return Solved(self.t, self.solution, self.setting, None, status, spent.iterations, note)
 
 
-def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> _Root | None:
-    """A root with other phases, where one of these has stopped being a motion."""
+def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tuple[_Task, _Root] | None:
+    """A root with other phases, where one of these has stopped being a motion, and what it is a root of."""
     spent.sequences += 1
     if spent.sequences > MAX_SEQUENCES:
         return None
     spent.changes = 0
     starts = task.problem.next_sequence(root.t, root.solution.u, root.moved, verdict.phase, soft=task.soft)
     return _first_converging(task, starts, root)
+
+
+def _parted(task: _Task, known: Solved, spent: _Spent) -> Solved | None:
+    """A solution that passes an event by little, with boundaries there, where there is such a one.
+
+    By less than counts, so that a touch is not taken for another motion.  But a motion that has passed the event goes
+    on in the other mode, and differs from this one by more and more; on a branch the first step that is too far would
+    find nothing to go on with.
+    """
+    spent.sequences += 1
+    root = _Root(known.t, known.setting, known.solution)
+    start = task.problem.parted(known.t, known.solution.u, root.moved, spent.barely)
+    if start is None or spent.sequences > MAX_SEQUENCES:
+        return None
+    parted = _first_converging(task, [start], root)
+    found = None if parted is None else _adapted(*parted, spent)
+    return found if found is not None and found.status.ok else None
 
 
 def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Solved:
@@ -297,26 +327,6 @@ def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     return _corrected(task, start, "newton", known.solution.parameter)
 
 
-def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
-    """The border row of the node system with weights on the first node, on ln T_1 and on lambda.
-
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-    weights
-        (n + 2,), see continuation/curve.py.
-
-    Returns
-    -------
-    Border row (NodeSystem.border).
-    """
-    nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
-    nodes[0] = weights[: t.n]
-    durations[0] = weights[t.n] / t.durations_of(u)[0]
-    return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
-
-
 def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _Root:
     """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
     if task.options.solver != "auto" or task.border is not None:
@@ -341,12 +351,16 @@ def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
     return _Root(t, setting, found)
 
 
-def _first_converging(task: _Task, starts: list[Start], known: _Root) -> _Root | None:
-    """The first of several starting points from which the solver converges."""
+def _first_converging(task: _Task, starts: list[Start], known: _Root) -> tuple[_Task, _Root] | None:
+    """The root from the first of several starting points from which the solver converges, and the task for them."""
+    first = float(known.t.durations_of(known.solution.u)[0])
     for t, u, moved in starts:
-        root = _solved_alone(task, (t, u, replace(moved, p=known.setting.p)), known.solution.parameter)
+        there = task
+        if task.border is not None:
+            there = replace(task, border=with_other_phases(task.border, first, float(t.durations_of(u)[0])))
+        root = _solved_alone(there, (t, u, replace(moved, p=known.setting.p)), known.solution.parameter)
         if root.solution.status.ok:
-            return root
+            return there, root
     return None
 
 
