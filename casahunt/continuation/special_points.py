@@ -45,7 +45,7 @@ from .curve import (
     secant,
     seen_from,
 )
-from .vanishing import touched
+from .vanishing import AS_FAR, touched
 from .walk import step_along
 
 Array = np.ndarray
@@ -364,13 +364,18 @@ def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: O
     """The orbit at which the phases change from those of `before` to those of `after`.
 
     It is the cycle at which a phase of the longer sequence has vanished, or the last one found with the phase sequence
-    of `before`.
+    of `before`.  The touch need not lie between the two: the branch may turn there, and the cycle without the phase may
+    go on beyond by what a mode puts up with.
     """
     if before.signature == after.signature:
         return None
-    touch = touched(after if len(after.arcs) > len(before.arcs) else before, vary, options)
-    if touch is not None and min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0:
-        return touch
+    fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
+    touch = touched(more, vary, options)
+    if touch is not None:
+        between = min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0
+        off, step = (abs(parameter_value(orbit, vary) - parameter_value(fewer, vary)) for orbit in (touch, more))
+        if between or touch.signature == fewer.signature and off <= AS_FAR * step:
+            return touch
     start = curve_point(before, vary, like=secant(before, after, vary))
     found = before
 

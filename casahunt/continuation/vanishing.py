@@ -15,10 +15,11 @@ from typing import cast
 
 import numpy as np
 
+from ..collocation.mesh import halved, phase_breaks
 from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
-from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.adapt import Options, on_breaks, solve_adaptively
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along, parameter_value
@@ -29,6 +30,8 @@ SHRINKS_TO, SLOWEST = 0.25, 0.95
 """Part of its duration that is left of the phase in one step; where the step fails, its root, which is at most this."""
 VANISHED_PART = 1e-7
 """Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
+MOST_HALVINGS = 3
+"""How often a mesh is halved for the touch."""
 SOON = 0.7
 """A phase that has shrunk to this part from one orbit to the next vanishes, by a square root, within as long a way."""
 AS_FAR = 3.0
@@ -82,7 +85,7 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     end = _shrunk(t, u, setting, k, 1e-3 * options.tol)
     if end is None:
         return None
-    u, lam = end
+    t, u, setting, lam = _on_fine_mesh((t, end[0], setting), end[1], k, options.tol)
     there = problem.with_value(vary, problem.moved(vary, lam))
     fewer = there.vanishing(t, u, setting.moved(lam))
     if fewer is None or fewer[0] != k:
@@ -106,6 +109,24 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: floa
         elif (part := float(np.sqrt(part))) > SLOWEST:
             return None
     return u, lam
+
+
+def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float]:
+    """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle."""
+    t, u, setting = start
+    for _ in range(MOST_HALVINGS):
+        finer, v, there = on_breaks((t, u, setting), halved(phase_breaks(t, setting.fractions)))
+        durations = np.zeros(t.phases)
+        durations[k] = 1.0 / t.durations_of(u)[k]
+        row = t.system.border(durations=durations)
+        solution = newton(finer, v, there, border=row, parameter=lam, accuracy=1e-3 * tol)
+        if not solution.status.ok:
+            break
+        off = abs(solution.parameter - lam)
+        t, u, setting, lam = finer, solution.u, there, solution.parameter
+        if off <= tol:
+            break
+    return t, u, setting, lam
 
 
 def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> tuple[AnyOrbit, AnyOrbit] | None:

@@ -49,6 +49,7 @@ SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a 
 EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
 LEAST_COSINE, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
+LANDED = 1e-12  # of a unit of the parameter, from a bound of its range
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
 CAUTION, RECOVERY = 0.7, 1.25
@@ -114,6 +115,8 @@ def walk(
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     like = heading if previous is None or heading is not None else secant(previous, start, vary)
     point = curve_point(start, vary, like=like, sense=sense)
+    if not low <= start.problem.moved(vary, LANDED * float(np.sign(point.row[-1]))) <= high:
+        return _reached(start, vary)
     largest_step = largest_step or start.problem.largest_step
     ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
@@ -128,7 +131,7 @@ def walk(
         orbit, following, iterations = outcome
         yield orbit
         if following is None:
-            return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
+            return _reached(orbit, vary)
         back = seen_from(following, orbit, vary, parameter_value(last, vary))
         following = replace(following, bend=bend(point, following, back))
         angle = float(np.arccos(np.clip(cosine(point, following), -1, 1)))
@@ -137,6 +140,10 @@ def walk(
         ceiling = min(RECOVERY * ceiling, largest_step)
         point, last = following, orbit
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+
+
+def _reached(orbit: Orbit, vary: str) -> str:
+    return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
 
 
 def _varied(start: Orbit, vary: str | None) -> str:
@@ -209,7 +216,7 @@ def step_along(
     value = bound if reached else moved(vary, lam, solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
-    slack = 1e-12 * abs(last.problem.unit(vary))
+    slack = LANDED * abs(last.problem.unit(vary))
     if not low - slack <= value <= high + slack:
         return "the corrector left the range"
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
