@@ -4,6 +4,7 @@
 
 curve.py            the curve of a branch: its points, tangent and predictor
 walk.py             by pseudo-arclength or by natural continuation
+phase_change.py     where between two orbits the phases change
 vanishing.py        where a phase shrinks to nothing
 special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
 bifurcations.py     flips, losses of symmetry and tori, by the multipliers

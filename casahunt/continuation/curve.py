@@ -27,6 +27,7 @@ from ..orbits.orbit import Orbit, Solved, linearised
 
 Array = np.ndarray
 
+TINY = 1e-300
 STRAIGHT = 0.5
 """Cosine between successive tangents below which the last point says little about the next."""
 
@@ -107,7 +108,7 @@ def in_units_of(row: Array, scale: Array, other: Array) -> Array:
 
 
 def cosine(before: Point, after: Point) -> float:
-    """The angle between the tangents at two points.
+    """The angle between the tangents at two points; without ln T_1 where the phases are not the same, as in `secant`.
 
     Parameters
     ----------
@@ -118,8 +119,10 @@ def cosine(before: Point, after: Point) -> float:
     -------
     Its cosine.
     """
-    carried = in_units_of(before.row, before.setting.scale, after.setting.scale)
-    return float(carried @ after.row / np.linalg.norm(carried))
+    carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row.copy()
+    if before.t.cycle != after.t.cycle:
+        carried[-2] = row[-2] = 0.0
+    return float(carried @ row / max(np.linalg.norm(carried) * np.linalg.norm(row), TINY))
 
 
 def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:

@@ -11,7 +11,7 @@ true corrections, down to rounding of the function or to the precision that it c
     grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
 
 Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
-itself is bisected in arclength, to `GRAZING_WIDTH`.  Some cycles get and lose weak reversals of a ring-down many
+itself is bisected in arclength, to `phase_change.WIDTH`.  Some cycles get and lose weak reversals of a ring-down many
 times along a branch: grazing is located on request only.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
@@ -29,7 +29,7 @@ import numpy as np
 
 from ..checks import to_error
 from ..errors import NoOrbit
-from ..hybrid.roots import CLOSED, Bracket, Search, boundary
+from ..hybrid.roots import CLOSED, Bracket, Search
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
@@ -45,7 +45,7 @@ from .curve import (
     secant,
     seen_from,
 )
-from .vanishing import AS_FAR, touched
+from .phase_change import change_of_phases
 from .walk import step_along
 
 Array = np.ndarray
@@ -162,7 +162,6 @@ GRAZING = Monitor(
     "grazing at {name} = {value:.8g}: a phase of the cycle shrinks to nothing or is born",
 )  # fmt: skip
 STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
-GRAZING_WIDTH = 1e-7
 
 
 def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
@@ -216,7 +215,7 @@ def crossings(
     end: Point | None = None
     for monitor in monitors:
         if monitor is GRAZING:
-            grazing = _change_of_sequence(before, after, vary, options)
+            grazing = change_of_phases(before, after, vary, options)
             if grazing is not None:
                 found.append(special_point(monitor, grazing, vary))
             continue
@@ -358,43 +357,6 @@ def _turning_point(slope: float, cubic: Array) -> float:
     roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
     real = roots.real[abs(roots.imag) <= 1e-9 * abs(roots)]
     return float(real[np.argmin(abs(real))]) if real.size else float("nan")
-
-
-def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The orbit at which the phases change from those of `before` to those of `after`.
-
-    It is the cycle at which a phase of the longer sequence has vanished, or the last one found with the phase sequence
-    of `before`.  The touch need not lie between the two: the branch may turn there, and the cycle without the phase may
-    go on beyond by what a mode puts up with.
-    """
-    if before.signature == after.signature:
-        return None
-    fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
-    touch = touched(more, vary, options)
-    if touch is not None:
-        between = min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0
-        off, step = (abs(parameter_value(orbit, vary) - parameter_value(fewer, vary)) for orbit in (touch, more))
-        if between or touch.signature == fewer.signature and off <= AS_FAR * step:
-            return touch
-    start = curve_point(before, vary, like=secant(before, after, vary))
-    found = before
-
-    def beyond(ds: float) -> bool:
-        nonlocal found
-        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
-        if isinstance(outcome, str) or outcome[0].signature != before.signature:
-            return True
-        found = outcome[0]
-        return False
-
-    boundary(beyond, 0.0, _length_to(after, before, start, vary), width=GRAZING_WIDTH, rounds=LOCATE_ROUNDS)
-    return found
-
-
-def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
-    """How far an orbit is from one towards another, in the parameter."""
-    here = parameter_value(one, vary)
-    return (parameter_value(between, vary) - here) * float(np.sign(parameter_value(other, vary) - here))
 
 
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:

@@ -20,8 +20,10 @@ from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks, solve_adaptively
+from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
+from ..orbits.starts import may_vanish
 from .curve import along, parameter_value
 
 Array = np.ndarray
@@ -75,7 +77,7 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     -------
     Orbit; None where no phase vanishes.
     """
-    problem = orbit.problem
+    problem, orbit = orbit.problem, _with_it_inside(orbit, options)
     t, u, setting = unknowns_of(orbit)
     found = problem.vanishing(t, u, setting)
     if found is None:
@@ -92,6 +94,19 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
         return None
     without = solved_at(there, fewer[1], options)
     return cast(AnyOrbit, without) if without is not None and without.signature != orbit.signature else None
+
+
+def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The same cycle from another phase on, so that the one that is about to vanish is neither the first nor the last.
+
+    It is joined with its neighbours; the image of the first phase is no neighbour yet.
+    """
+    k, family = may_vanish([arc.duration for arc in orbit.arcs]), orbit.problem
+    if k is None or 0 < k < len(orbit.arcs) - 1 or not isinstance(family, Family):
+        return orbit
+    start = family.starting_at(family.strongest(*unknowns_of(orbit)), *unknowns_of(orbit))
+    found = None if start is None else solved_at(family, start, options)
+    return orbit if found is None else cast(AnyOrbit, found)
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: float) -> tuple[Array, float] | None:
@@ -145,8 +160,8 @@ def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
     -------
     (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
     """
-    found = after.problem.vanishing(*unknowns_of(after)) if before.signature == after.signature else None
-    if found is None or after.arcs[found[0]].duration > SOON * before.arcs[found[0]].duration:
+    k = may_vanish([arc.duration for arc in after.arcs]) if before.signature == after.signature else None
+    if k is None or after.arcs[k].duration > SOON * before.arcs[k].duration:
         return None
     touch = touched(after, vary, options)
     if touch is None:

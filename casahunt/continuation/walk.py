@@ -221,7 +221,8 @@ def step_along(
         return "the corrector left the range"
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     way = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
-    if not 0.3 * ds < float(way @ point.row) or np.linalg.norm(way) > 3 * ds:
+    told = 1.0 if orbit.signature == last.signature else 1.0 - float(point.row[-2]) ** 2  # without ln T_1
+    if not 0.3 * ds * told < float(way @ point.row) or np.linalg.norm(way) > 3 * ds:
         return "the corrector went to another part of the curve"
     return orbit, solved, reached
 
