@@ -22,7 +22,7 @@ from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
-from ..orbits.border import curve_border
+from ..orbits.border import another_first, curve_border
 from ..orbits.orbit import Orbit, Solved, linearised
 
 Array = np.ndarray
@@ -108,7 +108,7 @@ def in_units_of(row: Array, scale: Array, other: Array) -> Array:
 
 
 def cosine(before: Point, after: Point) -> float:
-    """The angle between the tangents at two points; without ln T_1 where the phases are not the same, as in `secant`.
+    """The angle between the tangents at two points; without ln T_1 where that is another thing.
 
     Parameters
     ----------
@@ -120,7 +120,8 @@ def cosine(before: Point, after: Point) -> float:
     Its cosine.
     """
     carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row.copy()
-    if before.t.cycle != after.t.cycle:
+    first = (float(point.t.durations_of(point.u)[0]) for point in (before, after))
+    if before.t.cycle != after.t.cycle and another_first(*first):
         carried[-2] = row[-2] = 0.0
     return float(carried @ row / max(np.linalg.norm(carried) * np.linalg.norm(row), TINY))
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..hybrid.problem import Problem
-from ..orbits.adapt import TOLERANCE_RANGE, Options
+from ..orbits.adapt import Options
+from ..orbits.options import TOLERANCE_RANGE
 from ..orbits.orbit import Orbit, orbit_of, unknowns_of
 from .curve import Point, along, curve_point, in_units_of, parameter_value, predict
 from .walk import corrected
