@@ -22,7 +22,7 @@ from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
-from ..orbits.border import another_first, curve_border
+from ..orbits.border import curve_border, with_other_phases
 from ..orbits.orbit import Orbit, Solved, linearised
 
 Array = np.ndarray
@@ -119,10 +119,11 @@ def cosine(before: Point, after: Point) -> float:
     -------
     Its cosine.
     """
-    carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row.copy()
-    first = (float(point.t.durations_of(point.u)[0]) for point in (before, after))
-    if before.t.cycle != after.t.cycle and another_first(*first):
-        carried[-2] = row[-2] = 0.0
+    carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row
+    if before.t.cycle != after.t.cycle:
+        first, then = (float(point.t.durations_of(point.u)[0]) for point in (before, after))
+        carried, whole = with_other_phases(carried, first, then), carried
+        row = np.where(carried == whole, row, 0.0)
     return float(carried @ row / max(np.linalg.norm(carried) * np.linalg.norm(row), TINY))
 
 

@@ -25,7 +25,7 @@ from ..collocation.transcription import Setting
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
-from ..orbits.border import another_first
+from ..orbits.border import with_other_phases
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, Solved, orbit_of
 from .curve import (
     Point,
@@ -222,9 +222,10 @@ def step_along(
         return "the corrector left the range"
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     way = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
-    other = orbit.signature != last.signature and another_first(last.arcs[0].duration, orbit.arcs[0].duration)
-    told = 1.0 - float(point.row[-2]) ** 2 if other else 1.0  # `way` knows nothing of ln T_1 there
-    if not 0.3 * ds * told < float(way @ point.row) or np.linalg.norm(way) > 3 * ds:
+    row = point.row
+    if orbit.signature != last.signature:  # `way` knows nothing of ln T_1 there
+        row = with_other_phases(row, last.arcs[0].duration, orbit.arcs[0].duration)
+    if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > 3 * ds:
         return "the corrector went to another part of the curve"
     return orbit, solved, reached
 

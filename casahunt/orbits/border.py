@@ -37,11 +37,6 @@ def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
     return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
 
 
-def another_first(before: float, after: float) -> bool:
-    """Whether the first phases of two phase sequences, of these durations, are not the same thing."""
-    return abs(after - before) > THE_SAME * before
-
-
 def with_other_phases(weights: Array, before: float, after: float) -> Array:
     """The weights where a point of a branch is sought with other phases than it was predicted with.
 
@@ -58,7 +53,7 @@ def with_other_phases(weights: Array, before: float, after: float) -> Array:
     -------
     (n + 2,) weights, none of them on ln T_1 where that is another thing; as they are where it is nearly all there is.
     """
-    if not another_first(before, after):
+    if abs(after - before) <= THE_SAME * before:
         return weights
     others = weights.copy()
     others[-2] = 0.0
