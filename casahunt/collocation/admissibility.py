@@ -40,6 +40,8 @@ RESOLUTION = 3.0
 NOISE = 1e-10
 PASSED = 1e-6
 """An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
+BARELY = 1e-8
+"""The same of one that is passed, and passed back, by less than that: a cycle that touches shows no more."""
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
@@ -133,7 +135,12 @@ def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array
         slack = PASSED * size
         beyond = (np.minimum.accumulate(values.ravel()) < -slack).reshape(values.shape) & (values > slack)
         if not beyond.any():
-            by_little |= _comes_and_goes(values, NOISE * size, doubt) and _leaves(way_out, phase.mode.name, states, p)
+            beyond = _comes_and_goes(values, BARELY * size)
+            if beyond.any() and _leaves(way_out, phase.mode.name, states, p):
+                seen = beyond & (values > BARELY * size + doubt)
+                by_little |= bool(seen.any())
+                if t.counts[k] and not seen.any():
+                    unclear[own] |= beyond.any(axis=1)
             continue
         if not (beyond & (values > slack + doubt)).any():
             unclear[own] |= beyond.any(axis=1)
@@ -142,12 +149,12 @@ def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array
     return "", by_little
 
 
-def _comes_and_goes(values: Array, noise: float, doubt: Array | float) -> bool:
-    """Whether values clearly rise above zero between two times at which they are below."""
+def _comes_and_goes(values: Array, least: float) -> Array:
+    """Where values are above `least` between two times at which they are as far below zero."""
     flat = values.ravel()
     before, behind = np.minimum.accumulate(flat), np.minimum.accumulate(flat[::-1])[::-1]
-    between = (np.maximum(before, behind) < -noise).reshape(values.shape)
-    return bool((between & (values > noise + doubt)).any())
+    between = (np.maximum(before, behind) < -least).reshape(values.shape)
+    return np.asarray(between & (values > least))
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
