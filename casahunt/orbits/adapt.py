@@ -178,13 +178,18 @@ def _parted(task: _Task, known: Solved, spent: _Spent) -> Solved | None:
     find nothing to go on with.
     """
     spent.sequences += 1
-    root = _Root(known.t, known.setting, known.solution)
-    start = task.problem.parted(known.t, known.solution.u, root.moved, spent.barely)
-    if start is None or spent.sequences > MAX_SEQUENCES:
+    phase, root = spent.barely, _Root(known.t, known.setting, known.solution)
+    if spent.sequences > MAX_SEQUENCES:
         return None
-    parted = _first_converging(task, [start], root)
-    found = None if parted is None else _adapted(*parted, spent)
-    return found if found is not None and found.status.ok else None
+    for fine in (False, True):  # on shorter intervals the polynomials are cut more exactly
+        if fine:
+            root = _on_mesh(task, known, halved(phase_breaks(known.t, known.setting.fractions)))
+        start = task.problem.parted(root.t, root.solution.u, root.moved, phase) if root.solution.status.ok else None
+        parted = None if start is None else _first_converging(task, [start], root)
+        found = None if parted is None else _adapted(*parted, spent)
+        if found is not None and found.status.ok:
+            return found
+    return None
 
 
 def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Solved:
