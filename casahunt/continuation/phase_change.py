@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import cast
 
 import numpy as np
 
@@ -98,7 +97,7 @@ def _last_alike(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) 
         outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
         if isinstance(outcome, str) or outcome[0].signature != before.signature:
             return True
-        found.append(cast(AnyOrbit, outcome[0]))
+        found.append(outcome[0])
         return False
 
     boundary(beyond, 0.0, length, width=WIDTH, rounds=ROUNDS)
