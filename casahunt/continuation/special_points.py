@@ -280,10 +280,13 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
     before = _accurate(before, options)
     here, there = ends(before, after, vary)
     found: AnyOrbit | None = None
-    for _ in range(CUBIC_ROUNDS):
+    for k in range(CUBIC_ROUNDS):
         cubic = bend(there, here, seen_from(here, before, vary, parameter_value(after, vary)), side=1.0)
-        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic[:, -1])
-        if not abs(ds) < _length_to(after, before, here, vary):
+        length = _length_to(after, before, here, vary)
+        # At first the fold lies between the two; then next to the last one, on either side of it.
+        least = 0.0 if k == 0 else -length
+        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic.coefficients[:, -1], least)
+        if not abs(ds) < length:
             return found
         here = replace(here, bend=cubic)
         there = here if ds > 0 else backwards(here)
@@ -352,10 +355,10 @@ def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
     return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
 
 
-def _turning_point(slope: float, cubic: Array) -> float:
-    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0; nan where it has none."""
+def _turning_point(slope: float, cubic: Array, least: float) -> float:
+    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0, not below `least`; nan where it has none."""
     roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
-    real = roots.real[abs(roots.imag) <= 1e-9 * abs(roots)]
+    real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real >= least)]
     return float(real[np.argmin(abs(real))]) if real.size else float("nan")
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from ..collocation.admissibility import Verdict, judge
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
-from ..collocation.newton import Solution, Solver, newton
+from ..collocation.newton import Solution, Solver, newton, size_of_step
 from ..collocation.remesh import COARSENING, better_breaks, shape_limit
 from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
@@ -87,7 +87,9 @@ def solve_adaptively(
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
         raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
     task, spent = _Task(problem, options, border, soft), _Spent()
-    found = _adapted(task, _corrected(task, start, solver, 0.0), spent)
+    root = _corrected(task, start, solver, 0.0)
+    spent.off = size_of_step(t, start[1], root.solution.u - start[1])
+    found = _adapted(task, root, spent)
     while found.status.ok and spent.barely >= 0 and (other := _parted(task, found, spent)) is not None:
         found = other
     return found
@@ -140,6 +142,7 @@ class _Spent:
     changes: int = 0
     marched: bool = False
     barely: int = -1
+    off: float = np.inf  # as of `Solved`
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,12 +202,12 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> Sol
     if task.options.sketched and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
         if presentable(e, task.options):
-            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
+            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations, off=spent.off)
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent)
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
-        return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations)
+        return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations, off=spent.off)
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
@@ -238,12 +241,10 @@ def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spe
     if not root.solution.status.ok and not spent.marched:
         # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
         spent.marched = True
-        moved = known.setting.moved(known.solution.parameter)
-        again = task.problem.remarch(known.t, known.solution.u, moved)
+        again = task.problem.remarch(known.t, known.solution.u, known.setting.moved(known.solution.parameter))
         if again is not None:
             t, u, fresh = again
-            start = t, u, replace(fresh, p=known.setting.p)
-            root = _corrected(task, start, "newton", known.solution.parameter)
+            root = _corrected(task, (t, u, replace(fresh, p=known.setting.p)), "newton", known.solution.parameter)
     return root
 
 
@@ -281,8 +282,8 @@ def presentable(e: Estimate, options: Options) -> bool:
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
-    start = on_breaks((known.t, known.solution.u, known.setting), breaks)
-    return _corrected(task, start, "newton", known.solution.parameter)
+    found = known.solution
+    return _corrected(task, on_breaks((known.t, found.u, known.setting), breaks), "newton", found.parameter)
 
 
 def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _Root:

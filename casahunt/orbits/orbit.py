@@ -332,6 +332,7 @@ class Solved:
     status : verdict.
     iterations : total over all meshes.
     note : what is special about it, in words.
+    off : how far the first solution lies from where its solver started, as a Newton step is measured.
     """
 
     t: Transcription
@@ -341,6 +342,7 @@ class Solved:
     status: Status
     iterations: int
     note: str = ""
+    off: float = np.inf
 
     def complaint(self) -> Complaint:
         """The advice of the status with the note."""
