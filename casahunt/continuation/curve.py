@@ -29,7 +29,6 @@ from .predictor import Bend, Place, alive, bent, logarithms, straight, unknowns
 
 Array = np.ndarray
 
-TINY = 1e-300
 STRAIGHT = 0.5
 """Cosine between successive tangents below which the last point says little about the next."""
 
@@ -59,8 +58,8 @@ class Point:
         """How far the motion has come along its cycle; in smooth modes it comes along as the time does."""
         if self.bend is not None:
             return self.bend.way
-        fractions = self.setting.fractions
-        return way_of(self.t, self.u, fractions) if stiff(self.t) else by_time(self.t, fractions)
+        f = self.setting.fractions
+        return way_of(self.t, self.u, f) if stiff(self.t) else by_time(self.t, f)
 
 
 def parameter_value(orbit: Orbit, vary: str) -> float:
@@ -131,10 +130,9 @@ def cosine(before: Point, after: Point) -> float:
     """
     carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row
     if before.t.cycle != after.t.cycle:
-        first, then = (float(point.t.durations_of(point.u)[0]) for point in (before, after))
-        carried, whole = with_other_phases(carried, first, then), carried
-        row = np.where(carried == whole, row, 0.0)
-    return float(carried @ row / max(np.linalg.norm(carried) * np.linalg.norm(row), TINY))
+        told = with_other_phases(carried, *(float(at.t.durations_of(at.u)[0]) for at in (before, after)))
+        carried, row = told, np.where(told == carried, row, 0.0)
+    return float(carried @ row / (np.linalg.norm(carried) * np.linalg.norm(row) or 1.0))
 
 
 def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:

@@ -20,9 +20,9 @@ from .curve import curve_point, in_units_of, parameter_value, secant
 from .vanishing import AS_FAR, touched
 from .walk import step_along, walk
 
-WIDTH, ROUNDS = 1e-7, 40
+CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
-FIRST_PART, APPROACHES = 0.25, 30
+FIRST_PART, STEPS_NEARER = 0.25, 30
 """First step of the walk towards a touch, as a part of the way to the other orbit; how many it makes."""
 
 
@@ -61,7 +61,7 @@ def _nearer(more: AnyOrbit, fewer: AnyOrbit, vary: str, options: Options) -> Ite
     with suppress(NoOrbit):
         for orbit in walk(
             more, vary=vary, low=low, high=high, heading=way, options=options,
-            first_step=FIRST_PART * float(np.linalg.norm(way)), max_points=APPROACHES,
+            first_step=FIRST_PART * float(np.linalg.norm(way)), max_points=STEPS_NEARER,
         ):  # fmt: skip
             if orbit.signature != more.signature:
                 return
@@ -100,5 +100,5 @@ def _last_alike(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) 
         found.append(outcome[0])
         return False
 
-    boundary(beyond, 0.0, length, width=WIDTH, rounds=ROUNDS)
+    boundary(beyond, 0.0, length, width=CHANGE_WIDTH, rounds=CHANGE_ROUNDS)
     return found[-1]

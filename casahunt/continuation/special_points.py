@@ -10,9 +10,8 @@ true corrections, down to rounding of the function or to the precision that it c
 
     grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
 
-Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
-itself is bisected in arclength, to `phase_change.WIDTH`.  Some cycles get and lose weak reversals of a ring-down many
-times along a branch: grazing is located on request only.
+Grazing has no function that changes sign, because the sequence is another one on the other side (phase_change.py).
+Some cycles get and lose weak reversals of a ring-down many times along a branch: grazing is located on request only.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
 """

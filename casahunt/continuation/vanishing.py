@@ -32,7 +32,7 @@ SHRINKS_TO, SLOWEST = 0.25, 0.95
 """Part of its duration that is left of the phase in one step; where the step fails, its root, which is at most this."""
 VANISHED_PART = 1e-7
 """Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
-MOST_HALVINGS = 3
+MESHES_OF_A_TOUCH = 3
 """How often a mesh is halved for the touch."""
 SOON = 0.7
 """A phase that has shrunk to this part from one orbit to the next vanishes, by a square root, within as long a way."""
@@ -129,7 +129,7 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: floa
 def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float]:
     """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle."""
     t, u, setting = start
-    for _ in range(MOST_HALVINGS):
+    for _ in range(MESHES_OF_A_TOUCH):
         finer, v, there = on_breaks((t, u, setting), halved(phase_breaks(t, setting.fractions)))
         durations = np.zeros(t.phases)
         durations[k] = 1.0 / t.durations_of(u)[k]
