@@ -40,6 +40,8 @@ RESOLUTION = 3.0
 NOISE = 1e-10
 PASSED = 1e-6
 """An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
+BARELY = 1e-8
+"""The same of one that is passed, and passed back, by less than that: a cycle that touches shows no more."""
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
@@ -58,11 +60,13 @@ class Verdict:
     violated : sentence about the first condition that fails, or "".
     phase : the phase it fails in, or -1.
     unclear : (N,) True for intervals too long to tell.
+    barely : the first phase that passes an event by less than a violation, and comes back; -1 for none.
     """
 
     violated: str
     phase: int
     unclear: Array
+    barely: int = -1
 
     @property
     def admissible(self) -> bool:
@@ -85,6 +89,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     nodes = t.nodes_of(u) * setting.scale
     durations = t.durations_of(u)
     inside = _Inside(t, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale, nodes, setting.p)
+    barely = -1
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
         if not durations[k] > 0:
@@ -100,10 +105,11 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             if wrong:
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
                 return Verdict(sentence, k, inside.unclear)
-        passed = _passed(t, u, k, setting, inside.unclear) if phase.exits else ""
+        passed, by_little = _passed(t, u, k, setting, inside.unclear) if phase.exits else ("", False)
         if passed:
             return Verdict(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
-    return Verdict("", -1, inside.unclear)
+        barely = k if by_little and barely < 0 else barely
+    return Verdict("", -1, inside.unclear, barely)
 
 
 def unclear_on_halves(t: Transcription, better: tuple[Transcription, Array, Setting] | None) -> Array:
@@ -131,14 +137,18 @@ def unclear_on_halves(t: Transcription, better: tuple[Transcription, Array, Sett
     return unclear
 
 
-def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array) -> str:
-    """The event of a way out that is passed inside a phase, or ""; where one may be, intervals become unclear."""
+def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array) -> tuple[str, bool]:
+    """(the event of a way out that is passed inside a phase, or "", whether one is by less than counts).
+
+    Where one may be passed, intervals become unclear.
+    """
     phase, own, p = t.cycle.phases[k], t.phase_intervals(k), setting.p
     if t.counts[k]:
         states = t.intervals_of(u)[own].reshape(-1, t.n) * setting.scale
     else:
         start = t.nodes_of(u)[t.phase_start[k]] * setting.scale
         states = flow_at(phase.mode, start, float(t.durations_of(u)[k]) * BETWEEN, p)
+    by_little = False
     for way_out in phase.exits:
         values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
         doubt: Array | float = 0.0
@@ -146,15 +156,30 @@ def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array
             values = values.reshape(-1, t.degree + 1)
             doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[:, None]
             values = values @ dense_rule(t.degree, t.kind)[0]
-        slack = PASSED * max(1.0, float(np.abs(values).max()))
+        size = max(1.0, float(np.abs(values).max()))
+        slack = PASSED * size
         beyond = (np.minimum.accumulate(values.ravel()) < -slack).reshape(values.shape) & (values > slack)
         if not beyond.any():
+            beyond = _comes_and_goes(values, BARELY * size)
+            if beyond.any() and _leaves(way_out, phase.mode.name, states, p):
+                seen = beyond & (values > BARELY * size + doubt)
+                by_little |= bool(seen.any())
+                if t.counts[k] and not seen.any():
+                    unclear[own] |= beyond.any(axis=1)
             continue
         if not (beyond & (values > slack + doubt)).any():
             unclear[own] |= beyond.any(axis=1)
         elif way_out.mark or _leaves(way_out, phase.mode.name, states, p):
-            return way_out.event.name
-    return ""
+            return way_out.event.name, False
+    return "", by_little
+
+
+def _comes_and_goes(values: Array, least: float) -> Array:
+    """Where values are above `least` between two times at which they are as far below zero."""
+    flat = values.ravel()
+    before, behind = np.minimum.accumulate(flat), np.minimum.accumulate(flat[::-1])[::-1]
+    between = (np.maximum(before, behind) < -least).reshape(values.shape)
+    return np.asarray(between & (values > least))
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:

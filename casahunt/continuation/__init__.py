@@ -2,9 +2,12 @@
 
     G(u, lambda) = 0 along s:    G_u u' + G_lambda lambda' = 0,    |(x_0, ln T_1, lambda)'| = 1;   fold: lambda' = 0
 
-curve.py            the curve of a branch: its points, tangent and predictor
+moving_mesh.py      meshes that move with a branch
+predictor.py        the last two points of a branch, interpolated and carried on
+curve.py            the curve of a branch: its points and tangents
 walk.py             by pseudo-arclength or by natural continuation
 vanishing.py        where a phase shrinks to nothing
+phase_change.py     where between two orbits the phases change
 special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
 bifurcations.py     flips, losses of symmetry and tori, by the multipliers
 reunion.py          where a branch meets its own image

@@ -24,7 +24,7 @@ import numpy as np
 from ..collocation.graphs import graphs, lagrangian_hessian
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
-from ..orbits.adapt import curve_border
+from ..orbits.border import curve_border
 from ..orbits.orbit import Orbit, unknowns_of
 from .fold_conditions import data_of
 

@@ -149,8 +149,8 @@ def _with_one_more(orbit: AnyOrbit, place: Touch, vary: str, options: Options) -
     point = point_at(*start, along(family, vary), like=None)
     for ds in SLOWLY:
         for one in (point, backwards(point)):
-            u, lam = predict(one, ds)
-            solved = corrected(one, u, lam, family, options, ds=ds, border=one.row)
+            u, lam, setting = predict(one, ds)
+            solved = corrected((one.t, u, setting), lam, family, options, ds=ds, border=one.row)
             if solved.status.ok and solved.t.cycle.signature == start[0].cycle.signature:
                 value = family.moved(vary, lam, solved.solution.parameter)
                 return cast(AnyOrbit, orbit_of(solved, family.with_value(vary, value), wall_s=0.0))

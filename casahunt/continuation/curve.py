@@ -4,7 +4,7 @@ The curve is {y} = {(x_0, ln T_1, lambda)}: first node, duration of the first ph
 p = p_here + lambda dp, moved in units of its value (Problem.unit).  At arclength s:
 
     tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
-    predictor   the cubic through the last two points and their tangents; logarithms of the durations
+    predictor   the polynomial through the last points and their tangents (predictor.py)
 
 x_0 is measured in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and
 lambda, but next to a sharp fold not a fair one: a first phase that lingers next to a repelling motion (a canard)
@@ -19,11 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..collocation.linearisation import Linearisation
-from ..collocation.mesh import phase_breaks, sizes_of_states, transfer
+from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
-from ..orbits.adapt import curve_border
+from ..orbits.border import curve_border, with_other_phases
 from ..orbits.orbit import Orbit, Solved, linearised
+from .moving_mesh import Way, by_time, stiff, way_of
+from .predictor import Bend, Place, alive, bent, logarithms, straight, unknowns
 
 Array = np.ndarray
 
@@ -40,8 +42,8 @@ class Point:
     t, u, setting : transcription, unknowns and numbers, with p at this point and dp = p e.
     row : (n + 2,) unit tangent in (x_0, ln T_1, lambda).
     du : (size,) derivative of u by arclength.
-    bend : (2, size + 1) coefficients of ds^2 and ds^3 in (u, lambda), durations as logarithms; None at the first
-        point and after a change of the phase sequence.
+    bend : what the points before say of the way beyond the tangent; None at the first point and after a change of the
+        phase sequence.
     """
 
     t: Transcription
@@ -49,7 +51,15 @@ class Point:
     setting: Setting
     row: Array
     du: Array
-    bend: Array | None = None
+    bend: Bend | None = None
+
+    @property
+    def way(self) -> Way:
+        """How far the motion has come along its cycle; in smooth modes it comes along as the time does."""
+        if self.bend is not None:
+            return self.bend.way
+        f = self.setting.fractions
+        return way_of(self.t, self.u, f) if stiff(self.t) else by_time(self.t, f)
 
 
 def parameter_value(orbit: Orbit, vary: str) -> float:
@@ -107,7 +117,7 @@ def in_units_of(row: Array, scale: Array, other: Array) -> Array:
 
 
 def cosine(before: Point, after: Point) -> float:
-    """The angle between the tangents at two points.
+    """The angle between the tangents at two points; without ln T_1 where that is another thing.
 
     Parameters
     ----------
@@ -118,8 +128,11 @@ def cosine(before: Point, after: Point) -> float:
     -------
     Its cosine.
     """
-    carried = in_units_of(before.row, before.setting.scale, after.setting.scale)
-    return float(carried @ after.row / np.linalg.norm(carried))
+    carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row
+    if before.t.cycle != after.t.cycle:
+        told = with_other_phases(carried, *(float(at.t.durations_of(at.u)[0]) for at in (before, after)))
+        carried, row = told, np.where(told == carried, row, 0.0)
+    return float(carried @ row / (np.linalg.norm(carried) * np.linalg.norm(row) or 1.0))
 
 
 def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:
@@ -233,7 +246,7 @@ def point_at(
 
 def backwards(point: Point) -> Point:
     """The same point of the curve, run through in the other sense."""
-    flipped = None if point.bend is None else point.bend * [[1.0], [-1.0]]
+    flipped = None if point.bend is None else point.bend.backwards()
     return replace(point, row=-point.row, du=-point.du, bend=flipped)
 
 
@@ -246,8 +259,8 @@ def _divided(t: Transcription, u: Array, factor: Array) -> Array:
     return fresh
 
 
-def predict(point: Point, ds: float) -> tuple[Array, float]:
-    """Predict a point further on; durations are multiplied, so that they stay positive.
+def predict(point: Point, ds: float) -> tuple[Array, float, Setting]:
+    """Predict a point further on; sizes and durations are multiplied, so that they stay positive.
 
     Parameters
     ----------
@@ -258,22 +271,36 @@ def predict(point: Point, ds: float) -> tuple[Array, float]:
 
     Returns
     -------
-    (size,) u, and lambda.
+    (size,) u, lambda, and the setting at the point with the mesh of u.
     """
-    t, P = point.t, point.t.phases
-    change = _change(point, ds)
-    u = point.u + change[:-1]
-    t.durations_of(u)[:] = t.durations_of(point.u) * np.exp(np.clip(change[-1 - P : -1], -1.0, 1.0))
-    return u, float(change[-1])
+    bend = _way_on(point)
+    u, lam = unknowns(point.t, bend.ahead(ds), bend.here.value, _sign(point))
+    # What is told by logarithms has come a little more or less than ds along the row, which the corrector keeps.
+    t, first = point.t, point.t.node_index[0]
+    came = np.concatenate([u[first] - point.u[first], [np.log(t.durations_of(u)[0] / t.durations_of(point.u)[0]), lam]])
+    more = (ds - float(point.row @ came)) / float(point.row @ point.row) * point.row
+    u[first] += more[: t.n]
+    t.durations_of(u)[0] *= np.exp(more[t.n])
+    lam += float(more[-1])
+    setting = point.setting
+    if bend.drift.any():
+        setting = replace(setting, fractions=bend.fractions(point.t, ds))
+    return u, lam, setting
 
 
-def _change(point: Point, ds: float) -> Array:
-    """(size + 1,) predicted change of (u, lambda), durations as logarithms."""
-    change = ds * np.append(point.du, point.row[-1])
-    change[-1 - point.t.phases : -1] /= point.t.durations_of(point.u)
-    if point.bend is not None:
-        change += ds**2 * (point.bend[0] + ds * point.bend[1])
-    return change
+def _sign(point: Point) -> float:
+    """The sign of the parameter where lambda is in units of its value; else 0."""
+    index = int(np.argmax(np.abs(point.setting.dp)))
+    ratio = float(point.setting.p[index] / point.setting.dp[index])
+    return ratio if abs(ratio) == 1 else 0.0
+
+
+def _place(point: Point) -> Place:
+    return Place(0.0, point.t, point.u, point.du, point.setting.fractions, 0.0, float(point.row[-1]), point.way)
+
+
+def _way_on(point: Point) -> Bend:
+    return point.bend or straight(_place(point), _sign(point))
 
 
 def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
@@ -292,18 +319,16 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
 
     Returns
     -------
-    Point; `point` itself where the mesh is another one.
+    Point; `point` itself where the mesh is another one than was predicted.
     """
-    same = solved.t == point.t and np.array_equal(solved.setting.fractions, point.setting.fractions)
+    bend = _way_on(point)
+    same = solved.t == point.t and np.array_equal(solved.setting.fractions, predict(point, ds)[2].fractions)
     if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
         return point
-    durations = slice(-1 - point.t.phases, -1)
-    change = np.append(solved.solution.u - point.u, lam)
-    change[durations] = np.log(point.t.durations_of(solved.solution.u) / point.t.durations_of(point.u))
-    defect = change - _change(point, ds)
-    if point.bend is None:
-        return replace(point, bend=np.array([defect / ds**2, np.zeros_like(defect)]))
-    return replace(point, bend=np.array([point.bend[0], point.bend[1] + defect / ds**3]))
+    u = solved.solution.u
+    found = Place(ds, point.t, u, np.zeros_like(u), solved.setting.fractions, lam, 0.0, point.way)
+    z = logarithms(found, _sign(point), alive(point.t, point.u)).value
+    return replace(point, bend=bend.through(ds, z))
 
 
 def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[float, float]:
@@ -327,8 +352,8 @@ def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[floa
 
 def bend(
     before: Point, after: Point, seen: tuple[float, float], *, side: float = -1.0, row: Array | None = None
-) -> Array | None:
-    """The cubic u + s u' + s^2 c_0 + s^3 c_1 through two points.
+) -> Bend | None:
+    """The cubic through two points and their tangents.
 
     s is measured along the tangent of `after`, as the corrector measures it: `before` lies at s = tangent . (y_before -
     y_after).  Where the curve turns much between the two, another row than the tangent shows it better.
@@ -346,33 +371,30 @@ def bend(
 
     Returns
     -------
-    (2, size + 1) coefficients c; None where the phases are not the same, or the curve turns too much.
+    Bend; None where the phases are not the same, or the curve turns too much.
     """
-    t = after.t
-    if before.t.cycle != t.cycle:
+    there = _seen_along(before, after, seen, after.row if row is None else row)
+    if there is None or not there.s * side > 0:
         return None
-    u, du = before.u, before.du
-    if before.t != t or not np.array_equal(before.setting.fractions, after.setting.fractions):
-        breaks = phase_breaks(t, after.setting.fractions)
-        _, u, _ = transfer(before.t, u, before.setting.fractions, breaks, target=t)
-        _, du, _ = transfer(before.t, du, before.setting.fractions, breaks, target=t)
+    return bent(_place(after), there, _sign(after))
+
+
+def _seen_along(before: Point, after: Point, seen: tuple[float, float], row: Array) -> Place | None:
+    """Another point as it is seen from `after`, s counted along a row; None as for `bend`."""
+    t, old = after.t, before.t
+    if old.cycle != t.cycle or (old.degree, old.kind) != (t.degree, t.kind):
+        return None
     factor = after.setting.scale / before.setting.scale
     lam, unit = seen
-    u, du = _divided(t, u, factor), _divided(t, du, factor)
-    rate = np.append(du, before.row[-1] * unit)
-    rate[-1 - t.phases : -1] /= t.durations_of(u)
-    change = np.append(u - after.u, lam)
-    change[-1 - t.phases : -1] = np.log(t.durations_of(u) / t.durations_of(after.u))
-    here = np.append(after.du, after.row[-1])
-    here[-1 - t.phases : -1] /= t.durations_of(after.u)
-
-    def way(vector: Array) -> float:
-        y = np.concatenate([vector[t.node_index[0]], [vector[-1 - t.phases], vector[-1]]])
-        return float((after.row if row is None else row) @ y)
-
-    s, slope = way(change), way(rate)
-    if not s * side > 0 or slope < STRAIGHT * float(np.linalg.norm(before.row)):
+    u, du, growth = _divided(old, before.u, factor), _divided(old, before.du, factor), before.row[-1] * unit
+    T = old.durations_of(u)[0]
+    first, here = old.node_index[0], after.u[t.node_index[0]]
+    y = np.concatenate([u[first] - here, [np.log(T / t.durations_of(after.u)[0]), lam]])
+    s = float(row @ y)
+    slope = float(row @ np.concatenate([du[first], [old.durations_of(du)[0] / T, growth]]))
+    sign = _sign(after)
+    if slope < STRAIGHT * float(np.linalg.norm(before.row)) or (sign and not 1 + sign * lam > 0):
         return None
-    first = (change - s * here) / s**2
-    second = (rate / slope - here) / s
-    return np.array([3 * first - second, (second - 2 * first) / s])
+    if np.any(alive(t, after.u) & ~alive(old, u)):
+        return None
+    return Place(s, old, u, du / slope, before.setting.fractions, lam, growth / slope, before.way)

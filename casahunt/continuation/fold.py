@@ -33,8 +33,9 @@ from ..collocation.newton import Solution, Solver
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
-from ..orbits.adapt import Options, curve_border
+from ..orbits.adapt import Options
 from ..orbits.amplitude import amplitude_off, estimated
+from ..orbits.border import curve_border
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from ..results import Result
 from .adjoint import parameter_slopes

@@ -29,9 +29,11 @@ from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
-from ..orbits.adapt import TOLERANCE_RANGE, Options, curve_border, solve_adaptively
+from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.amplitude import estimated
+from ..orbits.border import curve_border
 from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
+from ..orbits.options import TOLERANCE_RANGE
 from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along

@@ -35,7 +35,7 @@ from ..collocation.newton import RESIDUAL_LIMIT, size_of_step
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import Caller, caller, kept
 from ..errors import Status
-from ..orbits.adapt import curve_border
+from ..orbits.border import curve_border
 from .fold_conditions import data_of
 
 Array = np.ndarray

@@ -18,7 +18,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..hybrid.problem import Problem
-from ..orbits.adapt import TOLERANCE_RANGE, Options
+from ..orbits.adapt import Options
+from ..orbits.options import TOLERANCE_RANGE
 from ..orbits.orbit import Orbit, orbit_of, unknowns_of
 from .curve import Point, along, curve_point, in_units_of, parameter_value, predict
 from .walk import corrected
@@ -178,13 +179,13 @@ class Sheet:
         except InputError as error:
             return str(error)
         posed = posed.with_value(self.vary, grown(here, self.vary, self.steepness * m))
-        u, lam = predict(self.point, s)
+        u, lam, _ = predict(self.point, s)
         if self.tilt is not None:
             u[: -t.phases] += m * self.tilt[: -t.phases]
             t.durations_of(u)[:] *= np.exp(np.clip(m * self.tilt[-t.phases :], -1.0, 1.0))
         setting = replace(self.point.setting, p=posed.vector(), dp=along(posed, self.vary))
-        start, ds = replace(self.point, setting=setting), float(np.hypot(s, m))
-        solved = corrected(start, u, lam, posed, self.options, ds=ds, border=self.point.row)
+        ds = float(np.hypot(s, m))
+        solved = corrected((t, u, setting), lam, posed, self.options, ds=ds, border=self.point.row)
         if not solved.status.ok or solved.estimate is None:
             return solved.complaint()
         value = posed.moved(self.vary, lam, solved.solution.parameter)

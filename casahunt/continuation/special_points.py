@@ -10,9 +10,8 @@ true corrections, down to rounding of the function or to the precision that it c
 
     grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
 
-Grazing has no function that changes sign, because the sequence is another one on the other side.  The sequence
-itself is bisected in arclength, to `GRAZING_WIDTH`.  Some cycles get and lose weak reversals of a ring-down many
-times along a branch: grazing is located on request only.
+Grazing has no function that changes sign, because the sequence is another one on the other side (phase_change.py).
+Some cycles get and lose weak reversals of a ring-down many times along a branch: grazing is located on request only.
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
 """
@@ -29,7 +28,7 @@ import numpy as np
 
 from ..checks import to_error
 from ..errors import NoOrbit
-from ..hybrid.roots import CLOSED, Bracket, Search, boundary
+from ..hybrid.roots import CLOSED, Bracket, Search
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
@@ -45,7 +44,7 @@ from .curve import (
     secant,
     seen_from,
 )
-from .vanishing import touched
+from .phase_change import change_of_phases
 from .walk import step_along
 
 Array = np.ndarray
@@ -166,7 +165,6 @@ GRAZING = Monitor(
     "grazing at {name} = {value:.8g}: a phase of the cycle shrinks to nothing or is born",
 )  # fmt: skip
 STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
-GRAZING_WIDTH = 1e-7
 
 
 def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
@@ -220,7 +218,7 @@ def crossings(
     end: Point | None = None
     for monitor in monitors:
         if monitor is GRAZING:
-            grazing = _change_of_sequence(before, after, vary, options)
+            grazing = change_of_phases(before, after, vary, options)
             if grazing is not None:
                 found.append(special_point(monitor, grazing, vary))
             continue
@@ -285,10 +283,13 @@ def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Op
     before = _accurate(before, options)
     here, there = ends(before, after, vary)
     found: AnyOrbit | None = None
-    for _ in range(CUBIC_ROUNDS):
+    for k in range(CUBIC_ROUNDS):
         cubic = bend(there, here, seen_from(here, before, vary, parameter_value(after, vary)), side=1.0)
-        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic[:, -1])
-        if not abs(ds) < _length_to(after, before, here, vary):
+        length = _length_to(after, before, here, vary)
+        # At first the fold lies between the two; then next to the last one, on either side of it.
+        least = 0.0 if k == 0 else -length
+        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic.coefficients[:, -1], least)
+        if not abs(ds) < length:
             return found
         here = replace(here, bend=cubic)
         there = here if ds > 0 else backwards(here)
@@ -357,43 +358,11 @@ def _length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
     return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
 
 
-def _turning_point(slope: float, cubic: Array) -> float:
-    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0; nan where it has none."""
+def _turning_point(slope: float, cubic: Array, least: float) -> float:
+    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0, not below `least`; nan where it has none."""
     roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
-    real = roots.real[abs(roots.imag) <= 1e-9 * abs(roots)]
+    real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real >= least)]
     return float(real[np.argmin(abs(real))]) if real.size else float("nan")
-
-
-def _change_of_sequence(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The orbit at which the phases change from those of `before` to those of `after`.
-
-    It is the cycle at which a phase of the longer sequence has vanished, or the last one found with the phase sequence
-    of `before`.
-    """
-    if before.signature == after.signature:
-        return None
-    touch = touched(after if len(after.arcs) > len(before.arcs) else before, vary, options)
-    if touch is not None and min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0:
-        return touch
-    start = curve_point(before, vary, like=secant(before, after, vary))
-    found = before
-
-    def beyond(ds: float) -> bool:
-        nonlocal found
-        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
-        if isinstance(outcome, str) or outcome[0].signature != before.signature:
-            return True
-        found = outcome[0]
-        return False
-
-    boundary(beyond, 0.0, _length_to(after, before, start, vary), width=GRAZING_WIDTH, rounds=LOCATE_ROUNDS)
-    return found
-
-
-def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
-    """How far an orbit is from one towards another, in the parameter."""
-    here = parameter_value(one, vary)
-    return (parameter_value(between, vary) - here) * float(np.sign(parameter_value(other, vary) - here))
 
 
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:

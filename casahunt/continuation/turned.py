@@ -23,8 +23,9 @@ from ..collocation.mesh import quartered_where
 from ..collocation.remesh import better_breaks
 from ..errors import Status
 from ..hybrid.problem import Problem
-from ..orbits.adapt import LEFT_OUT, MAX_INTERVALS, Options, curve_border, on_breaks, presentable
+from ..orbits.adapt import LEFT_OUT, MAX_INTERVALS, Options, on_breaks, presentable
 from ..orbits.amplitude import estimated
+from ..orbits.border import curve_border
 from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of
 from ..orbits.restart import Start
 from .curve import Point, along, backwards, bend, ends, predict, seen_from
@@ -116,11 +117,11 @@ def _between(here: Point, there: Point, orbit: AnyOrbit, vary: str, options: Opt
     ahead = _ahead(here, first, float(there.t.durations_of(there.u)[0]), problem.distance(vary, value))
     row = ahead / float(ahead @ here.row)  # the way between them: their tangents may differ by a right angle
     cubic = bend(there, here, seen_from(here, orbit, vary, value), side=1.0, row=row)
-    ds, bent = (np.nan, np.nan) if cubic is None else _top(here.row[-1], cubic[:, -1])
+    ds, bent = (np.nan, np.nan) if cubic is None else _top(here.row[-1], cubic.coefficients[:, -1])
     if not 0 <= ds <= float(ahead @ row):
         return None
-    u, lam = predict(replace(here, bend=cubic), ds)
-    start = here.t, u, here.setting.moved(lam)
+    u, lam, setting = predict(replace(here, row=row, bend=cubic), ds)
+    start = here.t, u, setting.moved(lam)
     found = turned_orbit(problem.with_value(vary, problem.moved(vary, lam)), start, vary, options, bent)
     if found is None:
         return None
@@ -130,7 +131,7 @@ def _between(here: Point, there: Point, orbit: AnyOrbit, vary: str, options: Opt
 
 
 def _top(slope: float, cubic: Array) -> tuple[float, float]:
-    """(s, second derivative) where lambda = slope s + c_0 s^2 + c_1 s^3 is largest; NaN where it is nowhere."""
+    """(s, second derivative) where slope s + c_0 s^2 + c_1 s^3, lambda or its logarithm, is largest; NaN: nowhere."""
     s = np.roots([3 * cubic[1], 2 * cubic[0], slope])
     s = s.real[abs(s.imag) <= 1e-9 * abs(s)]
     bent = 2 * cubic[0] + 6 * cubic[1] * s

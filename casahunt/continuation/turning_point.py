@@ -26,7 +26,7 @@ from ..collocation.newton import LARGEST_MOVE, ROUNDED, Solution, newton, size_o
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import Status
-from ..orbits.adapt import curve_border
+from ..orbits.border import curve_border
 from .fold_conditions import data_of
 
 Array = np.ndarray

@@ -15,12 +15,15 @@ from typing import cast
 
 import numpy as np
 
+from ..collocation.mesh import halved, phase_breaks
 from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
-from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.adapt import Options, on_breaks, solve_adaptively
+from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
+from ..orbits.starts import may_vanish
 from .curve import along, parameter_value
 
 Array = np.ndarray
@@ -29,6 +32,8 @@ SHRINKS_TO, SLOWEST = 0.25, 0.95
 """Part of its duration that is left of the phase in one step; where the step fails, its root, which is at most this."""
 VANISHED_PART = 1e-7
 """Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
+MESHES_OF_A_TOUCH = 3
+"""How often a mesh is halved for the touch."""
 SOON = 0.7
 """A phase that has shrunk to this part from one orbit to the next vanishes, by a square root, within as long a way."""
 AS_FAR = 3.0
@@ -72,7 +77,7 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     -------
     Orbit; None where no phase vanishes.
     """
-    problem = orbit.problem
+    problem, orbit = orbit.problem, _with_it_inside(orbit, options)
     t, u, setting = unknowns_of(orbit)
     found = problem.vanishing(t, u, setting)
     if found is None:
@@ -82,13 +87,26 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     end = _shrunk(t, u, setting, k, 1e-3 * options.tol)
     if end is None:
         return None
-    u, lam = end
+    t, u, setting, lam = _on_fine_mesh((t, end[0], setting), end[1], k, options.tol)
     there = problem.with_value(vary, problem.moved(vary, lam))
     fewer = there.vanishing(t, u, setting.moved(lam))
     if fewer is None or fewer[0] != k:
         return None
     without = solved_at(there, fewer[1], options)
     return cast(AnyOrbit, without) if without is not None and without.signature != orbit.signature else None
+
+
+def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The same cycle from another phase on, so that the one that is about to vanish is neither the first nor the last.
+
+    It is joined with its neighbours; the image of the first phase is no neighbour yet.
+    """
+    k, family = may_vanish([arc.duration for arc in orbit.arcs]), orbit.problem
+    if k is None or 0 < k < len(orbit.arcs) - 1 or not isinstance(family, Family):
+        return orbit
+    start = family.starting_at(family.strongest(*unknowns_of(orbit)), *unknowns_of(orbit))
+    found = None if start is None else solved_at(family, start, options)
+    return orbit if found is None else cast(AnyOrbit, found)
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: float) -> tuple[Array, float] | None:
@@ -108,6 +126,24 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: floa
     return u, lam
 
 
+def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float]:
+    """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle."""
+    t, u, setting = start
+    for _ in range(MESHES_OF_A_TOUCH):
+        finer, v, there = on_breaks((t, u, setting), halved(phase_breaks(t, setting.fractions)))
+        durations = np.zeros(t.phases)
+        durations[k] = 1.0 / t.durations_of(u)[k]
+        row = t.system.border(durations=durations)
+        solution = newton(finer, v, there, border=row, parameter=lam, accuracy=1e-3 * tol)
+        if not solution.status.ok:
+            break
+        off = abs(solution.parameter - lam)
+        t, u, setting, lam = finer, solution.u, there, solution.parameter
+        if off <= tol:
+            break
+    return t, u, setting, lam
+
+
 def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> tuple[AnyOrbit, AnyOrbit] | None:
     """Where the shortest phase of the last of two orbits is about to vanish: the touch, and the cycle behind it.
 
@@ -124,8 +160,8 @@ def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
     -------
     (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
     """
-    found = after.problem.vanishing(*unknowns_of(after)) if before.signature == after.signature else None
-    if found is None or after.arcs[found[0]].duration > SOON * before.arcs[found[0]].duration:
+    k = may_vanish([arc.duration for arc in after.arcs]) if before.signature == after.signature else None
+    if k is None or after.arcs[k].duration > SOON * before.arcs[k].duration:
         return None
     touch = touched(after, vary, options)
     if touch is None:

@@ -6,7 +6,8 @@ From a point of the curve (curve.py), a step of length ds:
     corrector   the equations under  tangent . (y - predicted) = 0, by Newton or by IPOPT (collocation/solve.py)
     adaptation  mesh, phase sequence and error estimate (orbits/adapt.py), under the same row
 
-The step grows and shrinks with the iterations of the corrector and with the angle between successive tangents.
+The step grows and shrinks with the iterations of the corrector and with the angle between successive tangents, and
+grows with small errors of predictions.
 
 `walk` rounds folds.  `walk_naturally` holds the parameter fixed in the corrector; it ends at a fold.
 Both are generators of orbits: stop one when you like, go on later from the last two orbits.
@@ -25,7 +26,9 @@ from ..collocation.transcription import Setting
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.border import with_other_phases
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, Solved, orbit_of
+from ..orbits.restart import Start
 from .curve import (
     Point,
     along,
@@ -47,8 +50,11 @@ SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SKETCHED_ITERATIONS = 5  # the same of a sketch, which has fewer
 SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a change of phases
 EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
+PREDICTED = 0.05  # error of a prediction, as a Newton step is measured, at which it is left as it is too
+MOST_BY_EFFORT, MOST_BY_ERROR = 2.0, 4.0  # growth of a step
 LARGEST_ANGLE = 0.5  # rad, between successive tangents
 LEAST_COSINE, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
+LANDED = 1e-12  # of a unit of the parameter, from a bound of its range
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
 CAUTION, RECOVERY = 0.7, 1.25
@@ -114,6 +120,8 @@ def walk(
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     like = heading if previous is None or heading is not None else secant(previous, start, vary)
     point = curve_point(start, vary, like=like, sense=sense)
+    if not low <= start.problem.moved(vary, LANDED * float(np.sign(point.row[-1]))) <= high:
+        return _reached(start, vary)
     largest_step = largest_step or start.problem.largest_step
     ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
@@ -125,18 +133,33 @@ def walk(
                 sentence = f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
                 return Complaint(sentence, getattr(outcome, "status", None))
             outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
-        orbit, following, iterations = outcome
+        orbit, following, solved = outcome
         yield orbit
         if following is None:
-            return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
+            return _reached(orbit, vary)
         back = seen_from(following, orbit, vary, parameter_value(last, vary))
         following = replace(following, bend=bend(point, following, back))
         angle = float(np.arccos(np.clip(cosine(point, following), -1, 1)))
-        effort = (SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS) / max(iterations, 1)
-        ds = min(ds * float(np.clip(min(effort, LARGEST_ANGLE / max(angle, 1e-3)), 0.4, 2.0)), ceiling)
+        room = min(_room(point, solved, options), LARGEST_ANGLE / max(angle, 1e-3))
+        ds = min(ds * max(room, 0.4), ceiling)
         ceiling = min(RECOVERY * ceiling, largest_step)
         point, last = following, orbit
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+
+
+def _reached(orbit: Orbit, vary: str) -> str:
+    return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
+
+
+def _room(point: Point, solved: Solved, options: Options) -> float:
+    """How many times longer the next step may be: because the corrector is quick, or because predictions are good."""
+    easy = SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS
+    effort = min(easy / max(solved.iterations, 1), MOST_BY_EFFORT)
+    if options.sketched or point.bend is None or not point.bend.drift.any():
+        return effort
+    # On a mesh that moves along the fourth root of the error says what the next one will be; elsewhere it is no guide.
+    by_error = float((PREDICTED / max(solved.off, SMALLEST_STEP)) ** (1 / 4))
+    return max(effort, min(by_error, MOST_BY_ERROR))
 
 
 def _varied(start: Orbit, vary: str | None) -> str:
@@ -146,8 +169,8 @@ def _varied(start: Orbit, vary: str | None) -> str:
 
 def _step_and_tangent(
     point: Point, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
-) -> tuple[AnyOrbit, Point | None, int] | str:
-    """(orbit, the curve there or None at a bound, iterations) of one step, or what went wrong.
+) -> tuple[AnyOrbit, Point | None, Solved] | str:
+    """(orbit, the curve there or None at a bound, what was solved) of one step, or what went wrong.
 
     The new tangent is oriented along the way from the last orbit, and a step in which it turns by more than a
     little is not taken: it would leave out the branch on this side of a fold, and set out with the parameter moving
@@ -158,14 +181,14 @@ def _step_and_tangent(
         return outcome
     orbit, solved, reached = outcome
     if reached:
-        return orbit, None, solved.solution.iterations
+        return orbit, None, solved
     like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
     lin, setting = solved.solution.linearisation, _setting_at(solved)
     dp = along(orbit.problem, vary, float(setting.p[orbit.problem.names.index(vary)]))
     following = point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin)
     if ds > SHARP_STEP and cosine(point, following) < LEAST_COSINE:
         return "the branch turns by too much in one step"
-    return orbit, following, solved.solution.iterations
+    return orbit, following, solved
 
 
 def _setting_at(solved: Solved) -> Setting:
@@ -196,25 +219,28 @@ def step_along(
     """
     began = time.perf_counter()
     moved = last.problem.moved
-    u, lam = predict(point, ds)
+    u, lam, setting = predict(point, ds)
     reached = not low <= moved(vary, lam) <= high
     bound = high if moved(vary, lam) > high else low
     if reached:  # land on the bound: shorten the step and hold the parameter there
         ds *= last.problem.distance(vary, bound) / lam
-        u, lam = predict(point, ds)
+        u, lam, setting = predict(point, ds)
         lam = last.problem.distance(vary, bound)
     # Where Newton does not land on the bound, a shorter step costs a tenth of what IPOPT would.
     how = replace(options, solver="newton") if reached and options.solver == "auto" else options
-    solved = corrected(point, u, lam, last.problem, how, ds=ds, border=None if reached else point.row)
+    solved = corrected((point.t, u, setting), lam, last.problem, how, ds=ds, border=None if reached else point.row)
     value = bound if reached else moved(vary, lam, solved.solution.parameter)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
-    slack = 1e-12 * abs(last.problem.unit(vary))
+    slack = LANDED * abs(last.problem.unit(vary))
     if not low - slack <= value <= high + slack:
         return "the corrector left the range"
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     way = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
-    if not 0.3 * ds < float(way @ point.row) or np.linalg.norm(way) > 3 * ds:
+    row = point.row
+    if orbit.signature != last.signature:  # `way` knows nothing of ln T_1 there
+        row = with_other_phases(row, last.arcs[0].duration, orbit.arcs[0].duration)
+    if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > 3 * ds:
         return "the corrector went to another part of the curve"
     return orbit, solved, reached
 
@@ -296,8 +322,8 @@ def _natural_step(point: Point, last: AnyOrbit, vary: str, value: float, options
     here = parameter_value(last, vary)
     target = last.problem.distance(vary, value)
     ds = target / point.row[-1]
-    u, _ = predict(point, ds)
-    solved = corrected(point, u, target, last.problem, options, ds=ds, border=None)
+    u, _, setting = predict(point, ds)
+    solved = corrected((point.t, u, setting), target, last.problem, options, ds=ds, border=None)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
@@ -308,8 +334,7 @@ def _natural_step(point: Point, last: AnyOrbit, vary: str, value: float, options
 
 
 def corrected(
-    point: Point,
-    u: Array,
+    predicted: Start,
     lam: float,
     problem: Problem,
     options: Options,
@@ -323,12 +348,12 @@ def corrected(
 
     Parameters
     ----------
-    point
-        from which the prediction was made.
-    u, lam
-        predicted unknowns and lambda.
+    predicted
+        transcription, unknowns and mesh, with the setting of the point from which the prediction was made.
+    lam
+        predicted lambda.
     problem, options
-        the problem at `point`, and the tolerance.
+        the problem at that point, and the tolerance.
     ds
         length of the step.
     border
@@ -338,7 +363,8 @@ def corrected(
     -------
     Solved.
     """
-    start = (point.t, u, point.setting.moved(lam))
+    t, u, setting = predicted
+    start = t, u, setting.moved(lam)
     solved: Solved | None = None
     for candidate in problem.expected(*start):
         solved = solve_adaptively(problem, candidate, options, solver="newton", border=border, soft=False)

@@ -4,7 +4,7 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
 
     names, vector         the parameters p, by name and as numbers;  with_value changes one
     cycle                 phase sequence -> the boundary value problem
-    next_sequence, remarch, expected, vanishing
+    next_sequence, parted, remarch, expected, vanishing
                           where a sequence has stopped being a motion: starting points for the one that comes next
     scheme, largest_step  how it is best computed, where the user does not say
     principal             the parameter that is followed by default, and freed where at fixed p the equations are
@@ -215,6 +215,22 @@ class Problem(ABC):
         Starting points, most promising first.
         """
         return []
+
+    def parted(self, t: Any, u: Array, setting: Any, phase: int) -> Any | None:
+        """An orbit with boundaries where one of its phases passes events.
+
+        Parameters
+        ----------
+        t, u, setting
+            the orbit: transcription, unknowns, setting.
+        phase
+            index of the phase.
+
+        Returns
+        -------
+        Starting point; None where it has no such phases.
+        """
+        return None
 
     def remarch(self, t: Any, u: Array, setting: Any) -> Any | None:
         """The phases that the motion from the start of an orbit really has.

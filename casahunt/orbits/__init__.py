@@ -14,6 +14,8 @@ multiplier_mesh.py  the multipliers on meshes made for them
 orbit.py     Orbit and Arc: results as frozen numpy
 side_by_side.py the multipliers of many orbits
 restart.py   starting points for another phase sequence
+options.py   how orbits are computed
+border.py    the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 marched_mesh.py  the mesh of a motion that is not yet the orbit
 rows.py      an ensemble as a table

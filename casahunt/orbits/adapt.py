@@ -14,29 +14,27 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from ..checks import known, of_kind, require, shown, whole
 from ..collocation.admissibility import Verdict, judge, unclear_on_halves
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
-from ..collocation.newton import Solution, Solver, newton
+from ..collocation.newton import Solution, Solver, newton, size_of_step
 from ..collocation.remesh import COARSENING, better_breaks, shape_limit
-from ..collocation.scheme import Kind
 from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
-from ..errors import InputError, NoOrbit, Status
+from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
 from .amplitude import estimated, measured
+from .border import curve_border, with_other_phases
+from .options import Options
 from .orbit import AnyOrbit, Solved, orbit_of, unknowns_of
 from .restart import Start
 
 Array = np.ndarray
 
-TOLERANCE_RANGE = (1e-12, 1e-2)
-"""Reachable tolerances: rounding below, meaningless meshes above."""
 MAX_INTERVALS = 3000
 MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
@@ -49,50 +47,6 @@ LEFT_OUT = 0.01
 
 GLANCE = 1e-5
 """Linearisations from so close to a solution tell which way a branch goes on, and whether a cycle is clearly stable."""
-
-SOLVERS = ("auto", "ipopt", "newton")
-
-
-@dataclass(frozen=True)
-class Options:
-    """How orbits are computed; holds no problem data.
-
-    Attributes
-    ----------
-    tol : relative tolerance of period and amplitude.
-    solver : "ipopt" or "newton" makes every solve, alone: of a first cycle, along a branch, after a change of mesh,
-        for multipliers.  "auto": Newton where the start is close, IPOPT where it is not or Newton fails, and after a
-        change of mesh Newton corrects.
-    degree, kind : collocation scheme; None for the default of the problem.
-    half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
-    sketched : orbits on a way whose end is computed anew: their errors, which are not estimated, stand as infinite.
-
-    Examples
-    --------
-    >>> from casahunt.orbits import Options
-    >>> Options(tol=1e-9, solver="newton").tol
-    1e-09
-    """
-
-    tol: float = 1e-6
-    solver: Literal["auto", "ipopt", "newton"] = "auto"
-    degree: int | None = None
-    kind: Kind | None = None
-    half: bool = True
-    sketched: bool = False
-
-    def __post_init__(self) -> None:
-        low, high = TOLERANCE_RANGE
-        if not low <= require("tol", self.tol) <= high:
-            raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
-        known("solver", self.solver, SOLVERS)
-        whole("degree", self.degree or 1, at_least=1)
-        of_kind("half", self.half, bool)
-
-    def scheme_of(self, problem: Problem) -> tuple[int, Kind]:
-        """(degree, kind) for a problem."""
-        degree, kind = problem.scheme
-        return self.degree or degree, self.kind or kind
 
 
 def solve_adaptively(
@@ -133,18 +87,28 @@ def solve_adaptively(
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
         raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
     task, spent = _Task(problem, options, border, soft), _Spent()
-    accepted: Solved | None = None
     root = _corrected(task, start, solver, 0.0)
+    spent.off = size_of_step(t, start[1], root.solution.u - start[1])
+    found = _adapted(task, root, spent)
+    while found.status.ok and spent.barely >= 0 and (other := _parted(task, found, spent)) is not None:
+        found = other
+    return found
+
+
+def _adapted(task: _Task, root: _Root, spent: _Spent) -> Solved:
+    """The loop."""
+    accepted: Solved | None = None
     for _ in range(MAX_ROUNDS):
         spent.iterations += root.solution.iterations
         if not root.solution.status.ok:
             return accepted or root.ended(root.solution.status, spent)
         verdict = judge(root.t, root.solution.u, root.moved)
+        spent.barely = verdict.barely
         if verdict.violated:
             following = _next_sequence(task, root, verdict, spent)
             if following is None:
                 return root.ended(Status.INADMISSIBLE, spent, verdict.violated)
-            root, accepted = following, None
+            (task, root), accepted = following, None
             continue
         accepted, verdict = _estimated(task, root, verdict, spent)
         if accepted.status is not Status.TOLERANCE_NOT_REACHED:
@@ -168,12 +132,17 @@ class _Task:
 
 @dataclass
 class _Spent:
-    """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march."""
+    """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march.
+
+    And which phase of its last root passes an event by less than counts (Verdict.barely).
+    """
 
     iterations: int = 0
     sequences: int = 0
     changes: int = 0
     marched: bool = False
+    barely: int = -1
+    off: float = np.inf  # as of `Solved`
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,14 +163,36 @@ class _Root:
         return Solved(self.t, self.solution, self.setting, None, status, spent.iterations, note)
 
 
-def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> _Root | None:
-    """A root with other phases, where one of these has stopped being a motion."""
+def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tuple[_Task, _Root] | None:
+    """A root with other phases, where one of these has stopped being a motion, and what it is a root of."""
     spent.sequences += 1
     if spent.sequences > MAX_SEQUENCES:
         return None
     spent.changes = 0
     starts = task.problem.next_sequence(root.t, root.solution.u, root.moved, verdict.phase, soft=task.soft)
     return _first_converging(task, starts, root)
+
+
+def _parted(task: _Task, known: Solved, spent: _Spent) -> Solved | None:
+    """A solution that passes an event by little, with boundaries there, where there is such a one.
+
+    By less than counts, so that a touch is not taken for another motion.  But a motion that has passed the event goes
+    on in the other mode, and differs from this one by more and more; on a branch the first step that is too far would
+    find nothing to go on with.
+    """
+    spent.sequences += 1
+    phase, root = spent.barely, _Root(known.t, known.setting, known.solution)
+    if spent.sequences > MAX_SEQUENCES:
+        return None
+    for fine in (False, True):  # on shorter intervals the polynomials are cut more exactly
+        if fine:
+            root = _on_mesh(task, known, halved(phase_breaks(known.t, known.setting.fractions)))
+        start = task.problem.parted(root.t, root.solution.u, root.moved, phase) if root.solution.status.ok else None
+        parted = None if start is None else _first_converging(task, [start], root)
+        found = None if parted is None else _adapted(*parted, spent)
+        if found is not None and found.status.ok:
+            return found
+    return None
 
 
 def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tuple[Solved, Verdict]:
@@ -211,18 +202,23 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tup
     if task.options.sketched and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
         if presentable(e, task.options):
-            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations), verdict
+            return _known(root, e, spent), verdict
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent), verdict
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
         verdict = replace(verdict, unclear=unclear_on_halves(t, e.better))
         if verdict.admissible:
-            return Solved(t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations), verdict
+            return _known(root, e, spent), verdict
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
     return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note), verdict
+
+
+def _known(root: _Root, e: Estimate, spent: _Spent) -> Solved:
+    """A root that is an answer."""
+    return Solved(root.t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations, off=spent.off)
 
 
 def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:
@@ -252,12 +248,10 @@ def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spe
     if not root.solution.status.ok and not spent.marched:
         # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
         spent.marched = True
-        moved = known.setting.moved(known.solution.parameter)
-        again = task.problem.remarch(known.t, known.solution.u, moved)
+        again = task.problem.remarch(known.t, known.solution.u, known.setting.moved(known.solution.parameter))
         if again is not None:
             t, u, fresh = again
-            start = t, u, replace(fresh, p=known.setting.p)
-            root = _corrected(task, start, "newton", known.solution.parameter)
+            root = _corrected(task, (t, u, replace(fresh, p=known.setting.p)), "newton", known.solution.parameter)
     return root
 
 
@@ -295,28 +289,8 @@ def presentable(e: Estimate, options: Options) -> bool:
 
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
-    start = on_breaks((known.t, known.solution.u, known.setting), breaks)
-    return _corrected(task, start, "newton", known.solution.parameter)
-
-
-def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
-    """The border row of the node system with weights on the first node, on ln T_1 and on lambda.
-
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-    weights
-        (n + 2,), see continuation/curve.py.
-
-    Returns
-    -------
-    Border row (NodeSystem.border).
-    """
-    nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
-    nodes[0] = weights[: t.n]
-    durations[0] = weights[t.n] / t.durations_of(u)[0]
-    return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
+    found = known.solution
+    return _corrected(task, on_breaks((known.t, found.u, known.setting), breaks), "newton", found.parameter)
 
 
 def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _Root:
@@ -343,12 +317,16 @@ def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
     return _Root(t, setting, found)
 
 
-def _first_converging(task: _Task, starts: list[Start], known: _Root) -> _Root | None:
-    """The first of several starting points from which the solver converges."""
+def _first_converging(task: _Task, starts: list[Start], known: _Root) -> tuple[_Task, _Root] | None:
+    """The root from the first of several starting points from which the solver converges, and the task for them."""
+    first = float(known.t.durations_of(known.solution.u)[0])
     for t, u, moved in starts:
-        root = _solved_alone(task, (t, u, replace(moved, p=known.setting.p)), known.solution.parameter)
+        there = task
+        if task.border is not None:
+            there = replace(task, border=with_other_phases(task.border, first, float(t.durations_of(u)[0])))
+        root = _solved_alone(there, (t, u, replace(moved, p=known.setting.p)), known.solution.parameter)
         if root.solution.status.ok:
-            return root
+            return there, root
     return None
 
 

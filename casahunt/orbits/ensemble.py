@@ -34,10 +34,11 @@ from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
-from .adapt import LEFT_OUT, TOLERANCE_RANGE, Options, finished, refined, solve_adaptively
+from .adapt import LEFT_OUT, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
 from .ensemble_multipliers import leading_of_many
 from .fold_side import Side, odd_beyond_one, side_of
+from .options import TOLERANCE_RANGE
 from .orbit import Orbit, unknowns_of
 from .restart import Start
 from .rows import Rows

@@ -188,6 +188,20 @@ class Family(Problem):
         more, fewer = split(posed, start, phase), without(posed, start)
         return [*([more] if more else []), *([fewer[1]] if fewer else []), *marched(posed, start)]
 
+    def parted(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
+        """Boundaries put in where a phase passes events: see `sequences.split`.
+
+        Parameters
+        ----------
+        t, u, setting, phase
+            an orbit: transcription, unknowns, setting; number of the phase.
+
+        Returns
+        -------
+        Starting point; None where it does not come back.
+        """
+        return split(self.asked(), (t, u, setting), phase)
+
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has.
 

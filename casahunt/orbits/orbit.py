@@ -331,6 +331,7 @@ class Solved:
     status : verdict.
     iterations : total over all meshes.
     note : what is special about it, in words.
+    off : how far the first solution lies from where its solver started, as a Newton step is measured.
     """
 
     t: Transcription
@@ -340,6 +341,7 @@ class Solved:
     status: Status
     iterations: int
     note: str = ""
+    off: float = np.inf
 
     def complaint(self) -> Complaint:
         """The advice of the status with the note."""

@@ -27,7 +27,8 @@ from ..continuation.fold import WALK_TOLERANCE, confirmed, located, turns_back
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
-from ..orbits.adapt import TOLERANCE_RANGE, Options
+from ..orbits.adapt import Options
+from ..orbits.options import TOLERANCE_RANGE
 from .cold_start import check_hunts, check_problem, quickly_at, stable_at
 from .denial import no_cycle
 from .event_map.climb import BESIDE_A_CYCLE, climbed

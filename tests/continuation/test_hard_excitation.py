@@ -111,14 +111,14 @@ def test_the_cubic_passes_through_both_points_along_their_tangents(mesh):
     r = np.sqrt([square(3.2), square(3.3)])
     T = period(r**2)
     s = float(point.row @ [(r[0] - r[1]) / r[1], 0.0, np.log(T[0] / T[1]), 3.2 / 3.3 - 1])
-    u, lam = predict(point, s)
+    u, lam, _ = predict(point, s)
     assert lam == pytest.approx(3.2 / 3.3 - 1, rel=1e-8)
     exact = end.u * np.append(np.full(u.size - 1, r[0] / r[1]), T[0] / T[1])
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-7)
     # The tangents at either end: r dr = (d r^2/dc) dc/2, and lambda = dc/c.
     h = 1e-5
     for at, c in ((s, 3.2), (0.0, 3.3)):
-        (u_low, l_low), (u_high, l_high) = predict(point, at - h), predict(point, at + h)
+        (u_low, l_low, _), (u_high, l_high, _) = predict(point, at - h), predict(point, at + h)
         slope = (u_high[0] - u_low[0]) / (l_high - l_low)
         dr = (np.sqrt(square(c + 1e-5)) - np.sqrt(square(c - 1e-5))) / 2e-5
         assert slope == pytest.approx(dr * 3.3 / r[1], rel=1e-5)
@@ -132,7 +132,7 @@ def test_predictions_get_better_with_the_fourth_power_of_the_step():
         start, end = ends(before, after, "c")
         point = replace(end, bend=bend(start, end, (-step / 3.0, 1 - step / 3.0)))
         ds = 1e-2 * step / 0.08
-        u, lam = predict(point, ds)
+        u, lam, _ = predict(point, ds)
         errors.append(abs(u[0] - np.sqrt(square(3.0 * (1 + lam)) / square(3.0))))
     assert 8 < errors[0] / errors[1] < 40 and errors[0] < 1e-5
 
@@ -149,9 +149,11 @@ def test_a_predictor_bent_through_a_correction_leads_there(bent):
     assert_true(orbit, 1)
     lam = c_of(orbit) / 3.2 - 1
     better = bent_through(point, ds, solved, lam)
-    u, told = predict(better, ds)
-    assert told == pytest.approx(lam, abs=1e-14)
-    np.testing.assert_allclose(u, solved.solution.u, rtol=0, atol=1e-13)
+    u, told, _ = predict(better, ds)
+    # The corrector keeps the length along the tangent in T_1, the predictor in ln T_1: to the square of a correction.
+    corrected = np.log(solved.solution.u[-1] / predict(point, ds)[0][-1])
+    assert told == pytest.approx(lam, abs=1e-14 + corrected**2)
+    np.testing.assert_allclose(u, solved.solution.u, rtol=0, atol=1e-13 + 2 * solved.solution.u[-1] * corrected**2)
     # The corrector moves across the tangent alone: the length along it is ds.
     assert float(point.row @ secant(last, orbit, "c")) == pytest.approx(ds, rel=1e-6)
 
@@ -195,9 +197,9 @@ def test_a_step_ends_about_where_it_was_to_end(monkeypatch, share, taken):
     point = curve_point(last, "c")
     true = walks.corrected
 
-    def elsewhere(point, u, lam, *others, **more):
-        u, other = predict(point, share * ds)
-        solved = true(point, u, other, *others, **more)
+    def elsewhere(predicted, lam, *others, **more):
+        u, other, setting = predict(point, share * ds)
+        solved = true((point.t, u, setting), other, *others, **more)
         return replace(solved, solution=replace(solved.solution, parameter=solved.solution.parameter + other - lam))
 
     monkeypatch.setattr(walks, "corrected", elsewhere)

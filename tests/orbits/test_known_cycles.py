@@ -15,7 +15,8 @@ from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits import adapt, floquet, map_chain, multiplier_mesh
-from casahunt.orbits.adapt import curve_border, finished, refined, solve_adaptively
+from casahunt.orbits.adapt import finished, refined, solve_adaptively
+from casahunt.orbits.border import curve_border
 from casahunt.orbits.graded import _cut, spectrum
 from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.multiplier_mesh import refined_multipliers

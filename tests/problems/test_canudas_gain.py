@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from casahunt.continuation import branch_off, follow
 from casahunt.continuation.curve import curve_point
 from casahunt.orbits import Options, find_cycle
-from casahunt.orbits.adapt import curve_border
+from casahunt.orbits.border import curve_border
 from problems import canudas_gain
 
 

@@ -33,7 +33,7 @@ from ...compiled import alone
 from ...errors import InputError, NoOrbit, Status
 from ...hybrid.system import System
 from ...motion.march import MarchFailure, Segment, march
-from ...orbits.adapt import TOLERANCE_RANGE
+from ...orbits.options import TOLERANCE_RANGE
 from .. import stick_band as band
 from ..cycles import SCHEMES, automaton, names_of
 from ..event_map.scan import state_scale

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from ...checks import known, quoted, sensible, shortened
 from ...errors import InputError
-from ...orbits.adapt import SOLVERS, TOLERANCE_RANGE
+from ...orbits.options import SOLVERS, TOLERANCE_RANGE
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, load, with_overrides
 from .printed import LINE_WIDTH, folded, meanings

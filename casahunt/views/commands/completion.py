@@ -13,7 +13,7 @@ from typing import Any
 
 from ...design.sensitivity import NAMES
 from ...design.tune.demands import COSTS, NUMBERS
-from ...orbits.adapt import SOLVERS
+from ...orbits.options import SOLVERS
 from ...servo.find_orbit import BRANCHES
 from ...servo.hunting import MODELS
 from ...servo.servo import KEYS

@@ -1,0 +1,60 @@
+"""The row under which the parameter is free: the correction of a point of a branch is orthogonal to a direction y'.
+
+    y' . (x_0, ln T_1, lambda)  as it was,      T_1 the duration of the first phase (continuation/curve.py)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..collocation.transcription import Transcription
+
+Array = np.ndarray
+
+THE_SAME = 0.1
+"""A first phase is that of another phase sequence too where its duration differs by no more than this part."""
+LEAST_LEFT = 0.1
+"""What must be left of a direction, as a part of it, that is to say where a point is."""
+
+
+def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
+    """The border row of the node system with weights on the first node, on ln T_1 and on lambda.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+    weights
+        (n + 2,), see continuation/curve.py.
+
+    Returns
+    -------
+    Border row (NodeSystem.border).
+    """
+    nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
+    nodes[0] = weights[: t.n]
+    durations[0] = weights[t.n] / t.durations_of(u)[0]
+    return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
+
+
+def with_other_phases(weights: Array, before: float, after: float) -> Array:
+    """The weights where a point of a branch is sought with other phases than it was predicted with.
+
+    A first phase that is cut ends elsewhere: its duration is another thing, and would drag the parameter along.
+
+    Parameters
+    ----------
+    weights
+        (n + 2,) as of `curve_border`.
+    before, after
+        duration of the first phase among the phases of the prediction, and among the others.
+
+    Returns
+    -------
+    (n + 2,) weights, none of them on ln T_1 where that is another thing; as they are where it is nearly all there is.
+    """
+    if abs(after - before) <= THE_SAME * before:
+        return weights
+    others = weights.copy()
+    others[-2] = 0.0
+    return others if np.linalg.norm(others) > LEAST_LEFT * np.linalg.norm(weights) else weights

@@ -1,0 +1,242 @@
+"""Predictions along a branch, on meshes that move along: against exact ways, exact powers and the orbits further on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from casahunt import Options, Servo, find_orbit
+from casahunt.collocation.mesh import halved, phase_breaks, transfer
+from casahunt.collocation.scheme import scheme
+from casahunt.collocation.transcription import transcribe
+from casahunt.continuation import walk as walks
+from casahunt.continuation.curve import bend, bent_through, curve_point, predict, secant, seen_from
+from casahunt.continuation.moving_mesh import Way, by_time, carried, resampled, starts, way_of
+from casahunt.continuation.special_points import _turning_point
+from casahunt.continuation.walk import step_along, walk
+from casahunt.hybrid.examples import ball, belt
+from casahunt.orbits import find_cycle
+from casahunt.orbits.orbit import unknowns_of
+
+OPTIONS = Options(tol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def slipping():
+    """Transcription, unknowns and mesh of the block on a belt, whose phases are a slip and a stick."""
+    t, u, setting = unknowns_of(find_cycle(belt, "slip", x=0.0, v=0.0))
+    return t, u, setting.fractions
+
+
+@pytest.fixture(scope="module")
+def stiff():
+    """Three orbits of a LuGre servo in the order of a walk: a stiff mode, ten phases."""
+    start = find_orbit(Servo(), "lugre", 0.2, options=OPTIONS)
+    steps = walk(start, low=0.2, high=1.0, options=OPTIONS, first_step=0.05, largest_step=0.05)
+    return [start, next(steps), next(steps)]
+
+
+def along(orbits, vary="gain"):
+    """The curve at the second of some orbits, bent through the first."""
+    before, after = orbits[:2]
+    way = secant(before, after, vary)
+    start, end = curve_point(before, vary, like=way), curve_point(after, vary, like=way)
+    seen = seen_from(end, after, vary, before.problem.value(vary))
+    return replace(end, bend=bend(start, end, seen))
+
+
+def test_the_way_is_the_same_on_any_mesh(slipping):
+    """Places along the way are found on another mesh at the same times, to the error of cubics between the points."""
+    t, u, fractions = slipping
+    fine, u_fine, f_fine = transfer(t, u, fractions, halved(phase_breaks(t, fractions)))
+    way, same = way_of(t, u, fractions), way_of(fine, u_fine, f_fine)
+    places = way.ways[:-1].reshape(t.intervals, -1)[:, 0]
+    np.testing.assert_allclose(same.fractions(t, places), fractions, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(way.fractions(t, places), fractions, rtol=0, atol=1e-14)
+    assert np.all(np.diff(way.ways) > 0) and way.ways[-1] == way.times[-1] == t.collocated_counts.size
+
+
+def test_the_way_of_a_motion_that_goes_by_the_time(slipping):
+    t, _, fractions = slipping
+    way, at = by_time(t, fractions), starts(t, fractions)
+    np.testing.assert_allclose(way.fractions(t, at), fractions, rtol=0, atol=1e-14)
+
+
+def test_polynomials_on_another_mesh_are_those_that_transfer_finds(slipping):
+    t, u, fractions = slipping
+    breaks = [b + 0.2 * np.sin(2 * np.pi * b) / (2 * np.pi) for b in phase_breaks(t, fractions)]
+    new, expected, f = transfer(t, u, fractions, breaks)
+    w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
+    got = resampled(t, w, fractions, new, f).reshape(new.intervals, -1)
+    np.testing.assert_allclose(got[:, t.n :], new.intervals_of(expected)[:, t.n :], atol=1e-12)
+
+
+def test_values_carried_by_a_mesh_that_moves(slipping):
+    """Against differences of the values on meshes to either side."""
+    t, u, fractions = slipping
+    w, h = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n), 1e-6
+    rates = fractions * np.cos(np.arange(t.intervals))
+    for first, count in zip(t.first_intervals, t.collocated_counts, strict=True):
+        own = slice(first, first + count)
+        rates[own] -= fractions[own] * rates[own].sum()
+    ahead, behind = (resampled(t, w, fractions, t, fractions + s * rates) for s in (h, -h))
+    by_differences = (ahead - behind) / (2 * h)
+    np.testing.assert_allclose(carried(t, w, fractions, rates)[:, 1:-1], by_differences[:, 1:-1], atol=2e-4)
+
+
+def test_meshes_of_stiff_modes_move_along_and_predict_better(stiff):
+    """The same cubic on the mesh of the last orbit errs by several times as much."""
+    point = along(stiff)
+    assert point.bend.drift.any()
+    errors = []
+    for moving in (True, False):
+        one = point if moving else along_fixed(stiff)
+        outcome = step_along(one, stiff[1], "gain", 0.1, 0.0, 1.0, OPTIONS)
+        errors.append(outcome[1].off)
+    assert errors[0] < 0.5 * errors[1]
+
+
+def along_fixed(orbits):
+    """As `along`, on a mesh that stays."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("casahunt.continuation.curve.stiff", lambda t: False)
+        return along(orbits)
+
+
+def test_a_predicted_mesh_fills_every_phase(stiff):
+    point = along(stiff)
+    _, _, setting = predict(point, 0.3)
+    sums = np.add.reduceat(setting.fractions, point.t.first_intervals)
+    np.testing.assert_allclose(sums, 1.0, rtol=0, atol=1e-14)
+    assert setting.fractions.min() > 0
+    np.testing.assert_array_equal(predict(point, 0.0)[2].p, point.setting.p)
+
+
+def test_smooth_modes_keep_their_mesh():
+    start = find_cycle(belt, "slip", x=0.0, v=0.0)
+    orbits = [start, next(walk(start, vary="belt", low=0.2, high=0.5, options=OPTIONS))]
+    point = along(orbits, "belt")
+    assert not point.bend.drift.any()
+    assert predict(point, 0.1)[2] is point.setting
+
+
+@pytest.mark.parametrize("ds", [0.05, 0.3])
+def test_predictions_keep_the_length_along_the_tangent(stiff, ds):
+    point = along(stiff)
+    u, lam, _ = predict(point, ds)
+    t, first = point.t, point.t.node_index[0]
+    longer = np.log(t.durations_of(u)[0] / t.durations_of(point.u)[0])
+    came = np.concatenate([u[first] - point.u[first], [longer, lam]])
+    assert float(point.row @ came) == pytest.approx(ds, abs=1e-13)
+
+
+def test_a_prediction_goes_back_to_the_point_before(stiff):
+    """Through another mesh and back: to what polynomials of a mesh for 1e-6 show between its nodes."""
+    point, before = along(stiff), stiff[0]
+    way = secant(before, stiff[1], "gain")
+    s = -float(point.row @ (way * np.append(before.scale / point.setting.scale, [1.0, 1.0])))
+    _, lam, _ = predict(point, s)
+    assert stiff[1].problem.moved("gain", lam) == pytest.approx(before.gain, rel=1e-2)
+
+
+def test_a_parameter_that_changes_sign_is_no_logarithm():
+    """The earlier value of the other sign has no logarithm: nothing is said of the way on."""
+    start = find_cycle(belt, "slip", x=0.0, v=0.0)
+    after = next(walk(start, vary="belt", low=0.2, high=0.5, options=OPTIONS))
+    way = secant(start, after, "belt")
+    here, there = curve_point(start, "belt", like=way), curve_point(after, "belt", like=way)
+    seen = seen_from(there, after, "belt", start.problem.value("belt"))
+    assert bend(here, there, seen) is not None
+    relative = replace(there, setting=replace(there.setting, dp=np.where(there.setting.dp, there.setting.p, 0.0)))
+    assert bend(here, relative, (-1.5, 1.0)) is None
+
+
+def test_a_state_that_was_zero_has_no_logarithm(stiff):
+    way = secant(stiff[0], stiff[1], "gain")
+    here, there = (curve_point(orbit, "gain", like=way) for orbit in stiff[:2])
+    seen = seen_from(there, stiff[1], "gain", stiff[0].gain)
+    u = here.u.copy()
+    u[: -here.t.phases].reshape(-1, here.t.n)[:, 3] = 0.0  # zero at the start as it is
+    assert bend(here, there, seen) is not None and bend(replace(here, u=u), there, seen) is None
+
+
+def test_the_way_goes_on_where_the_polynomials_do_not_resolve_it(slipping):
+    """Speeds that jump between the stages make quadratures negative; places come in order all the same."""
+    t, u, fractions = slipping
+    rough = u.copy()
+    rough[: -t.phases] += np.where(np.arange(u.size - t.phases) % 14 == 3, 30.0, 0.0)
+    way = way_of(t, rough, fractions)
+    assert np.all(np.diff(way.ways) > 0)
+    places = np.linspace(0, 1, t.intervals, endpoint=False)
+    assert way.fractions(t, places).min() > 0
+
+
+def test_places_come_in_order_across_a_jump_of_the_speed():
+    """The cubic with the slopes 1000 and 1 would overshoot its ends."""
+    ends = np.array([0.0, 0.5, 1.0])
+    way = Way(ends, ends, np.array([1e-3, 1.0]), np.ones(2))
+    one_phase = SimpleNamespace(first_intervals=np.array([0]))
+    fractions = way.fractions(one_phase, np.arange(8) / 8)
+    assert fractions.min() > 0 and fractions.sum() == pytest.approx(1.0, abs=1e-14)
+
+
+def test_bent_through_another_mesh_says_nothing(stiff):
+    point = along(stiff)
+    outcome = step_along(point, stiff[1], "gain", 0.05, 0.0, 1.0, OPTIONS)
+    solved, lam = outcome[1], 0.01
+    other = replace(solved, setting=replace(solved.setting, fractions=solved.setting.fractions[::-1]))
+    assert bent_through(point, 0.05, other, lam) is point
+
+
+def test_which_turning_point_of_a_cubic():
+    """s (s - 1)(s + 1/2) turns at either side of 0, nearer behind: that one is no answer where it must lie ahead."""
+    slope, cubic = -0.5, np.array([-0.5, 1.0])
+    behind, ahead = np.sort(np.roots([3.0, -1.0, -0.5]).real)
+    assert _turning_point(slope, cubic, -1.0) == pytest.approx(behind)
+    assert _turning_point(slope, cubic, 0.0) == pytest.approx(ahead)
+
+
+def test_a_fold_next_to_an_orbit_is_met_in_three_steps(monkeypatch):
+    """On cubics that keep the length along the tangent; each takes the error to a higher power."""
+    steps = []
+    true = step_along
+
+    def counted(*args):
+        steps.append(args[3])
+        return true(*args)
+
+    monkeypatch.setattr("casahunt.continuation.special_points.step_along", counted)
+    from casahunt.continuation import follow
+
+    start = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    branch = follow(start, "a", to=0.005)
+    assert [special.kind for special in branch.special] == ["fold"] and len(steps) <= 4
+    # g (1 - r) pi/((1 + r) omega^2) is exact
+    assert branch.special[0].value == pytest.approx(0.00856084, rel=1e-6)
+
+
+@pytest.mark.parametrize(("off", "iterations", "moving", "room"), [
+    (0.05, 4, True, 7 / 4), (0.05, 14, True, 1.0), (0.05 / 16, 14, True, 2.0), (1e-9, 14, True, 4.0),
+    (1e-9, 14, False, 0.5), (1.0, 1, True, 2.0),
+])  # fmt: skip
+def test_how_much_longer_the_next_step_may_be(stiff, off, iterations, moving, room):
+    point = along(stiff)
+    if not moving:
+        point = replace(point, bend=replace(point.bend, drift=np.zeros_like(point.bend.drift)))
+    outcome = step_along(point, stiff[1], "gain", 0.02, 0.0, 1.0, OPTIONS)
+    solved = replace(outcome[1], off=off, iterations=iterations)
+    assert walks._room(point, solved, OPTIONS) == pytest.approx(room)
+    if moving:  # a sketch knows nothing of errors
+        assert walks._room(point, solved, Options(sketched=True)) == pytest.approx(min(5 / iterations, 2.0))
+
+
+def test_radau_ends_on_its_last_stage():
+    """The way is told at the end of an interval once, whether a stage stands there or not."""
+    for kind in ("gauss", "radau"):
+        assert scheme(5, kind).points.size == 6
+    t = transcribe(find_cycle(belt, "slip", x=0.0, v=0.0).cycle, (4, 0), 5, "radau")
+    way = by_time(t, np.full(4, 0.25))
+    assert np.all(np.diff(way.times) > 0)
