@@ -171,7 +171,7 @@ def _at_once(q: AtGain) -> Met | None:
         motion = _first_motion(q, degree, kind)
         if motion is None:
             return None
-        first = remeshed(_start(motion, problem, q.options), q.options)
+        first = remeshed(started(motion, problem, q.options), q.options)
         solved = solve_adaptively(problem, first, q.options, solver="newton")
         orbit = finished(solved, problem, q.options, began, "")
     except (MarchFailure, NoOrbit):
@@ -288,7 +288,7 @@ def _solved_from(
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
     first: Solver = "newton" if _rings(start) else "ipopt"
     solver = first if options.solver == "auto" else options.solver
-    solved = solve_adaptively(problem, _start(start, problem, options), options, solver=solver)
+    solved = solve_adaptively(problem, started(start, problem, options), options, solver=solver)
     return finished(solved, problem, options, began, what)
 
 
@@ -296,7 +296,7 @@ def _rings(motion: HalfCycle) -> bool:
     return len(motion.segments) > RINGING
 
 
-def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
+def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
     """A motion as the starting point of the boundary value problem."""
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
         raise NoOrbit(

@@ -19,7 +19,7 @@ from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cold_start import _start
+from casahunt.servo.cold_start import started
 from casahunt.servo.event_map.half_cycle import half_cycle
 from casahunt.servo.find_orbit import _unstable
 from casahunt.servo.problem import Hunting
@@ -59,7 +59,7 @@ def test_what_a_motion_does_is_clear_before_it_is_solved():
     problem = Hunting("lugre", servo, 0.2)
     rigid = half_cycle("switch", servo, 0.2, 0.1 * servo.friction.static / servo.torque_gains(0.2)[0])
     motion = half_cycle("lugre", servo, 0.2, rigid.position, degree=7, kind="radau")
-    start = _start(motion, problem, options)
+    start = started(motion, problem, options)
     assert not judge(*remeshed(start, options)).unclear.any()
 
 
