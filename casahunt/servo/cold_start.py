@@ -26,7 +26,7 @@ from ..orbits.marched_mesh import remeshed
 from ..orbits.restart import Start
 from .cycles import SCHEMES
 from .denial import no_cycle
-from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
+from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, near_typical, scan
 from .hunting import MODELS, Model
 from .problem import Hunting, HuntingOrbit
 from .sequences import from_half_cycle
@@ -39,9 +39,9 @@ NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
 """Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
 FLAT = 1.5
 """The same up to which the Switch servo's next stick position is close enough to its cycle for a LuGre motion."""
-INWARDS = (0.7, 1.0)
-"""Parts of the typical stick position from which the Switch cycle is sought where that is not so: next to the fold
-cycles stick nearer, and a secant from too far out ends inside the unstable one."""
+INWARDS = 0.7
+"""Part of the typical stick position from which the Switch cycle is sought first where that is not so: next to the fold
+cycles may stick nearer."""
 OUTSIDE = 1.05
 """A LuGre motion starts by this factor outside the Switch cycle, whence it comes in as long as there is a cycle: the
 unstable LuGre cycle, inside which motions creep to rest for hundreds of intervals, lies farther out than the rigid."""
@@ -181,6 +181,13 @@ def _at_once(q: AtGain) -> Met | None:
     return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
 
 
+def _beside_the_fixed_point(q: AtGain) -> Met | None:
+    """`_at_once` from a motion to which a few secant steps on the event map lead."""
+    rigid = _rigid_cycle(q)
+    alone = replace(q.options, solver="newton")  # where Newton's method is lost, the event map is asked before IPOPT
+    return None if rigid is None else _at_once(replace(q, options=alone, beside=rigid))
+
+
 def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
     """A motion so close to the stable cycle that Newton is tried, or None."""
     if q.beside is not None and q.model == "switch" and (degree, kind) == SCHEMES["switch"]:
@@ -210,8 +217,8 @@ def _beside_the_rigid_cycle(q: AtGain) -> float:
 
 def _rigid_cycle(q: AtGain) -> HalfCycle | None:
     """A motion of the Switch servo close to its stable cycle, by a few secant steps, or None."""
-    tried = (near_stable("switch", q.servo, q.gain, part * q.typical) for part in INWARDS)
-    return next((motion for motion in tried if motion is not None), None)
+    inwards = near_stable("switch", q.servo, q.gain, INWARDS * q.typical)
+    return inwards if inwards is not None else near_typical(q.servo, q.gain)
 
 
 def _by_the_map(q: AtGain) -> Met:
@@ -261,6 +268,10 @@ AT_ONE_GAIN = (
     Strategy(
         "one motion from where most cycles stick", "IPOPT is not to work alone", "5 ms; LuGre 30 ms",
         _at_once, lambda q: q.options.solver != "ipopt",
+    ),
+    Strategy(
+        "a few motions to where this one sticks", "Switch, and IPOPT is not to work alone", "8 ms",
+        _beside_the_fixed_point, lambda q: q.model == "switch" and q.options.solver != "ipopt",
     ),
     Strategy("the event map", "always", "30 ms, scanned 0.3 s; LuGre 0.2 s, scanned 5 s", _by_the_map),
 )  # fmt: skip

@@ -32,7 +32,7 @@ from ..orbits.adapt import Options, refined
 from .cold_start import Met, check_hunts, check_problem, quickly_at, stable_at, unstable_at
 from .denial import no_cycle
 from .event_map.climb import BESIDE_A_CYCLE, climbed
-from .event_map.scan import TYPICAL, HalfCycle, near_stable
+from .event_map.scan import HalfCycle, near_typical
 from .find_fold import find_fold
 from .hunting import Model
 from .inner_cycle import inner_cycle, unstable
@@ -125,9 +125,7 @@ class _Search:
     @cached_property
     def beside(self) -> HalfCycle | None:
         """A motion of the Switch servo beside its stable cycle at this gain, where a few steps lead to one."""
-        kp, _, _ = self.servo.torque_gains(self.gain)
-        typical = TYPICAL * self.servo.friction.static / kp
-        return near_stable("switch", self.servo, self.gain, typical, close=BESIDE_A_CYCLE)
+        return near_typical(self.servo, self.gain, close=BESIDE_A_CYCLE)
 
     @property
     def rough(self) -> Options:

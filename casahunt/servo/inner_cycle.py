@@ -36,8 +36,8 @@ INWARDS = 2.0
 """Factor by which stick positions go inwards until the servo comes to rest nearer."""
 LONGEST = 4.0
 """Times that the servo moves in the stable cycle, after which it is creeping to rest."""
-NARROWEST = 1e-12
-"""Relative width of the bracket at which the map jumps rather than crosses."""
+NARROWEST = 1e-8
+"""Relative width of the bracket at which the map is too steep, or jumps."""
 CLEARLY_UNSTABLE = (2.0, 1e6)
 """Half multipliers at a glance between which no closer look is needed."""
 MOST_SOLVED, ACROSS = 3, 4.0
