@@ -18,6 +18,7 @@ import numpy as np
 
 from ..checks import COMPUTED, known, sensible
 from ..collocation.newton import Solver
+from ..collocation.remesh import shape_limit
 from ..collocation.scheme import Kind
 from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
@@ -171,7 +172,8 @@ def _at_once(q: AtGain) -> Met | None:
         motion = _first_motion(q, degree, kind)
         if motion is None:
             return None
-        first = remeshed(started(motion, problem, q.options), q.options)
+        first = started(motion, problem, q.options)
+        first = first if q.model == "switch" else remeshed(first, q.options)
         solved = solve_adaptively(problem, first, q.options, solver="newton")
         orbit = finished(solved, problem, q.options, began, "")
     except (MarchFailure, NoOrbit):
@@ -320,8 +322,9 @@ def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
         motion = half_cycle(
             problem.model, problem.servo, problem.gain, motion.start, tol=RINGS_OUT, degree=degree, kind=kind
         )
+    segments = [segment.meshed(shape_limit(options.tol)) for segment in motion.segments]
     return from_half_cycle(
-        problem.model, motion.segments, problem.vector(), problem.direction(problem.principal),
+        problem.model, segments, problem.vector(), problem.direction(problem.principal),
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
 

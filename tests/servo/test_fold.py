@@ -339,7 +339,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
-    monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a, **_: _seen_as_stable(m, s, K, a, gain))
+    monkeypatch.setattr(fold, "near_typical", lambda s, K, **_: _seen_as_stable(s, K, gain))
     monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
     with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
@@ -347,10 +347,11 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     assert refused.value.status is Status.NOT_FOUND
 
 
-def _seen_as_stable(model, servo, gain, a, where):
+def _seen_as_stable(servo, gain, where):
     from casahunt.servo.event_map.scan import half_cycle
 
-    return replace(half_cycle(model, servo, gain, a), slope=-1.0) if gain == where else None
+    a = 0.1 * servo.friction.static / servo.torque_gains(gain)[0]
+    return replace(half_cycle("switch", servo, gain, a), slope=-1.0) if gain == where else None
 
 
 def _stuck(*arguments, **options):

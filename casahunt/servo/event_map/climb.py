@@ -15,7 +15,7 @@ from ..denial import no_cycle
 from ..servo import Servo
 from .scan import MUCH_LONGER, HalfCycle, near_stable
 
-CLIMB_FACTORS = (4.0, 2.0, 1.4)
+CLIMB_FACTORS = (4.0, 2.0, 1.4, 1.2)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
 BESIDE_A_CYCLE = 0.3
