@@ -51,7 +51,7 @@ def test_what_lies_elsewhere_or_is_stable_is_none(monkeypatch, orbit):
     for other in (orbit("switch", 0.3, "unstable"), orbit("switch", 0.4)):
         monkeypatch.setattr(inner_cycle, "_solved", lambda *_, other=other: other)
         assert inner(0.4) is None
-    monkeypatch.setattr(inner_cycle, "_narrowing", lambda *_: [(half_cycle("switch", Servo(), 0.4, 0.00096), 1.0)])
+    monkeypatch.setattr(inner_cycle, "_narrowing", lambda *_: [(half_cycle("switch", Servo(), 0.4, 0.000963), 1.0)])
     assert inner(0.4) is None
 
 
@@ -122,7 +122,7 @@ def test_in_other_forms(orbit, options):
     assert found.degree == (options.degree or 8) and found.repeats == (2 if options.half else 1)
 
 
-# The stable cycle next to the fold -------------------------------------------------------------------------------------
+# The stable cycle next to the fold ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
