@@ -310,7 +310,22 @@ def _rings(motion: HalfCycle) -> bool:
 
 
 def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
-    """A motion as the starting point of the boundary value problem."""
+    """A motion as the starting point of the boundary value problem.
+
+    Parameters
+    ----------
+    motion, problem, options
+        half a cycle, of the problem at its gain, in the scheme of the options; their tolerance chooses the intervals
+        of what was followed along series.
+
+    Returns
+    -------
+    Transcription, unknowns, setting.
+
+    Raises
+    ------
+    NoOrbit : the motion comes to rest.
+    """
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
         raise NoOrbit(
             f"the hunting cycle of {problem.title} at gain {problem.gain:g} was not computed: the motion from the "

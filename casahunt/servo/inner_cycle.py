@@ -32,11 +32,11 @@ from .event_map.scan import SCAN_LOW, HalfCycle, half_cycle
 from .problem import Hunting, HuntingOrbit
 from .servo import Servo
 
-INWARDS = 2.0
+ONE_STEP_IN = 2.0
 """Factor by which stick positions go inwards until the servo comes to rest nearer."""
-LONGEST = 4.0
+CREEPS_AFTER = 4.0
 """Times that the servo moves in the stable cycle, after which it is creeping to rest."""
-NARROWEST = 1e-8
+TOO_STEEP = 1e-8
 """Relative width of the bracket at which the map is too steep, or jumps."""
 CLEARLY_UNSTABLE = (2.0, 1e6)
 """Half multipliers at a glance between which no closer look is needed."""
@@ -61,7 +61,7 @@ def inner_cycle(servo: Servo, gain: float, outer: float, moving: float, options:
     The cycle; None where none was met.
     """
     problem, failed, needed = Hunting("switch", servo, gain), 0, CAME_TO_REST
-    for inside, outside in _narrowing(servo, gain, outer, LONGEST * moving):
+    for inside, outside in _narrowing(servo, gain, outer, CREEPS_AFTER * moving):
         if inside.ratio < needed or inside.segments[-1].mode != "stick":
             continue
         orbit = _solved(problem, inside, options)
@@ -77,8 +77,8 @@ def _narrowing(servo: Servo, gain: float, outer: float, longest: float) -> Itera
     """(motion that comes to rest nearer, stick position of one that does not), ever closer; each motion once."""
     kp, _, _ = servo.torque_gains(gain)
     smallest, high, low = SCAN_LOW * servo.friction.static / kp, outer, 0.0
-    while high - low > NARROWEST * high:
-        a = math.sqrt(low * high) if low else high / INWARDS
+    while high - low > TOO_STEEP * high:
+        a = math.sqrt(low * high) if low else high / ONE_STEP_IN
         if a < smallest:
             return
         try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,15 @@ def test_where_every_motion_inside_grows_none_is_followed_to_nothing(monkeypatch
     monkeypatch.setattr(inner_cycle, "half_cycle", growing)
     assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
     assert min(tried) > 1e-4 * Servo().friction.static / Servo().torque_gains(0.4)[0] and len(tried) < 12
+
+
+def test_a_motion_that_swings_on_is_not_closed(monkeypatch):
+    """One that was followed for so many slips; its last one is no stick."""
+    motion = half_cycle("switch", Servo(), 0.4, 0.00096)
+    swinging = replace(motion, position=0.9 * motion.start, segments=motion.segments[:1])
+    monkeypatch.setattr(inner_cycle, "half_cycle", lambda *_, **__: swinging)
+    monkeypatch.setattr(inner_cycle, "_solved", lambda *_: pytest.fail("there is no stick"))
+    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
 
 
 def test_a_motion_is_closed_by_the_stick_that_its_start_asks_for():
