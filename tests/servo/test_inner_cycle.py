@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, Servo, find_orbit
-from casahunt.motion.march import MarchFailure
+from casahunt.collocation.mesh import shape
+from casahunt.collocation.remesh import shape_limit
+from casahunt.motion.march import MarchFailure, Segment
 from casahunt.servo import cold_start, inner_cycle
 from casahunt.servo import find_orbit as orbits
 from casahunt.servo.event_map import scan
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.half_cycle import half_cycle
+from casahunt.servo.event_map.half_cycle import HalfCycle, half_cycle
 from casahunt.servo.event_map.scan import FAR_OFF, MUCH_LONGER, TYPICAL, near_stable, near_typical
 from casahunt.servo.problem import Hunting
 from problems import table1
@@ -93,6 +95,20 @@ def test_where_every_motion_inside_grows_none_is_followed_to_nothing(monkeypatch
     assert min(tried) > 1e-4 * Servo().friction.static / Servo().torque_gains(0.4)[0] and len(tried) < 12
 
 
+def test_a_servo_that_creeps_to_rest_is_not_waited_for(monkeypatch):
+    """Where it sticks at half of the stable cycle's, it would creep on for more than an hour."""
+    moved = []
+
+    def watched(*arguments, **how):
+        run = half_cycle(*arguments, **how)
+        moved.append(run.moving)
+        return run
+
+    monkeypatch.setattr(inner_cycle, "half_cycle", watched)
+    outer = near_typical(Servo(), 0.64, close=0.3)
+    assert inner(0.64) is not None and max(moved) == pytest.approx(inner_cycle.CREEPS_AFTER * outer.moving)
+
+
 def test_a_motion_that_swings_on_is_not_closed(monkeypatch):
     """One that was followed for so many slips; its last one is no stick."""
     motion = half_cycle("switch", Servo(), 0.4, 0.00096)
@@ -157,6 +173,41 @@ def test_a_step_too_far_inwards_goes_back_half_of_it(motions):
     (outside, first, _), (inside, lost, longest), (between, _, _) = motions[:3]
     assert inside < between < outside and between == pytest.approx((inside * outside) ** 0.5)
     assert lost.ratio < 1 / FAR_OFF and longest == MUCH_LONGER * first.moving and lost.moving < 1.01 * longest
+
+
+@pytest.mark.parametrize(
+    ("model", "ratios", "longest"),
+    [
+        ("switch", [0.5, 20.0], [np.inf, 10.0]),  # a step inwards, to where it is thrown out
+        ("switch", [2.0, 0.0], [np.inf, 10.0]),  # a step outwards, to where it comes to rest
+        ("lugre", [0.5, 0.8, 0.0], [np.inf, np.inf, np.inf]),  # whose motions cost ten times as much, and are no slips
+    ],
+)
+def test_only_a_step_too_far_inwards_is_taken_back(monkeypatch, model, ratios, longest):
+    told, asked = iter(ratios), []
+
+    def played(model, servo, gain, a, *, longest):
+        asked.append(longest)
+        return HalfCycle(a, a * next(told), [Segment("slip+", "stop", 1.0, *np.zeros((3, 2)))])
+
+    monkeypatch.setattr(scan, "half_cycle", played)
+    assert near_stable(model, Servo(), 0.4, 0.003) is None and asked == longest
+
+
+@pytest.mark.parametrize(
+    ("model", "solver", "tried"), [("switch", "auto", 3), ("switch", "ipopt", 1), ("lugre", "auto", 2)]
+)
+def test_newton_from_the_event_map_is_for_the_switch_servo(model, solver, tried):
+    q = cold_start.AtGain(Servo(), model, 0.4, Options(solver=solver))
+    assert sum(strategy.applies(q) for strategy in cold_start.AT_ONE_GAIN) == tried
+
+
+def test_a_motion_is_meshed_for_the_tolerance():
+    """No other mesh is needed then: last Legendre coefficients fall with the power of the degree."""
+    motion, problem = near_typical(Servo(), 0.2), Hunting("switch", Servo(), 0.2)
+    for tol in (1e-4, 1e-8, 1e-12):
+        t, u, _ = cold_start.started(motion, problem, Options(tol=tol))
+        assert 1e-3 * shape_limit(tol) < shape(t, u).max() <= shape_limit(tol)
 
 
 def test_from_farther_out_where_cycles_stick_there(motions):

@@ -186,10 +186,10 @@ def near_stable(
 ) -> HalfCycle | None:  # fmt: skip
     """A half cycle close to a stable fixed point; a short cut that replaces no scan.
 
-    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.  The
-    fixed point is taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so
-    steeply that the next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a, and
-    crosses it nowhere.
+    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.
+    Only a step of the Switch servo too far inwards, where it creeps to rest, is taken back by half.  The fixed point is
+    taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so steeply that the
+    next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a, and crosses it nowhere.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def near_stable(
         except MarchFailure:
             return None
         if not 1 / FAR_OFF < run.ratio < FAR_OFF:
-            if previous is None or not x < previous[0] or run.ratio > 1:
+            if model != "switch" or previous is None or not x < previous[0] or run.ratio > 1:
                 return None
             x = (x + previous[0]) / 2  # too far inwards, where it comes to rest
             continue
