@@ -189,7 +189,7 @@ def near_stable(
     Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.
     Only a step of the Switch servo too far inwards, where it creeps to rest, is taken back by half.  The fixed point is
     taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so steeply that the
-    next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a, and crosses it nowhere.
+    next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a and crosses it nowhere.
 
     Parameters
     ----------
