@@ -271,10 +271,10 @@ def _followed(
         event = "" if reached.way_out is None else reached.way_out.event.name
         ends = name, event, reached.time, x.copy(), reached.x * scale, jumped
 
-        def mesh() -> tuple[Array, Array]:
-            return _meshed(*intervals_of(mode, stepper, stretches, tol, max_intervals), scale)
+        def mesh(tol: float) -> tuple[Array, Array]:
+            return _meshed(*intervals_of(mode, stepper, stretches, tol), scale)
 
-        return Segment.followed(ends, following.taken, mesh), successor
+        return Segment.followed(ends, following.taken, mesh, tol), successor
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:

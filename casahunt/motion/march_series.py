@@ -295,7 +295,7 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
 
 def intervals_of(
-    mode: Mode, stepper: Stepper, stretches: list[list[Piece]], tol: float, most: int
+    mode: Mode, stepper: Stepper, stretches: list[list[Piece]], tol: float, most: float = np.inf
 ) -> tuple[list[float], list[Array]]:
     """The intervals of a motion that was followed by series.
 

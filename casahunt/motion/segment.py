@@ -47,7 +47,8 @@ class Segment:
         cls,
         ends: tuple[str, str, float, Array, Array, Array | None],
         count: int,
-        mesh: Callable[[], tuple[Array, Array]],
+        mesh: Callable[[float], tuple[Array, Array]],
+        tol: float,
     ) -> Segment:
         """A phase whose intervals are made when somebody asks for them, as few who only want its end do.
 
@@ -57,16 +58,16 @@ class Segment:
             mode, event, duration, (n,) start and end, and the state behind the event.
         count
             steps in which it was followed.
-        mesh
-            makes `breaks` and `w`.
+        mesh, tol
+            makes `breaks` and `w` from the last Legendre coefficient of an interval; that coefficient.
 
         Returns
         -------
         Segment.
         """
         self = object.__new__(cls)
-        names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh")
-        for name, value in zip(names, (*ends, 0.0, count, mesh), strict=True):
+        names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh", "_tol")
+        for name, value in zip(names, (*ends, 0.0, count, mesh, tol), strict=True):
             object.__setattr__(self, name, value)
         return self
 
@@ -75,9 +76,26 @@ class Segment:
         mesh = self.__dict__.get("_mesh")
         if name not in ("breaks", "w") or mesh is None:
             raise AttributeError(name)
-        for made, value in zip(("breaks", "w"), mesh(), strict=True):
+        for made, value in zip(("breaks", "w"), mesh(self._tol), strict=True):
             object.__setattr__(self, made, value)
         return self.__dict__[name]
+
+    def meshed(self, tol: float) -> Segment:
+        """The same phase with other intervals, where it has none yet.
+
+        Parameters
+        ----------
+        tol
+            last Legendre coefficient of each interval, in units of the states.
+
+        Returns
+        -------
+        Segment; as it is where it was followed by intervals, or in closed form.
+        """
+        if "_mesh" not in self.__dict__:
+            return self
+        ends = self.mode, self.event, self.duration, self._start, self.end, self.jumped
+        return Segment.followed(ends, self._count, self._mesh, tol)
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and sent to other processes."""

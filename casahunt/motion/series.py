@@ -301,7 +301,7 @@ def values_at(motion: Piece, times: Array) -> Array:
 
 
 def meshed(
-    pieces: Sequence[Piece], s: Scheme, tol: float, hidden: Callable[[Array], Array], most: int
+    pieces: Sequence[Piece], s: Scheme, tol: float, hidden: Callable[[Array], Array], most: float
 ) -> tuple[Array, Array]:
     """A mesh for a motion, with its stages.
 

@@ -21,6 +21,7 @@ simulation/       the motion from any initial state, and the verdict on its end
 strategies.py     ways to one end, tried in turn; what a refusal says of them
 times.py          how far apart the times of a servo may be
 cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
+inner_cycle.py    the unstable cycle inside the stable one at the same gain
 find_fold.py      from a servo to the largest gain at which it hunts
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
 basin.py          the amplitude below which a stuck servo settles

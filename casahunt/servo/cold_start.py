@@ -18,6 +18,7 @@ import numpy as np
 
 from ..checks import COMPUTED, known, sensible
 from ..collocation.newton import Solver
+from ..collocation.remesh import shape_limit
 from ..collocation.scheme import Kind
 from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
@@ -26,7 +27,7 @@ from ..orbits.marched_mesh import remeshed
 from ..orbits.restart import Start
 from .cycles import SCHEMES
 from .denial import no_cycle
-from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
+from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, near_typical, scan
 from .hunting import MODELS, Model
 from .problem import Hunting, HuntingOrbit
 from .sequences import from_half_cycle
@@ -39,9 +40,9 @@ NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
 """Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
 FLAT = 1.5
 """The same up to which the Switch servo's next stick position is close enough to its cycle for a LuGre motion."""
-INWARDS = (0.7, 1.0)
-"""Parts of the typical stick position from which the Switch cycle is sought where that is not so: next to the fold
-cycles stick nearer, and a secant from too far out ends inside the unstable one."""
+INWARDS = 0.7
+"""Part of the typical stick position from which the Switch cycle is sought first where that is not so: next to the fold
+cycles may stick nearer."""
 OUTSIDE = 1.05
 """A LuGre motion starts by this factor outside the Switch cycle, whence it comes in as long as there is a cycle: the
 unstable LuGre cycle, inside which motions creep to rest for hundreds of intervals, lies farther out than the rigid."""
@@ -171,7 +172,8 @@ def _at_once(q: AtGain) -> Met | None:
         motion = _first_motion(q, degree, kind)
         if motion is None:
             return None
-        first = remeshed(_start(motion, problem, q.options), q.options)
+        first = started(motion, problem, q.options)
+        first = first if q.model == "switch" else remeshed(first, q.options)
         solved = solve_adaptively(problem, first, q.options, solver="newton")
         orbit = finished(solved, problem, q.options, began, "")
     except (MarchFailure, NoOrbit):
@@ -179,6 +181,13 @@ def _at_once(q: AtGain) -> Met | None:
     linearisation = solved.solution.linearisation
     leading = np.inf if linearisation is None else float(linearisation.return_map_eigenvalues().real.max())
     return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
+
+
+def _beside_the_fixed_point(q: AtGain) -> Met | None:
+    """`_at_once` from a motion to which a few secant steps on the event map lead."""
+    rigid = _rigid_cycle(q)
+    alone = replace(q.options, solver="newton")  # where Newton's method is lost, the event map is asked before IPOPT
+    return None if rigid is None else _at_once(replace(q, options=alone, beside=rigid))
 
 
 def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
@@ -210,8 +219,8 @@ def _beside_the_rigid_cycle(q: AtGain) -> float:
 
 def _rigid_cycle(q: AtGain) -> HalfCycle | None:
     """A motion of the Switch servo close to its stable cycle, by a few secant steps, or None."""
-    tried = (near_stable("switch", q.servo, q.gain, part * q.typical) for part in INWARDS)
-    return next((motion for motion in tried if motion is not None), None)
+    inwards = near_stable("switch", q.servo, q.gain, INWARDS * q.typical)
+    return inwards if inwards is not None else near_typical(q.servo, q.gain)
 
 
 def _by_the_map(q: AtGain) -> Met:
@@ -262,6 +271,10 @@ AT_ONE_GAIN = (
         "one motion from where most cycles stick", "IPOPT is not to work alone", "5 ms; LuGre 30 ms",
         _at_once, lambda q: q.options.solver != "ipopt",
     ),
+    Strategy(
+        "a few motions to where this one sticks", "Switch, and IPOPT is not to work alone", "8 ms",
+        _beside_the_fixed_point, lambda q: q.model == "switch" and q.options.solver != "ipopt",
+    ),
     Strategy("the event map", "always", "30 ms, scanned 0.3 s; LuGre 0.2 s, scanned 5 s", _by_the_map),
 )  # fmt: skip
 STARTS = (
@@ -288,7 +301,7 @@ def _solved_from(
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
     first: Solver = "newton" if _rings(start) else "ipopt"
     solver = first if options.solver == "auto" else options.solver
-    solved = solve_adaptively(problem, _start(start, problem, options), options, solver=solver)
+    solved = solve_adaptively(problem, started(start, problem, options), options, solver=solver)
     return finished(solved, problem, options, began, what)
 
 
@@ -296,8 +309,23 @@ def _rings(motion: HalfCycle) -> bool:
     return len(motion.segments) > RINGING
 
 
-def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
-    """A motion as the starting point of the boundary value problem."""
+def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
+    """A motion as the starting point of the boundary value problem.
+
+    Parameters
+    ----------
+    motion, problem, options
+        half a cycle, of the problem at its gain, in the scheme of the options; their tolerance chooses the intervals
+        of what was followed along series.
+
+    Returns
+    -------
+    Transcription, unknowns, setting.
+
+    Raises
+    ------
+    NoOrbit : the motion comes to rest.
+    """
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
         raise NoOrbit(
             f"the hunting cycle of {problem.title} at gain {problem.gain:g} was not computed: the motion from the "
@@ -309,8 +337,9 @@ def _start(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
         motion = half_cycle(
             problem.model, problem.servo, problem.gain, motion.start, tol=RINGS_OUT, degree=degree, kind=kind
         )
+    segments = [segment.meshed(shape_limit(options.tol)) for segment in motion.segments]
     return from_half_cycle(
-        problem.model, motion.segments, problem.vector(), problem.direction(problem.principal),
+        problem.model, segments, problem.vector(), problem.direction(problem.principal),
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
 

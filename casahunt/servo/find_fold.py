@@ -33,7 +33,7 @@ from .cold_start import check_hunts, check_problem, quickly_at, stable_at
 from .denial import no_cycle
 from .event_map.climb import BESIDE_A_CYCLE, climbed
 from .event_map.fixed_points import fixed_points
-from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
+from .event_map.scan import GROWING, HalfCycle, Scan, half_cycle, near_typical, scan
 from .hunting import Model
 from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
@@ -148,7 +148,7 @@ class _Hunt:
             self.farther[gain], self.proved[gain] = False, why
             return None
         self.farther[gain] = None
-        near = near_stable("switch", self.servo, gain, TYPICAL * unit, close=BESIDE_A_CYCLE)
+        near = near_typical(self.servo, gain, close=BESIDE_A_CYCLE)
         if near is None:
             scanned = scan("switch", self.servo, gain)
             near = scanned.upper

@@ -20,8 +20,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
-import numpy as np
-
 from ..checks import known, of_kind, to_error
 from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
@@ -29,13 +27,13 @@ from ..continuation.special_points import FOLD, SpecialPoint, locate
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
-from ..orbits.orbit import unknowns_of
 from .cold_start import Met, check_hunts, check_problem, quickly_at, stable_at, unstable_at
 from .denial import no_cycle
 from .event_map.climb import BESIDE_A_CYCLE, climbed
-from .event_map.scan import TYPICAL, near_stable
+from .event_map.scan import HalfCycle, near_typical
 from .find_fold import find_fold
 from .hunting import Model
+from .inner_cycle import inner_cycle, unstable
 from .problem import HuntingFold, HuntingOrbit
 from .servo import Servo
 from .strategies import Strategy, first_of
@@ -47,8 +45,6 @@ TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 FAR_BELOW = 0.9
 """Part of the fold gain below which the way down from the fold may be rough, its end being refined."""
-CLEARLY_UNSTABLE = (2.0, 1e6)
-"""Half multipliers at a glance between which no closer look is needed."""
 NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
 DOWNWARDS = 0.01
@@ -124,6 +120,11 @@ class _Search:
                 return stable_at(self.servo, self.model, self.gain, options=self.rough)
         return Met(None, False, None)
 
+    @cached_property
+    def beside(self) -> HalfCycle | None:
+        """A motion of the Switch servo beside its stable cycle at this gain, where a few steps lead to one."""
+        return near_typical(self.servo, self.gain, close=BESIDE_A_CYCLE)
+
     @property
     def rough(self) -> Options:
         """Enough for a way whose end is refined."""
@@ -159,7 +160,18 @@ def _inner_fixed_point(s: _Search) -> HuntingOrbit | str:
         return str(error)
     if orbit is None:
         return f"none inside the stable one; {seen.sentence()}"
-    return orbit if _unstable(orbit) else "the solver went from it to the stable cycle"
+    return orbit if unstable(orbit) else "the solver went from it to the stable cycle"
+
+
+def _inside_the_stable_one(s: _Search) -> HuntingOrbit | None:
+    """The unstable cycle from motions inside the stable one; None where they lead to none."""
+    if s.beside is not None:
+        return inner_cycle(s.servo, s.gain, s.beside.fixed, s.beside.moving, s.options)
+    stable = s.met.orbit
+    if stable is None:
+        return None
+    moving = sum(arc.duration for arc in stable.arcs if arc.mode != "stick") * stable.repeats / 2
+    return inner_cycle(s.servo, s.gain, stable.amplitude, moving, s.options)
 
 
 def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
@@ -167,14 +179,12 @@ def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
 
     With a bristle the fold lies elsewhere: a motion that leads to no stable cycle at one gain may at a lower one.
     """
-    kp, _, _ = s.servo.torque_gains(s.gain)
-    beside = near_stable("switch", s.servo, s.gain, TYPICAL * s.servo.friction.static / kp, close=BESIDE_A_CYCLE)
-    if beside is None:
+    if s.beside is None:
         return None
-    for gain, motion in reversed(climbed(s.servo, s.gain, beside)):
+    for gain, motion in reversed(climbed(s.servo, s.gain, s.beside)):
         start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, sketched=True), beside=motion)
         if start is not None:
-            return _round_the_fold(s, s.rough, start, max(start.amplitude, beside.fixed))
+            return _round_the_fold(s, s.rough, start, max(start.amplitude, s.beside.fixed))
     return None
 
 
@@ -200,20 +210,7 @@ def _round_the_fold(s: _Search, way: Options, start: HuntingOrbit, outer: float)
         orbit = refined(last, s.options)
     except NoOrbit as error:
         return f"it led to this gain, but not to the tolerance ({error})"
-    return orbit if _unstable(orbit) else "it led to a cycle that is not the unstable one"
-
-
-def _unstable(orbit: HuntingOrbit) -> bool:
-    """Whether the leading half multiplier is larger than one: at a glance, or computed where that leaves a doubt.
-
-    A glance leaves few digits of a large one, and of one beyond them not even its sign.
-    """
-    with suppress(np.linalg.LinAlgError):
-        t, u, setting = unknowns_of(orbit)
-        leading = float(t.linearise(u, setting).return_map_eigenvalues().real.max())
-        if CLEARLY_UNSTABLE[0] < leading < CLEARLY_UNSTABLE[1]:
-            return True
-    return orbit.multipliers.leading.real > 1
+    return orbit if unstable(orbit) else "it led to a cycle that is not the unstable one"
 
 
 def _from_the_fold(s: _Search) -> HuntingOrbit:
@@ -230,6 +227,10 @@ STABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
 )  # fmt: skip
 # Multipliers of 1e5 and more leave no way that is sure but round the fold.
 UNSTABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
+    Strategy(
+        "inside the stable one", "Switch; motions can be computed, and IPOPT is not to work alone", "8 ms",
+        _inside_the_stable_one, lambda s: s.model == "switch" and not s.stiff and s.options.solver != "ipopt",
+    ),
     Strategy(
         "round the fold, from next to it", "motions can be computed, and IPOPT is not to work alone",
         "20 ms; LuGre 0.2 s", _from_next_to_the_fold, lambda s: not s.stiff and s.options.solver != "ipopt",
@@ -328,7 +329,7 @@ def _down_by(d: _Descent, way: Options) -> HuntingOrbit | str:
         orbit = refined(last, d.options) if way is not d.options else last
     except NoOrbit as error:
         return f"to this gain, but not to the tolerance ({error})"
-    if _unstable(orbit) == (d.branch == "unstable"):
+    if unstable(orbit) == (d.branch == "unstable"):
         return orbit
     return f"to this gain, where the cycle has the half multiplier {orbit.half_multiplier:.4g}"
 
@@ -359,7 +360,7 @@ def _followed_down(
             options=replace(way, sketched=way is not options),
         )  # fmt: skip
         before, last = fold.orbit, next(steps, None)
-        if last is None or _unstable(last) != (branch == "unstable"):
+        if last is None or unstable(last) != (branch == "unstable"):
             continue
         while last.gain < before.gain:
             if _vanished(last):

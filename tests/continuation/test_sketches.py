@@ -19,9 +19,9 @@ from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cold_start import _start
+from casahunt.servo.cold_start import started
 from casahunt.servo.event_map.half_cycle import half_cycle
-from casahunt.servo.find_orbit import _unstable
+from casahunt.servo.inner_cycle import unstable as is_unstable
 from casahunt.servo.problem import Hunting
 from problems import table1, van_der_pol
 
@@ -59,17 +59,17 @@ def test_what_a_motion_does_is_clear_before_it_is_solved():
     problem = Hunting("lugre", servo, 0.2)
     rigid = half_cycle("switch", servo, 0.2, 0.1 * servo.friction.static / servo.torque_gains(0.2)[0])
     motion = half_cycle("lugre", servo, 0.2, rigid.position, degree=7, kind="radau")
-    start = _start(motion, problem, options)
+    start = started(motion, problem, options)
     assert not judge(*remeshed(start, options)).unclear.any()
 
 
 def test_the_side_of_the_fold_is_seen_at_a_glance_where_that_is_sure(orbit, monkeypatch):
     stable, unstable = orbit("switch", 0.4), replace(orbit("switch", 0.4, "unstable"))
-    assert _unstable(unstable) and "multipliers" not in vars(unstable)
-    assert not _unstable(stable)
+    assert is_unstable(unstable) and "multipliers" not in vars(unstable)
+    assert not is_unstable(stable)
     for glance in (1e9, np.nan, 1.5):  # beyond its digits, or too close to one
         monkeypatch.setattr(Linearisation, "return_map_eigenvalues", lambda *_, g=glance: np.array([g, 0.0]))
-        assert not _unstable(stable) and _unstable(unstable)
+        assert not is_unstable(stable) and is_unstable(unstable)
 
 
 def test_a_turning_point_is_a_maximum_from_the_first_secant_on(orbit):

@@ -225,6 +225,18 @@ def test_a_phase_has_its_intervals_when_they_are_asked_for(monkeypatch: pytest.M
     assert len(made) == 1
 
 
+def test_a_phase_along_series_has_the_intervals_that_are_asked_for() -> None:
+    """Of one motion; those of a phase that was followed by intervals, or in closed form, are what they are."""
+    (segment,) = marched(END, start=0.5)
+    finer = segment.meshed(1e-13)
+    assert len(finer.w) > 1.5 * len(segment.w) and finer.duration == segment.duration and finer.count == segment.count
+    np.testing.assert_array_equal(finer.end, segment.end)
+    s, last = scheme(7), finer.w.reshape(len(finer.w), 8, 3)
+    assert np.abs(np.einsum("c,icn->in", s.last_mode, last)).max() < 1e-13
+    solved = replace(segment)
+    assert solved.meshed(1e-13) is solved
+
+
 def test_more_intervals_than_there_may_be_are_refused_at_once() -> None:
     """Where a bound of their number allows too many, they are counted before anybody asks for them."""
     system = System("pendulum", ("y", "v", "t"), {"swing": Mode("swing", swing)}, {"swing": (END,)})

@@ -57,13 +57,13 @@ def test_both_cycles_right_below_the_fold():
 
 def test_no_motion_is_followed_where_it_is_proved_that_there_is_no_cycle(monkeypatch):
     module = importlib.import_module("casahunt.servo.find_fold")
-    asked, original = [], module.near_stable
+    asked, original = [], module.near_typical
 
-    def watched(model, servo, gain, a, **how):
+    def watched(servo, gain, **how):
         asked.append(gain)
-        return original(model, servo, gain, a, **how)
+        return original(servo, gain, **how)
 
-    monkeypatch.setattr(module, "near_stable", watched)
+    monkeypatch.setattr(module, "near_typical", watched)
     fold = find_fold(table1.servo(), "switch")
     assert fold.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)
     assert asked and not any(no_cycle(table1.servo(), "switch", gain) for gain in asked)

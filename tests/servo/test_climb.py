@@ -120,7 +120,7 @@ def test_of_a_bristle_a_closer_rigid_motion_says_no_more(monkeypatch):
 
 def test_where_no_motion_can_be_computed_none_is_tried(monkeypatch):
     monkeypatch.setattr(orbits, "stiff_at", lambda *_: True)
-    monkeypatch.setattr(orbits, "near_stable", lambda *_, **__: pytest.fail("it takes for ever"))
+    monkeypatch.setattr(orbits, "near_typical", lambda *_, **__: pytest.fail("it takes for ever"))
     assert find_orbit(Servo(), "switch", 0.5, branch="unstable").half_multiplier > 1
 
 
@@ -146,12 +146,15 @@ def test_lower_gains_are_tried_before_the_careful_way(monkeypatch):
 
 @pytest.mark.parametrize("gain", [0.05, 0.4])
 def test_the_unstable_cycle_from_next_to_the_fold(monkeypatch, orbit, gain):
-    """The same as from the stable cycle at the gain itself, which is not computed."""
+    """The same as from inside the stable cycle, and from that cycle itself, which is not computed otherwise."""
     direct = orbit("switch", gain, "unstable")
+    monkeypatch.setattr(orbits, "inner_cycle", lambda *_: None)
     with monkeypatch.context() as patch:
         patch.setattr(orbits, "stable_at", lambda *_, **__: pytest.fail("it is not asked for"))
-        assert find_orbit(Servo(), "switch", gain, branch="unstable").gain == gain
-    monkeypatch.setattr(orbits, "near_stable", lambda *_, **__: None)
+        next_to_it = find_orbit(Servo(), "switch", gain, branch="unstable", options=Options(tol=1e-9))
+        assert next_to_it.gain == gain
+        assert next_to_it.amplitude == pytest.approx(direct.amplitude, rel=3e-9)
+    monkeypatch.setattr(orbits, "near_typical", lambda *_, **__: None)
     round_it = find_orbit(Servo(), "switch", gain, branch="unstable", options=Options(tol=1e-9))
     assert round_it.amplitude == pytest.approx(direct.amplitude, rel=3e-9)
     assert round_it.period == pytest.approx(direct.period, rel=3e-9)

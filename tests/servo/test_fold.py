@@ -151,7 +151,9 @@ VISCOUS_FOLD = {"gain": 0.620271708903377402755, "amplitude": 0.0015844465965807
 def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     """A coarse mesh moves the fold along the branch: amplitude and period are wrong by ten times what the estimate at
     that point of the branch says, the gain is not.  The optimum on the halved mesh knows."""
-    fold = find_fold(Servo().replace(**{"friction.viscous": 0.2}), "switch", options=Options(tol=1e-6, degree=degree))
+    servo, options = Servo().replace(**{"friction.viscous": 0.2}), Options(tol=1e-6, degree=degree)
+    far = find_orbit(servo, "switch", 0.3, options=options)  # whose mesh is not made for the fold
+    fold = find_fold(servo, "switch", options=options, start=far)
     sizes = (fold.orbit.amplitude / VISCOUS_FOLD["amplitude"], fold.orbit.period / VISCOUS_FOLD["period"])
     true = max(abs(size - 1) for size in sizes)
     assert abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true, "a case in which it matters"
@@ -160,9 +162,9 @@ def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
 
 
 def test_the_largest_gain_is_not_sought_on_any_mesh(monkeypatch):
-    """IPOPT takes minutes and gigabytes on large ones; this one would have eleven intervals."""
+    """IPOPT takes minutes and gigabytes on large ones; this one would have nine intervals."""
     below = find_orbit(Servo(), "switch", 0.646, options=Options(tol=1e-3))
-    monkeypatch.setattr("casahunt.continuation.fold.OPTIMAL_INTERVALS", 10)
+    monkeypatch.setattr("casahunt.continuation.fold.OPTIMAL_INTERVALS", 8)
     with pytest.raises(NoOrbit, match="not solved to the tolerance; try another tolerance"):
         next_fold(below, "gain", Options(tol=1e-10))
     monkeypatch.undo()
@@ -339,7 +341,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
-    monkeypatch.setattr(fold, "near_stable", lambda m, s, K, a, **_: _seen_as_stable(m, s, K, a, gain))
+    monkeypatch.setattr(fold, "near_typical", lambda s, K, **_: _seen_as_stable(s, K, gain))
     monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
     with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
@@ -347,10 +349,11 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     assert refused.value.status is Status.NOT_FOUND
 
 
-def _seen_as_stable(model, servo, gain, a, where):
+def _seen_as_stable(servo, gain, where):
     from casahunt.servo.event_map.scan import half_cycle
 
-    return replace(half_cycle(model, servo, gain, a), slope=-1.0) if gain == where else None
+    a = 0.1 * servo.friction.static / servo.torque_gains(gain)[0]
+    return replace(half_cycle("switch", servo, gain, a), slope=-1.0) if gain == where else None
 
 
 def _stuck(*arguments, **options):

@@ -13,13 +13,13 @@ import math
 
 from ..denial import no_cycle
 from ..servo import Servo
-from .scan import HalfCycle, near_stable
+from .scan import MUCH_LONGER, HalfCycle, near_stable
 
-CLIMB_FACTORS = (4.0, 2.0, 1.4)
+CLIMB_FACTORS = (4.0, 2.0, 1.4, 1.2)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
-BESIDE_A_CYCLE, MUCH_LONGER = 0.3, 10.0
-"""|log P/a| of a motion beside a cycle; times that a servo moves, of which it comes to rest."""
+BESIDE_A_CYCLE = 0.3
+"""|log P/a| of a motion beside a cycle."""
 STEEPEST_RATE, FLATTEST_RATE = -3.0, -0.3
 """Of the logarithm of the stick position in that of the gain, as it is foreseen."""
 

@@ -47,8 +47,10 @@ NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
 """Regula falsi steps before every second one halves the bracket, and all of them."""
-TYPICAL = 0.1
-"""Stick position of most stable cycles, in units of Fs/kp."""
+TYPICAL, FARTHER_OUT = 0.1, 3.0
+"""Stick position of most stable cycles, in units of Fs/kp; the same of others, in units of that."""
+MUCH_LONGER = 10.0
+"""Times that a servo moves, of which it comes to rest."""
 TIGHT, ROUGH = 1e-14, 1e-3
 """|P/a - 1| at which a fixed point is located: the unstable one, and the stable one."""
 EDGE, SMALLEST_RATIO = 0.02, 1e-3
@@ -184,10 +186,10 @@ def near_stable(
 ) -> HalfCycle | None:  # fmt: skip
     """A half cycle close to a stable fixed point; a short cut that replaces no scan.
 
-    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.  The
-    fixed point is taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so
-    steeply that the next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a, and
-    crosses it nowhere.
+    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.
+    Only a step of the Switch servo too far inwards, where it creeps to rest, is taken back by half.  The fixed point is
+    taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so steeply that the
+    next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a and crosses it nowhere.
 
     Parameters
     ----------
@@ -216,7 +218,12 @@ def near_stable(
         except MarchFailure:
             return None
         if not 1 / FAR_OFF < run.ratio < FAR_OFF:
-            return None
+            if model != "switch" or previous is None or not x < previous[0] or run.ratio > 1:
+                return None
+            x = (x + previous[0]) / 2  # too far inwards, where it comes to rest
+            continue
+        if model == "switch":
+            longest = min(longest, MUCH_LONGER * run.moving)
         y = float(np.log(run.ratio))
         if previous is not None and previous[0] != x:
             slope, known = (y - previous[1]) / (x - previous[0]), True
@@ -231,6 +238,26 @@ def near_stable(
         previous = (x, y)
         x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if known or not enough else x + 0.02
     return None
+
+
+def near_typical(servo: Servo, gain: float, *, close: float | None = None) -> HalfCycle | None:
+    """`near_stable` of the Switch servo from where most stable cycles stick, and else from farther out.
+
+    Next to their folds cycles stick there: a motion from nearer may start inside the unstable one.
+
+    Parameters
+    ----------
+    servo, gain, close
+        as there.
+
+    Returns
+    -------
+    HalfCycle with the slope of log P/a; None where neither is a quick case.
+    """
+    kp, _, _ = servo.torque_gains(gain)
+    a = TYPICAL * (servo.friction.static / kp)
+    found = near_stable("switch", servo, gain, a, close=close)
+    return found if found is not None else near_stable("switch", servo, gain, FARTHER_OUT * a, close=close)
 
 
 def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle, HalfCycle] | None:

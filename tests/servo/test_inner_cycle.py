@@ -1,0 +1,246 @@
+"""The unstable Switch cycle from motions inside the stable one, and the stable one next to the fold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import NoOrbit, Options, Servo, find_orbit
+from casahunt.collocation.mesh import shape
+from casahunt.collocation.remesh import shape_limit
+from casahunt.motion.march import MarchFailure, Segment
+from casahunt.servo import cold_start, inner_cycle
+from casahunt.servo import find_orbit as orbits
+from casahunt.servo.event_map import scan
+from casahunt.servo.event_map.fixed_points import fixed_points
+from casahunt.servo.event_map.half_cycle import HalfCycle, half_cycle
+from casahunt.servo.event_map.scan import FAR_OFF, MUCH_LONGER, TYPICAL, near_stable, near_typical
+from casahunt.servo.problem import Hunting
+from problems import table1
+
+FOLD = table1.REFERENCE["switch"]["fold"]["K"]
+FAR_STICKS = Servo().replace(**{
+    "friction.static": 0.605, "friction.coulomb": 0.361, "friction.stribeck_velocity": 0.0205,
+    "friction.viscous": 0.0, "servo.inertia": 0.168, "servo.motor_gain": 5.96,
+    "controller.integral_time": 0.137, "controller.lead_time": 0.132,
+})  # fmt: skip
+"""Next to its fold it sticks twice as far out as most; from where those do, it comes to rest."""
+FAR_GAIN = 5.4
+ACCURATE = Options(tol=1e-8)
+
+
+def inner(gain: float, servo: Servo | None = None):
+    servo = servo or Servo()
+    outer = near_typical(servo, gain, close=0.3)
+    return inner_cycle.inner_cycle(servo, gain, outer.fixed, outer.moving, ACCURATE)
+
+
+@pytest.mark.parametrize(("servo", "gain"), [
+    *((Servo(), gain) for gain in (0.05, 0.4, 0.64, FOLD * (1 - 1e-6))), (FAR_STICKS, 1.1), (FAR_STICKS, FAR_GAIN),
+])  # fmt: skip
+def test_without_a_way_along_the_branch(monkeypatch, servo, gain):
+    """The inner fixed point of the map to rounding, which shares nothing with it but the motion."""
+    monkeypatch.setattr(orbits, "walk", lambda *_, **__: pytest.fail("no way along the branch is needed"))
+    found = find_orbit(servo, "switch", gain, branch="unstable", options=ACCURATE)
+    a = found.amplitude
+    near = fixed_points(servo, gain, a * (1 - 1e-4), a * (1 + 1e-4), points=5).fixed
+    assert len(near) == 1 and a == pytest.approx(near[0].amplitude, rel=10 * found.error_estimate + 1e-12)
+    assert found.half_multiplier == pytest.approx(near[0].multiplier, rel=1e-4) and near[0].multiplier > 1
+
+
+def test_what_lies_elsewhere_or_is_stable_is_none(monkeypatch, orbit):
+    """The cycle of another gain, outside of the last two motions; and the stable one, wherever those are."""
+    for other in (orbit("switch", 0.3, "unstable"), orbit("switch", 0.4)):
+        monkeypatch.setattr(inner_cycle, "_solved", lambda *_, other=other: other)
+        assert inner(0.4) is None
+    monkeypatch.setattr(inner_cycle, "_narrowing", lambda *_: [(half_cycle("switch", Servo(), 0.4, 0.000963), 1.0)])
+    assert inner(0.4) is None
+
+
+def test_given_up_after_a_few_problems_each_from_nearer(monkeypatch):
+    asked = []
+    monkeypatch.setattr(inner_cycle, "_solved", lambda problem, motion, options: asked.append(motion.ratio))
+    assert inner(0.4) is None
+    assert len(asked) == inner_cycle.MOST_SOLVED and asked == sorted(asked) and asked[-1] > 0.5
+
+
+def test_given_up_where_a_motion_fails_or_the_map_jumps(monkeypatch):
+    def jumping(model, servo, gain, a, **how):
+        tried.append(a)
+        return half_cycle(model, servo, gain, 0.002 if a > 0.001 else 0.0001)
+
+    tried: list[float] = []
+    monkeypatch.setattr(inner_cycle, "half_cycle", jumping)
+    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+    assert len(tried) < 40 and min(abs(a - 0.001) for a in tried) < 1e-10
+
+    def failing(*_, **__):
+        raise MarchFailure
+
+    monkeypatch.setattr(inner_cycle, "half_cycle", failing)
+    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+
+
+def test_where_every_motion_inside_grows_none_is_followed_to_nothing(monkeypatch):
+    tried = []
+
+    def growing(model, servo, gain, a, **how):
+        tried.append(a)
+        return half_cycle(model, servo, gain, 0.002)
+
+    monkeypatch.setattr(inner_cycle, "half_cycle", growing)
+    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+    assert min(tried) > 1e-4 * Servo().friction.static / Servo().torque_gains(0.4)[0] and len(tried) < 12
+
+
+def test_a_servo_that_creeps_to_rest_is_not_waited_for(monkeypatch):
+    """Where it sticks at half of the stable cycle's, it would creep on for more than an hour."""
+    moved = []
+
+    def watched(*arguments, **how):
+        run = half_cycle(*arguments, **how)
+        moved.append(run.moving)
+        return run
+
+    monkeypatch.setattr(inner_cycle, "half_cycle", watched)
+    outer = near_typical(Servo(), 0.64, close=0.3)
+    assert inner(0.64) is not None and max(moved) == pytest.approx(inner_cycle.CREEPS_AFTER * outer.moving)
+
+
+def test_a_motion_that_swings_on_is_not_closed(monkeypatch):
+    """One that was followed for so many slips; its last one is no stick."""
+    motion = half_cycle("switch", Servo(), 0.4, 0.00096)
+    swinging = replace(motion, position=0.9 * motion.start, segments=motion.segments[:1])
+    monkeypatch.setattr(inner_cycle, "half_cycle", lambda *_, **__: swinging)
+    monkeypatch.setattr(inner_cycle, "_solved", lambda *_: pytest.fail("there is no stick"))
+    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+
+
+def test_a_motion_is_closed_by_the_stick_that_its_start_asks_for():
+    """The equations of the stick and the closure hold then, and nothing else is moved."""
+    motion = half_cycle("switch", Servo(), 0.4, 0.00096)
+    t, u, setting = inner_cycle._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE)
+    nodes, (slip, stick) = t.nodes_of(u) * setting.scale, t.durations_of(u)
+    assert slip == motion.segments[0].duration and motion.ratio < 0.5
+    assert nodes[-1] == pytest.approx(-nodes[0], rel=1e-14)
+    assert nodes[-2, 2] + stick * 0.00096 == pytest.approx(nodes[-1, 2], rel=1e-12)
+    kp, _, ki = Servo().torque_gains(0.4)
+    assert kp * nodes[-1, 0] + ki * nodes[-1, 2] == pytest.approx(Servo().friction.static, rel=1e-12)
+
+
+def test_a_motion_that_stops_beyond_the_next_breakaway_cannot_be_closed():
+    motion = half_cycle("switch", Servo(), 0.4, 0.00096)
+    motion.segments[0].end[:] += np.array([0.0, 0.0, 1.0])
+    assert inner_cycle._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE) is None
+
+
+def test_ipopt_alone_is_not_helped(monkeypatch):
+    monkeypatch.setattr(orbits, "inner_cycle", lambda *_: pytest.fail("Newton's method solves it"))
+    found = find_orbit(Servo(), "switch", 0.64, branch="unstable", options=Options(solver="ipopt"))
+    assert found.half_multiplier > 1
+
+
+@pytest.mark.parametrize("options", [Options(half=False), Options(degree=5, kind="radau")])
+def test_in_other_forms(orbit, options):
+    found = find_orbit(Servo(), "switch", 0.4, branch="unstable", options=options)
+    assert found.amplitude == pytest.approx(orbit("switch", 0.4, "unstable").amplitude, rel=1e-6)
+    assert found.degree == (options.degree or 8) and found.repeats == (2 if options.half else 1)
+
+
+# The stable cycle next to the fold ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def motions(monkeypatch):
+    """The motions of `near_stable`: (a, P/a, longest that they might last)."""
+    seen = []
+
+    def watched(model, servo, gain, a, *, longest=np.inf, **how):
+        run = half_cycle(model, servo, gain, a, longest=longest, **how)
+        seen.append((a, run, longest))
+        return run
+
+    monkeypatch.setattr(scan, "half_cycle", watched)
+    return seen
+
+
+def test_a_step_too_far_inwards_goes_back_half_of_it(motions):
+    """At 0.64 the second motion comes to rest, which is not waited for."""
+    found = near_typical(Servo(), 0.64)
+    assert found is not None and found.ratio == pytest.approx(1, abs=0.03)
+    (outside, first, _), (inside, lost, longest), (between, _, _) = motions[:3]
+    assert inside < between < outside and between == pytest.approx((inside * outside) ** 0.5)
+    assert lost.ratio < 1 / FAR_OFF and longest == MUCH_LONGER * first.moving and lost.moving < 1.01 * longest
+
+
+@pytest.mark.parametrize(
+    ("model", "ratios", "longest"),
+    [
+        ("switch", [0.5, 20.0], [np.inf, 10.0]),  # a step inwards, to where it is thrown out
+        ("switch", [2.0, 0.0], [np.inf, 10.0]),  # a step outwards, to where it comes to rest
+        ("lugre", [0.5, 0.8, 0.0], [np.inf, np.inf, np.inf]),  # whose motions cost ten times as much, and are no slips
+    ],
+)
+def test_only_a_step_too_far_inwards_is_taken_back(monkeypatch, model, ratios, longest):
+    told, asked = iter(ratios), []
+
+    def played(model, servo, gain, a, *, longest):
+        asked.append(longest)
+        return HalfCycle(a, a * next(told), [Segment("slip+", "stop", 1.0, *np.zeros((3, 2)))])
+
+    monkeypatch.setattr(scan, "half_cycle", played)
+    assert near_stable(model, Servo(), 0.4, 0.003) is None and asked == longest
+
+
+@pytest.mark.parametrize(
+    ("model", "solver", "tried"), [("switch", "auto", 3), ("switch", "ipopt", 1), ("lugre", "auto", 2)]
+)
+def test_newton_from_the_event_map_is_for_the_switch_servo(model, solver, tried):
+    q = cold_start.AtGain(Servo(), model, 0.4, Options(solver=solver))
+    assert sum(strategy.applies(q) for strategy in cold_start.AT_ONE_GAIN) == tried
+
+
+def test_a_motion_is_meshed_for_the_tolerance():
+    """No other mesh is needed then: last Legendre coefficients fall with the power of the degree."""
+    motion, problem = near_typical(Servo(), 0.2), Hunting("switch", Servo(), 0.2)
+    for tol in (1e-4, 1e-8, 1e-12):
+        t, u, _ = cold_start.started(motion, problem, Options(tol=tol))
+        assert 1e-3 * shape_limit(tol) < shape(t, u).max() <= shape_limit(tol)
+
+
+def test_from_farther_out_where_cycles_stick_there(motions):
+    unit = FAR_STICKS.friction.static / FAR_STICKS.torque_gains(FAR_GAIN)[0]
+    assert near_stable("switch", FAR_STICKS, FAR_GAIN, TYPICAL * unit) is None and len(motions) == 1
+    found = near_typical(FAR_STICKS, FAR_GAIN)
+    near = fixed_points(FAR_STICKS, FAR_GAIN, 0.7 * found.fixed, 1.4 * found.fixed, points=5).fixed
+    assert near and near[-1].multiplier < 1 and found.fixed == pytest.approx(near[-1].amplitude, rel=1e-3)
+
+
+@pytest.mark.parametrize(("servo", "gain"), [(Servo(), 0.647), (FAR_STICKS, FAR_GAIN)])
+def test_stable_cycles_next_to_the_fold_need_no_scan_and_no_ipopt(monkeypatch, servo, gain):
+    monkeypatch.setattr(cold_start, "scan", lambda *_: pytest.fail("no scan is needed"))
+    monkeypatch.setattr("casahunt.orbits.adapt.ipopt_then_newton", lambda *_: pytest.fail("IPOPT is not needed"))
+    found = find_orbit(servo, "switch", gain, options=ACCURATE)
+    near = fixed_points(servo, gain, 0.999 * found.amplitude, 1.001 * found.amplitude, points=5).fixed
+    assert len(near) == 1 and found.half_multiplier == pytest.approx(near[0].multiplier, rel=1e-4)
+
+
+def test_where_newton_is_lost_the_event_map_is_asked(monkeypatch):
+    """Not IPOPT from the same motion, which takes ten times as long."""
+    asked = []
+
+    def lost(q):
+        asked.append(q.options.solver)
+
+    monkeypatch.setattr(cold_start, "_at_once", lost)
+    assert cold_start._beside_the_fixed_point(cold_start.AtGain(Servo(), "switch", 0.64, Options())) is None
+    assert asked == ["newton"]
+
+
+def test_above_the_fold_a_few_motions_show_none(motions):
+    assert near_typical(Servo(), 1.02 * FOLD) is None
+    assert len(motions) <= 2 * scan.SECANT_ROUNDS
+    with pytest.raises(NoOrbit):
+        find_orbit(Servo(), "switch", 1.02 * FOLD, branch="unstable")
