@@ -43,6 +43,9 @@ CONVERGING = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
 CLOSER = 1e-4
 """The same where it has not."""
+WEAK, WITHIN = -0.1, 0.1
+"""Slope of log P/a against log a from which up a cycle attracts so weakly that P/a is next to one far from it, too; part
+of its stick position within which a motion is beside such a cycle."""
 NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
@@ -221,12 +224,14 @@ def near_stable(
         if previous is not None and previous[0] != x:
             slope, known = (y - previous[1]) / (x - previous[0]), True
         enough = abs(y) < (close if y > 0 else min(close, CONVERGING[model]))
+        if WEAK <= slope < 0 and known:
+            enough = enough and abs(y) < -slope * WITHIN
         if enough and known:
             if abs(y) < -slope * LARGEST_SECANT:
                 return replace(run, slope=slope)
             if abs(y) < CONVERGING[model]:
                 return None
-        if slope >= -0.1:
+        if slope >= max(WEAK, -abs(y) / LARGEST_SECANT):
             return None
         previous = (x, y)
         x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if known or not enough else x + 0.02
