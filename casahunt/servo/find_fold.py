@@ -30,7 +30,7 @@ from ..motion.march import MarchFailure
 from ..orbits.adapt import TOLERANCE_RANGE, Options
 from .cold_start import check_hunts, check_problem, quickly_at, stable_at
 from .denial import no_cycle
-from .event_map.climb import BESIDE_A_CYCLE, climbed
+from .event_map.climb import BESIDE_A_CYCLE, climbed, lowered
 from .event_map.fixed_points import fixed_points
 from .event_map.scan import GROWING, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, scan
 from .hunting import Model
@@ -48,6 +48,8 @@ LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
 """Cycles that may turn out not to be computable before the search is given up."""
+SAME_GAIN = 1.1
+"""Ratio of gains within which a careful search is not repeated."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
 SHARP_TOLERANCE = 1e-8
@@ -86,12 +88,16 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     hunt = _Hunt(servo, model)
     promised: list[tuple[float, HalfCycle]] = []
     failed: list[str] = []
+    carefully: list[float] = []
     for gain, beside, quickly in _gains_to_try(hunt, gains):
         if beside is not None and quickly:
             orbit = quickly_at(servo, model, gain, options=options, beside=beside)
             if orbit is not None:
                 return orbit
             continue
+        if any(1 / SAME_GAIN < gain / other < SAME_GAIN for other in carefully):
+            continue
+        carefully.append(gain)
         promised += [(gain, beside)] if beside is not None else []
         try:
             met = stable_at(servo, model, gain, options=options)
@@ -173,13 +179,18 @@ def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
 def _from_here_up(at: tuple[_Hunt, float]) -> Iterator[Place] | None:
     hunt, gain = at
     rigid = hunt.rigid_cycle(gain)
-    return None if rigid is None else _downwards(climbed(hunt.servo, gain, rigid))
+    return None if rigid is None else _downwards(hunt, climbed(hunt.servo, gain, rigid))
 
 
-def _downwards(places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
-    """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly."""
-    for quickly in (True, False):
-        yield from ((gain, beside, quickly) for gain, beside in reversed(places))
+def _downwards(hunt: _Hunt, places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
+    """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly.
+
+    With a bristle the fold lies at a lower gain, where the drop of friction is small at a much lower one.
+    """
+    yield from ((gain, beside, True) for gain, beside in reversed(places))
+    if places and hunt.model != "switch":
+        yield from ((gain, beside, True) for gain, beside in lowered(hunt.servo, *places[0]))
+    yield from ((gain, beside, False) for gain, beside in reversed(places))
 
 
 def _turns_beside(at: tuple[_Hunt, float]) -> bool:
@@ -197,7 +208,7 @@ def _in_between(at: tuple[_Hunt, float]) -> Iterator[Place]:
     hunt, gain = at
     for low in _turning(hunt, gain):
         between = _between(hunt, low, 2 * low)
-        yield from _downwards(climbed(hunt.servo, *between) if between else [])
+        yield from _downwards(hunt, climbed(hunt.servo, *between) if between else [])
 
 
 def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, HalfCycle] | None:

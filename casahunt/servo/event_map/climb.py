@@ -10,6 +10,7 @@ boundary value problem begins, and no evidence.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from ..denial import no_cycle
 from ..servo import Servo
@@ -20,6 +21,8 @@ MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
 BESIDE_A_CYCLE, MUCH_LONGER = 0.3, 10.0
 """|log P/a| of a motion beside a cycle; times that a servo moves, of which it comes to rest."""
+LOWERED, MOST_LOWERED = 2.0, 3
+"""Factor by which the gain is lowered, and how often."""
 STEEPEST_RATE, FLATTEST_RATE = -3.0, -0.3
 """Of the logarithm of the stick position in that of the gain, as it is foreseen."""
 
@@ -53,3 +56,23 @@ def climbed(servo: Servo, gain: float, beside: HalfCycle) -> list[tuple[float, H
             gain, beside = gain * factor, found
             gains.append((gain, beside))
     return gains
+
+
+def lowered(servo: Servo, gain: float, beside: HalfCycle) -> Iterator[tuple[float, HalfCycle]]:
+    """Decreasing gains at which the Switch servo has a stable cycle, each with a motion beside it, from there down.
+
+    Parameters
+    ----------
+    servo, gain, beside
+        the servo, and where to begin: a motion with the slope of the map.
+
+    Returns
+    -------
+    (gain, motion), one after the other, without the first.
+    """
+    for _ in range(MOST_LOWERED):
+        found = near_stable("switch", servo, gain / LOWERED, beside.fixed * LOWERED**0.5, close=BESIDE_A_CYCLE)
+        if found is None:
+            return
+        gain, beside = gain / LOWERED, found
+        yield gain, beside

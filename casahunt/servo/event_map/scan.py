@@ -43,13 +43,18 @@ CONVERGING = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
 CLOSER = 1e-4
 """The same where it has not."""
-WEAK, WITHIN = -0.1, 0.1
-"""Slope of log P/a against log a from which up a cycle attracts so weakly that P/a is next to one far from it, too; part
-of its stick position within which a motion is beside such a cycle."""
+WEAK, WITHIN, WEAK_MARCH = -0.1, 0.01, 1e-8
+"""Slope of log P/a against log a from which up a cycle attracts so weakly that P/a is next to one far from it, too;
+part of its stick position within which a motion is beside such a cycle; tolerance to which P/a is computed there."""
 NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
 """Regula falsi steps before every second one halves the bracket, and all of them."""
+MOST_CLIMBING, NARROW = 30, 1e-5
+"""Motions in search of a peak of P/a, and width in log a at which it is found."""
+GOLDEN = (3 - math.sqrt(5)) / 2
+LEFT_OPEN, FORETOLD_TWICE = 0.01, 2
+"""Part of what a peak lacks to one, to which parabolas foretell P/a, so many times in a row, where it stays below."""
 TYPICAL = 0.1
 """Stick position of most stable cycles, in units of Fs/kp."""
 TIGHT, ROUGH = 1e-14, 1e-3
@@ -223,18 +228,41 @@ def near_stable(
         y = float(np.log(run.ratio))
         if previous is not None and previous[0] != x:
             slope, known = (y - previous[1]) / (x - previous[0]), True
+        if known and slope >= WEAK:
+            return _near_weak(model, servo, gain, (x, y), slope, close, longest)
         enough = abs(y) < (close if y > 0 else min(close, CONVERGING[model]))
-        if WEAK <= slope < 0 and known:
-            enough = enough and abs(y) < -slope * WITHIN
         if enough and known:
             if abs(y) < -slope * LARGEST_SECANT:
                 return replace(run, slope=slope)
             if abs(y) < CONVERGING[model]:
                 return None
-        if slope >= max(WEAK, -abs(y) / LARGEST_SECANT):
-            return None
         previous = (x, y)
         x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if known or not enough else x + 0.02
+    return None
+
+
+def _near_weak(
+    model: Model, servo: Servo, gain: float, at: tuple[float, float], slope: float, close: float, longest: float
+) -> HalfCycle | None:
+    """`near_stable` where log P/a hardly falls with log a, from (log a, log P/a): the distance decides."""
+    x, y = at
+    previous = None
+    for _ in range(SECANT_ROUNDS):
+        if not abs(y) < -slope * LARGEST_SECANT:
+            return None
+        x -= y / slope
+        try:
+            run = half_cycle(model, servo, gain, float(np.exp(x)), tol=WEAK_MARCH, longest=longest)
+        except MarchFailure:
+            return None
+        if not run.ratio > 0:
+            return None
+        y = float(np.log(run.ratio))
+        if previous is not None and previous[0] != x:
+            slope = (y - previous[1]) / (x - previous[0])
+            if abs(y) < min(close, -slope * WITHIN):
+                return replace(run, slope=slope)
+        previous = (x, y)
     return None
 
 
@@ -257,26 +285,59 @@ def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle,
 
 
 def _maximise(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
-    """Golden section for the largest ratio between two motions, left as soon as it exceeds one."""
-    low, high = np.log(inner.start), np.log(outer.start)
-    golden = (np.sqrt(5) - 1) / 2
-    left, right = high - golden * (high - low), low + golden * (high - low)
-    run_left, run_right = at(float(np.exp(left))), at(float(np.exp(right)))
-    for _ in range(30):
-        for run in (run_left, run_right):
-            if run is not None and run.ratio > best.ratio:
-                best = run
-        if best.ratio >= 1 or high - low < 1e-5:
+    """The largest ratio between two motions: by parabolas through three, and where these fail, by golden section.
+
+    Left as soon as it exceeds one, or where what parabolas leave open cannot lead there.
+    """
+    low, top, high = ((float(np.log(run.start)), run.ratio) for run in (inner, best, outer))
+    foretold, golden = 0, False
+    for _ in range(MOST_CLIMBING):
+        if best.ratio >= 1 or high[0] - low[0] < NARROW or foretold == FORETOLD_TWICE:
             break
-        if (run_left.ratio if run_left else -np.inf) > (run_right.ratio if run_right else -np.inf):
-            high, right, run_right = right, left, run_left
-            left = high - golden * (high - low)
-            run_left = at(float(np.exp(left)))
+        x, expected = _golden(low, top, high) if golden else _vertex(low, top, high)
+        run = at(float(np.exp(x)))
+        ratio = -math.inf if run is None else run.ratio
+        golden = not abs(ratio - expected) < LEFT_OPEN * (1 - best.ratio)
+        foretold = 0 if golden else foretold + 1
+        if run is not None and ratio > best.ratio:
+            best = run
+            low, top, high = (low, (x, ratio), top) if x < top[0] else (top, (x, ratio), high)
         else:
-            low, left, run_left = left, right, run_right
-            right = low + golden * (high - low)
-            run_right = at(float(np.exp(right)))
+            low, high = ((x, ratio), high) if x < top[0] else (low, (x, ratio))
     return best
+
+
+Point = tuple[float, float]
+"""(log a, P(a)/a)."""
+
+
+def _golden(low: Point, top: Point, high: Point) -> Point:
+    """Where the golden section looks next, and what the parabola expects there."""
+    side = low if top[0] - low[0] > high[0] - top[0] else high
+    x = top[0] + GOLDEN * (side[0] - top[0])
+    return x, _parabola(low, top, high, x)
+
+
+def _vertex(low: Point, top: Point, high: Point) -> Point:
+    """The top of the parabola through three points, kept off them, and its height."""
+    left, right = top[0] - low[0], high[0] - top[0]
+    falls = (top[1] - low[1]) / left, (top[1] - high[1]) / right
+    curved = falls[0] + falls[1]
+    if not 0 < curved < math.inf:
+        return _golden(low, top, high)
+    x = top[0] + (falls[0] * right - falls[1] * left) / (2 * curved)
+    aside = EDGE * (high[0] - low[0])
+    if abs(x - top[0]) < aside:
+        x = top[0] + math.copysign(aside, right - left)
+    x = min(max(x, low[0] + aside), high[0] - aside)
+    return x, _parabola(low, top, high, x)
+
+
+def _parabola(low: Point, top: Point, high: Point, x: float) -> float:
+    """The parabola through three points at x."""
+    first = (top[1] - low[1]) / (top[0] - low[0])
+    second = ((high[1] - top[1]) / (high[0] - top[0]) - first) / (high[0] - low[0])
+    return top[1] + (x - top[0]) * (first + second * (x - low[0]))
 
 
 def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle | None:
