@@ -53,8 +53,9 @@ FEW_STEPS, MOST_STEPS = 8, 60
 MOST_CLIMBING, NARROW = 30, 1e-5
 """Motions in search of a peak of P/a, and width in log a at which it is found."""
 GOLDEN = (3 - math.sqrt(5)) / 2
-LEFT_OPEN, FORETOLD_TWICE = 0.01, 2
-"""Part of what a peak lacks to one, to which parabolas foretell P/a, so many times in a row, where it stays below."""
+LEFT_OPEN, FORETOLD, IN_VAIN = 0.01, 2, 6
+"""Part of what a peak lacks to one that does not count; times in a row that parabolas foretell P/a to that part, or
+that no motion gains as much (at the edge of a jump), after which it stays below one."""
 TYPICAL = 0.1
 """Stick position of most stable cycles, in units of Fs/kp."""
 TIGHT, ROUGH = 1e-14, 1e-3
@@ -287,18 +288,20 @@ def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle,
 def _maximise(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
     """The largest ratio between two motions: by parabolas through three, and where these fail, by golden section.
 
-    Left as soon as it exceeds one, or where what parabolas leave open cannot lead there.
+    Left as soon as it exceeds one, or where what is left open cannot lead there.
     """
     low, top, high = ((float(np.log(run.start)), run.ratio) for run in (inner, best, outer))
-    foretold, golden = 0, False
+    foretold, golden, in_vain = 0, False, 0
     for _ in range(MOST_CLIMBING):
-        if best.ratio >= 1 or high[0] - low[0] < NARROW or foretold == FORETOLD_TWICE:
+        if best.ratio >= 1 or high[0] - low[0] < NARROW or foretold == FORETOLD or in_vain == IN_VAIN:
             break
         x, expected = _golden(low, top, high) if golden else _vertex(low, top, high)
         run = at(float(np.exp(x)))
         ratio = -math.inf if run is None else run.ratio
-        golden = not abs(ratio - expected) < LEFT_OPEN * (1 - best.ratio)
+        open_to_it = LEFT_OPEN * (1 - best.ratio)
+        golden = not abs(ratio - expected) < open_to_it
         foretold = 0 if golden else foretold + 1
+        in_vain = 0 if ratio > best.ratio + open_to_it else in_vain + 1
         if run is not None and ratio > best.ratio:
             best = run
             low, top, high = (low, (x, ratio), top) if x < top[0] else (top, (x, ratio), high)
