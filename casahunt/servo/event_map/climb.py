@@ -21,8 +21,8 @@ MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
 BESIDE_A_CYCLE, MUCH_LONGER = 0.3, 10.0
 """|log P/a| of a motion beside a cycle; times that a servo moves, of which it comes to rest."""
-LOWERED, MOST_LOWERED = 2.0, 3
-"""Factor by which the gain is lowered, and how often."""
+LOWER_FACTORS, MOST_LOWERED = (2.0, 1.4, 1.1), 3
+"""Factors by which the gain is lowered, a smaller one where there is no cycle that far below; how often at most."""
 STEEPEST_RATE, FLATTEST_RATE = -3.0, -0.3
 """Of the logarithm of the stick position in that of the gain, as it is foreseen."""
 
@@ -70,9 +70,12 @@ def lowered(servo: Servo, gain: float, beside: HalfCycle) -> Iterator[tuple[floa
     -------
     (gain, motion), one after the other, without the first.
     """
-    for _ in range(MOST_LOWERED):
-        found = near_stable("switch", servo, gain / LOWERED, beside.fixed * LOWERED**0.5, close=BESIDE_A_CYCLE)
-        if found is None:
+    for factor in LOWER_FACTORS:
+        for _ in range(MOST_LOWERED):
+            found = near_stable("switch", servo, gain / factor, beside.fixed * factor**0.5, close=BESIDE_A_CYCLE)
+            if found is None:
+                break
+            gain, beside = gain / factor, found
+            yield gain, beside
+        else:
             return
-        gain, beside = gain / LOWERED, found
-        yield gain, beside
