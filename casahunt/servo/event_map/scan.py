@@ -53,7 +53,7 @@ FEW_STEPS, MOST_STEPS = 8, 60
 MOST_CLIMBING, NARROW = 30, 1e-5
 """Motions in search of a peak of P/a, and width in log a at which it is found."""
 GOLDEN = (3 - math.sqrt(5)) / 2
-LEFT_OPEN, FORETOLD, IN_VAIN = 0.01, 2, 6
+LEFT_OPEN, FORETOLD, IN_VAIN = 0.01, 2, 12
 """Part of what a peak lacks to one that does not count; times in a row that parabolas foretell P/a to that part, or
 that no motion gains as much (at the edge of a jump), after which it stays below one."""
 TYPICAL = 0.1
@@ -337,7 +337,9 @@ def _vertex(low: Point, top: Point, high: Point) -> Point:
 
 
 def _parabola(low: Point, top: Point, high: Point, x: float) -> float:
-    """The parabola through three points at x."""
+    """The parabola through three points at x; no number where a motion has failed."""
+    if not math.isfinite(low[1] + high[1]):
+        return math.nan
     first = (top[1] - low[1]) / (top[0] - low[0])
     second = ((high[1] - top[1]) / (high[0] - top[0]) - first) / (high[0] - low[0])
     return top[1] + (x - top[0]) * (first + second * (x - low[0]))
