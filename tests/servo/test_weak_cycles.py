@@ -167,6 +167,7 @@ def test_a_peak_that_is_there_already_and_none_at_all(bend):
     peak = Peak(lambda x: 0.5 - bend * x**2)
     assert peak.top(-0.25, 0.0, 0.25).ratio == 0.5
     assert peak.asked <= 6
+    assert looking._vertex((-1.0, 0.4), (0.0, 0.5), (1.0, 0.4))[0] != 0  # where it looked already
 
 
 @pytest.mark.parametrize("height", [1 + 1e-7, 1 - 1e-7])
