@@ -16,7 +16,8 @@ from casahunt.servo.cold_start import AtGain, Met, quickly_at
 from casahunt.servo.event_map import scan as looking
 from casahunt.servo.event_map.climb import BESIDE_A_CYCLE, MOST_LOWERED, lowered
 from casahunt.servo.event_map.half_cycle import HalfCycle, half_cycle
-from casahunt.servo.event_map.scan import CONVERGING, IN_VAIN, WITHIN, _maximise, near_stable, scan
+from casahunt.servo.event_map.peaks import IN_VAIN, _vertex, highest
+from casahunt.servo.event_map.scan import CONVERGING, WITHIN, near_stable, scan
 from problems.taylor import switch_fold
 
 
@@ -152,7 +153,7 @@ class Peak:
 
     def top(self, low=-0.31, middle=0.04, high=0.25):
         inner, best, outer = (HalfCycle(np.exp(x), np.exp(x) * self.ratio(x), []) for x in (low, middle, high))
-        return _maximise(self, inner, best, outer)
+        return highest(self, inner, best, outer)
 
 
 def test_a_smooth_peak_is_found_by_a_few_motions():
@@ -167,7 +168,7 @@ def test_a_peak_that_is_there_already_and_none_at_all(bend):
     peak = Peak(lambda x: 0.5 - bend * x**2)
     assert peak.top(-0.25, 0.0, 0.25).ratio == 0.5
     assert peak.asked <= 6
-    assert looking._vertex((-1.0, 0.4), (0.0, 0.5), (1.0, 0.4))[0] != 0  # where it looked already
+    assert _vertex((-1.0, 0.4), (0.0, 0.5), (1.0, 0.4))[0] != 0  # where it looked already
 
 
 @pytest.mark.parametrize("height", [1 + 1e-7, 1 - 1e-7])

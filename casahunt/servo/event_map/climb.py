@@ -1,4 +1,4 @@
-"""Upwards in the gain along the stable fixed points of the event map, a motion or two at each gain.
+"""Along the stable fixed points of the event map, upwards in the gain and down, a motion or two at each gain.
 
     a(f K) = a(K) f^r,    r from the last two gains, -1 at first
     log a* = log a - y/y',    y = log P/a and y' = dy/d log a, first that of the gain before

@@ -13,7 +13,7 @@ linear loop throws the servo out further, and the peak that counts lies below th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from ...motion.march import MarchFailure
 from ..hunting import Model
 from ..servo import Servo
 from .half_cycle import SECTION, HalfCycle, half_cycle, patience, state_scale
+from .peaks import Try, highest
 
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
@@ -50,12 +51,6 @@ NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
 """Regula falsi steps before every second one halves the bracket, and all of them."""
-MOST_CLIMBING, NARROW = 30, 1e-5
-"""Motions in search of a peak of P/a, and width in log a at which it is found."""
-GOLDEN = (3 - math.sqrt(5)) / 2
-LEFT_OPEN, FORETOLD, IN_VAIN = 0.01, 2, 12
-"""Part of what a peak lacks to one that does not count; times in a row that parabolas foretell P/a to that part, or
-that no motion gains as much (at the edge of a jump), after which it stays below one."""
 TYPICAL = 0.1
 """Stick position of most stable cycles, in units of Fs/kp."""
 TIGHT, ROUGH = 1e-14, 1e-3
@@ -112,9 +107,6 @@ class Scan:
         if self.failures:
             text += f"; {len(self.failures)} of the motions could not be computed"
         return text
-
-
-Try = Callable[[float], HalfCycle | None]
 
 
 def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
@@ -277,72 +269,12 @@ def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle,
     ]
     best: tuple[HalfCycle, HalfCycle, HalfCycle] | None = None
     for inner, middle, outer in sorted(peaks, key=lambda peak: -peak[1].ratio):
-        top = _maximise(at, inner, middle, outer)
+        top = highest(at, inner, middle, outer)
         if best is None or top.ratio > best[1].ratio:
             best = (inner, top, outer)
         if top.ratio >= 1:
             break
     return best
-
-
-def _maximise(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
-    """The largest ratio between two motions: by parabolas through three, and where these fail, by golden section.
-
-    Left as soon as it exceeds one, or where what is left open cannot lead there.
-    """
-    low, top, high = ((float(np.log(run.start)), run.ratio) for run in (inner, best, outer))
-    foretold, golden, in_vain = 0, False, 0
-    for _ in range(MOST_CLIMBING):
-        if best.ratio >= 1 or high[0] - low[0] < NARROW or foretold == FORETOLD or in_vain == IN_VAIN:
-            break
-        x, expected = _golden(low, top, high) if golden else _vertex(low, top, high)
-        run = at(float(np.exp(x)))
-        ratio = -math.inf if run is None else run.ratio
-        open_to_it = LEFT_OPEN * (1 - best.ratio)
-        golden = not abs(ratio - expected) < open_to_it
-        foretold = 0 if golden else foretold + 1
-        in_vain = 0 if ratio > best.ratio + open_to_it else in_vain + 1
-        if run is not None and ratio > best.ratio:
-            best = run
-            low, top, high = (low, (x, ratio), top) if x < top[0] else (top, (x, ratio), high)
-        else:
-            low, high = ((x, ratio), high) if x < top[0] else (low, (x, ratio))
-    return best
-
-
-Point = tuple[float, float]
-"""(log a, P(a)/a)."""
-
-
-def _golden(low: Point, top: Point, high: Point) -> Point:
-    """Where the golden section looks next, and what the parabola expects there."""
-    side = low if top[0] - low[0] > high[0] - top[0] else high
-    x = top[0] + GOLDEN * (side[0] - top[0])
-    return x, _parabola(low, top, high, x)
-
-
-def _vertex(low: Point, top: Point, high: Point) -> Point:
-    """The top of the parabola through three points, kept off them, and its height."""
-    left, right = top[0] - low[0], high[0] - top[0]
-    falls = (top[1] - low[1]) / left, (top[1] - high[1]) / right
-    curved = falls[0] + falls[1]
-    if not 0 < curved < math.inf:
-        return _golden(low, top, high)
-    x = top[0] + (falls[0] * right - falls[1] * left) / (2 * curved)
-    aside = EDGE * (high[0] - low[0])
-    if abs(x - top[0]) < aside:
-        x = top[0] + math.copysign(aside, right - left)
-    x = min(max(x, low[0] + aside), high[0] - aside)
-    return x, _parabola(low, top, high, x)
-
-
-def _parabola(low: Point, top: Point, high: Point, x: float) -> float:
-    """The parabola through three points at x; no number where a motion has failed."""
-    if not math.isfinite(low[1] + high[1]):
-        return math.nan
-    first = (top[1] - low[1]) / (top[0] - low[0])
-    second = ((high[1] - top[1]) / (high[0] - top[0]) - first) / (high[0] - low[0])
-    return top[1] + (x - top[0]) * (first + second * (x - low[0]))
 
 
 def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle | None:
