@@ -51,7 +51,7 @@ RINGING, RINGS_OUT = 20, 1e-8
 steps over the last hundred reversals, and equations that start without them have a root that is no motion."""
 RINGING_NEARBY = 1.1
 """As NEARBY for such a motion: farther off other reversals are there, and IPOPT takes 20 s over so many equations."""
-HARDLY, SLOWLY = 0.1, 0.5
+HARDLY_MOVED, SLOW_MAP = 0.1, 0.5
 """|log P(a)/a| up to which a motion may be far from a cycle that hardly attracts; part of it that is left after another
 motion, above which it is, and slope of the map at such a cycle."""
 CAME_TO_REST = 0.1
@@ -191,7 +191,7 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
         return q.beside
     a = q.typical if q.beside is None else q.beside.fixed
     if q.model == "lugre":
-        if q.beside is not None and 1 + q.beside.slope > SLOWLY:
+        if q.beside is not None and 1 + q.beside.slope > SLOW_MAP:
             return _slowly_met(q, q.beside, degree, kind)
         a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a
     for _ in range(FIRST_MOTIONS):
@@ -217,10 +217,10 @@ def _beside_the_rigid_cycle(q: AtGain) -> float:
 def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
     """Whether a motion of the Switch servo leads next to where it started, and the next one no closer to a cycle."""
     excess = abs(math.log(motion.ratio))
-    if excess > HARDLY:
+    if excess > HARDLY_MOVED:
         return False
     following = half_cycle("switch", q.servo, q.gain, motion.position)
-    return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOWLY * excess
+    return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOW_MAP * excess
 
 
 def _slowly_met(q: AtGain, rigid: HalfCycle, degree: int, kind: Kind) -> HalfCycle | None:

@@ -88,16 +88,12 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     hunt = _Hunt(servo, model)
     promised: list[tuple[float, HalfCycle]] = []
     failed: list[str] = []
-    carefully: list[float] = []
     for gain, beside, quickly in _gains_to_try(hunt, gains):
         if beside is not None and quickly:
             orbit = quickly_at(servo, model, gain, options=options, beside=beside)
             if orbit is not None:
                 return orbit
             continue
-        if any(1 / SAME_GAIN < gain / other < SAME_GAIN for other in carefully):
-            continue
-        carefully.append(gain)
         promised += [(gain, beside)] if beside is not None else []
         try:
             met = stable_at(servo, model, gain, options=options)
@@ -138,6 +134,7 @@ class _Hunt:
     seen : the scans that show no cycle, by gain.
     farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
     proved : by gain: why the Switch servo has no cycle there (denial.py).
+    carefully : the gains at which a cycle was sought by every strategy.
     """
 
     servo: Servo
@@ -145,6 +142,13 @@ class _Hunt:
     seen: list[tuple[float, Scan]] = field(default_factory=list)
     farther: dict[float, bool | None] = field(default_factory=dict)
     proved: dict[float, str] = field(default_factory=dict)
+    carefully: list[float] = field(default_factory=list)
+
+    def searched(self, gain: float) -> bool:
+        """Whether a gain next to it has been searched carefully; if not, this one is about to be."""
+        known = any(1 / SAME_GAIN < gain / other < SAME_GAIN for other in self.carefully)
+        self.carefully += [] if known else [gain]
+        return known
 
     def rigid_cycle(self, gain: float) -> HalfCycle | None:
         """The Switch servo's stable cycle; without one, `farther` is found out."""
@@ -170,10 +174,10 @@ def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
     for gain in gains:
         for strategy in PLACES:
             if strategy.applies((hunt, gain)) and isinstance(places := strategy.run((hunt, gain)), Iterator):
-                yield from places
+                yield from (place for place in places if place[2] or not hunt.searched(place[0]))
                 break
     if hunt.model != "switch":
-        yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES])
+        yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES] if not hunt.searched(gain))
 
 
 def _from_here_up(at: tuple[_Hunt, float]) -> Iterator[Place] | None:

@@ -17,7 +17,7 @@ from casahunt.servo.event_map import scan as looking
 from casahunt.servo.event_map.climb import BESIDE_A_CYCLE, MOST_LOWERED, lowered
 from casahunt.servo.event_map.half_cycle import HalfCycle, half_cycle
 from casahunt.servo.event_map.peaks import IN_VAIN, _vertex, highest
-from casahunt.servo.event_map.scan import CONVERGING, WITHIN, near_stable, scan
+from casahunt.servo.event_map.scan import BESIDE_A_WEAK_ONE, CONVERGING, near_stable, scan
 from problems.taylor import switch_fold
 
 
@@ -68,8 +68,8 @@ def test_next_to_a_weak_cycle_is_where_it_sticks_and_not_where_the_ratio_is_next
     inner, outer = (half_cycle("lugre", servo, gain, found.start * f, tol=1e-9) for f in (0.97, 1.03))
     slope = np.log(outer.ratio / inner.ratio) / np.log(1.03 / 0.97)
     place = np.log(outer.start) - np.log(outer.ratio) / slope
-    assert abs(np.log(found.start) - place) < 2 * WITHIN  # the secant over 6 % is off by as much again
-    assert abs(np.log(far.start) - place) > 10 * WITHIN
+    assert abs(np.log(found.start) - place) < 2 * BESIDE_A_WEAK_ONE  # the secant over 6 % is off by as much again
+    assert abs(np.log(far.start) - place) > 10 * BESIDE_A_WEAK_ONE
     assert found.slope == pytest.approx(slope, rel=0.2)  # what the tolerance of other motions leaves of it is noise
 
 

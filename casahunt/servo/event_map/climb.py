@@ -66,8 +66,8 @@ def lowered(servo: Servo, gain: float, beside: HalfCycle) -> Iterator[tuple[floa
     servo, gain, beside
         the servo, and where to begin: a motion with the slope of the map.
 
-    Returns
-    -------
+    Yields
+    ------
     (gain, motion), one after the other, without the first.
     """
     for factor in LOWER_FACTORS:

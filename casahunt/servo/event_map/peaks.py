@@ -21,7 +21,7 @@ GOLDEN = (3 - math.sqrt(5)) / 2
 LEFT_OPEN, FORETOLD, IN_VAIN = 0.01, 2, 12
 """Part of what a peak lacks to one that does not count; times in a row that parabolas foretell P/a to that part, or
 that no motion gains as much (at the edge of a jump), after which it stays below one."""
-ASIDE = 0.02
+KEPT_OFF = 0.02
 """Part of the range that a motion keeps off those that are there."""
 
 Try = Callable[[float], HalfCycle | None]
@@ -78,7 +78,7 @@ def _vertex(low: Point, top: Point, high: Point) -> Point:
     if not 0 < curved < math.inf:
         return _golden(low, top, high)
     x = top[0] + (falls[0] * right - falls[1] * left) / (2 * curved)
-    aside = ASIDE * (high[0] - low[0])
+    aside = KEPT_OFF * (high[0] - low[0])
     if abs(x - top[0]) < aside:
         x = top[0] + math.copysign(aside, right - left)
     x = min(max(x, low[0] + aside), high[0] - aside)

@@ -44,7 +44,7 @@ CONVERGING = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
 CLOSER = 1e-4
 """The same where it has not."""
-WEAK, WITHIN, WEAK_MARCH = -0.1, 0.01, 1e-8
+WEAK_SLOPE, BESIDE_A_WEAK_ONE, WEAK_MARCH = -0.1, 0.01, 1e-8
 """Slope of log P/a against log a from which up a cycle attracts so weakly that P/a is next to one far from it, too;
 part of its stick position within which a motion is beside such a cycle; tolerance to which P/a is computed there."""
 NOT_A_JUMP = 0.1
@@ -221,7 +221,7 @@ def near_stable(
         y = float(np.log(run.ratio))
         if previous is not None and previous[0] != x:
             slope, known = (y - previous[1]) / (x - previous[0]), True
-        if known and slope >= WEAK:
+        if known and slope >= WEAK_SLOPE:
             return _near_weak(model, servo, gain, (x, y), slope, close, longest)
         enough = abs(y) < (close if y > 0 else min(close, CONVERGING[model]))
         if enough and known:
@@ -253,7 +253,7 @@ def _near_weak(
         y = float(np.log(run.ratio))
         if previous is not None and previous[0] != x:
             slope = (y - previous[1]) / (x - previous[0])
-            if abs(y) < min(close, -slope * WITHIN):
+            if abs(y) < min(close, -slope * BESIDE_A_WEAK_ONE):
                 return replace(run, slope=slope)
         previous = (x, y)
     return None
