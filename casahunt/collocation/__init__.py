@@ -11,7 +11,7 @@ node_system.py    the linear system left when the stages are eliminated
 linearisation.py  the equations at one point: residuals, Newton steps, tangents
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
 parted_system.py  the node system of a mesh that refines another, solved as that of the other
-graphs.py         the same equations as graphs for IPOPT, with Jacobian and Hessian
+graphs.py         the same equations as graphs for optimisation, with Jacobian and Hessian
 newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
 solve.py          which of the two solves, alone or one after the other

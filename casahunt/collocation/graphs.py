@@ -1,12 +1,14 @@
-"""The transcription as CasADi graphs, for IPOPT: equations, Jacobian, Hessian of the Lagrangian.
+"""The transcription as CasADi graphs, for optimisation: equations, Jacobian, Hessian of the Lagrangian.
 
-The unknowns of the nonlinear programmes are z = (u, lambda), with p + lambda dp for the parameters.  All
+IPOPT is given them (ipopt.py), and the conditions of a fold and of an optimum are evaluated from them.  The unknowns
+are z = (u, lambda), with p + lambda dp for the parameters.  All
 derivatives are made for one interval in scalar expressions, mapped over the mesh, and placed in the sparse
 matrices by fixed permutations; nothing is differentiated at the level of the whole mesh.  Entries that
 several intervals share (durations, lambda) are summed by a constant 0-1 matrix.
 
-    square problem    f = 0, lambda fixed at 0 by its bounds, empty Hessian
-    fold              f = -lambda, exact Hessian
+    IPOPT, square problem    f = 0, lambda fixed at 0 by its bounds, empty Hessian
+    IPOPT, fold              f = -lambda, exact Hessian
+    Newton, fold             L = lambda - nu . G, its gradient and its Hessian along the curve
 
 Symbols as in transcription.py.
 """

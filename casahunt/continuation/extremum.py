@@ -1,9 +1,10 @@
 """The largest and the smallest value of a parameter along a branch, as optimisation problems.
 
-    maximise  +- lambda   subject to  G(u, lambda; q) = 0       by IPOPT with the exact Hessian (fold.py)
+    maximise  +- lambda   subject to  G(u, lambda; q) = 0       by Newton's method on the conditions (optimum.py)
 
 The branch is followed to its fold; there the optimisation problem is solved on the mesh of the orbit and on the mesh
-with halved intervals.  Its multipliers give the derivatives of the value by all other parameters at once (adjoint.py).
+with halved intervals, by IPOPT with the exact Hessian where that is named or the conditions are not seen to hold
+(fold.py).  Its multipliers give the derivatives of the value by all other parameters at once (adjoint.py).
 """
 
 from __future__ import annotations

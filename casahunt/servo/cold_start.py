@@ -11,6 +11,7 @@ the last word, from the fold.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 
@@ -51,6 +52,9 @@ RINGING, RINGS_OUT = 20, 1e-8
 steps over the last hundred reversals, and equations that start without them have a root that is no motion."""
 RINGING_NEARBY = 1.1
 """As NEARBY for such a motion: farther off other reversals are there, and IPOPT takes 20 s over so many equations."""
+HARDLY_MOVED, SLOW_MAP = 0.1, 0.5
+"""|log P(a)/a| up to which a motion may be far from a cycle that hardly attracts; part of it that is left after another
+motion, above which it is, and slope of the map at such a cycle."""
 CAME_TO_REST = 0.1
 """P(a)/a below which a motion has come to rest: what starts from there is none."""
 
@@ -196,6 +200,8 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
         return q.beside
     a = q.typical if q.beside is None else q.beside.fixed
     if q.model == "lugre":
+        if q.beside is not None and 1 + q.beside.slope > SLOW_MAP:
+            return _slowly_met(q, q.beside, degree, kind)
         a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a
     for _ in range(FIRST_MOTIONS):
         if a <= 0:
@@ -211,10 +217,27 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
 def _beside_the_rigid_cycle(q: AtGain) -> float:
     """A stick position of the Switch servo next to its cycle, from which a LuGre motion starts; 0 where none is met."""
     motion = half_cycle("switch", q.servo, q.gain, q.typical)
-    if 1 / FLAT < motion.ratio < FLAT:
+    if 1 / FLAT < motion.ratio < FLAT and not _hardly_moves(q, motion):
         return motion.position
     rigid = _rigid_cycle(q)
     return OUTSIDE * rigid.start if rigid is not None else 0.0
+
+
+def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
+    """Whether a motion of the Switch servo leads next to where it started, and the next one no closer to a cycle."""
+    excess = abs(math.log(motion.ratio))
+    if excess > HARDLY_MOVED:
+        return False
+    following = half_cycle("switch", q.servo, q.gain, motion.position)
+    return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOW_MAP * excess
+
+
+def _slowly_met(q: AtGain, rigid: HalfCycle, degree: int, kind: Kind) -> HalfCycle | None:
+    """A LuGre motion beside a cycle to which motions come slowly, by secants from the Switch servo's, or None."""
+    near = near_stable(q.model, q.servo, q.gain, rigid.fixed, slope=rigid.slope)
+    if near is None or (degree, kind) == SCHEMES[q.model]:
+        return near
+    return half_cycle(q.model, q.servo, q.gain, near.start, degree=degree, kind=kind)
 
 
 def _rigid_cycle(q: AtGain) -> HalfCycle | None:

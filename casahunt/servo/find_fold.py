@@ -31,7 +31,7 @@ from ..orbits.adapt import Options
 from ..orbits.options import TOLERANCE_RANGE
 from .cold_start import check_hunts, check_problem, quickly_at, stable_at
 from .denial import no_cycle
-from .event_map.climb import BESIDE_A_CYCLE, climbed
+from .event_map.climb import BESIDE_A_CYCLE, climbed, lowered
 from .event_map.fixed_points import fixed_points
 from .event_map.scan import GROWING, HalfCycle, Scan, half_cycle, near_typical, scan
 from .hunting import Model
@@ -49,6 +49,8 @@ LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
 """Cycles that may turn out not to be computable before the search is given up."""
+SAME_GAIN = 1.1
+"""Ratio of gains within which a careful search is not repeated."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
 SHARP_TOLERANCE = 1e-8
@@ -133,6 +135,7 @@ class _Hunt:
     seen : the scans that show no cycle, by gain.
     farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
     proved : by gain: why the Switch servo has no cycle there (denial.py).
+    carefully : the gains at which a cycle was sought by every strategy.
     """
 
     servo: Servo
@@ -140,6 +143,13 @@ class _Hunt:
     seen: list[tuple[float, Scan]] = field(default_factory=list)
     farther: dict[float, bool | None] = field(default_factory=dict)
     proved: dict[float, str] = field(default_factory=dict)
+    carefully: list[float] = field(default_factory=list)
+
+    def searched(self, gain: float) -> bool:
+        """Whether a gain next to it has been searched carefully; if not, this one is about to be."""
+        known = any(1 / SAME_GAIN < gain / other < SAME_GAIN for other in self.carefully)
+        self.carefully += [] if known else [gain]
+        return known
 
     def rigid_cycle(self, gain: float) -> HalfCycle | None:
         """The Switch servo's stable cycle; without one, `farther` is found out."""
@@ -165,22 +175,27 @@ def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
     for gain in gains:
         for strategy in PLACES:
             if strategy.applies((hunt, gain)) and isinstance(places := strategy.run((hunt, gain)), Iterator):
-                yield from places
+                yield from (place for place in places if place[2] or not hunt.searched(place[0]))
                 break
     if hunt.model != "switch":
-        yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES])
+        yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES] if not hunt.searched(gain))
 
 
 def _from_here_up(at: tuple[_Hunt, float]) -> Iterator[Place] | None:
     hunt, gain = at
     rigid = hunt.rigid_cycle(gain)
-    return None if rigid is None else _downwards(climbed(hunt.servo, gain, rigid))
+    return None if rigid is None else _downwards(hunt, climbed(hunt.servo, gain, rigid))
 
 
-def _downwards(places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
-    """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly."""
-    for quickly in (True, False):
-        yield from ((gain, beside, quickly) for gain, beside in reversed(places))
+def _downwards(hunt: _Hunt, places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
+    """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly.
+
+    With a bristle the fold lies at a lower gain, where the drop of friction is small at a much lower one.
+    """
+    yield from ((gain, beside, True) for gain, beside in reversed(places))
+    if places and hunt.model != "switch":
+        yield from ((gain, beside, True) for gain, beside in lowered(hunt.servo, *places[0]))
+    yield from ((gain, beside, False) for gain, beside in reversed(places))
 
 
 def _turns_beside(at: tuple[_Hunt, float]) -> bool:
@@ -198,7 +213,7 @@ def _in_between(at: tuple[_Hunt, float]) -> Iterator[Place]:
     hunt, gain = at
     for low in _turning(hunt, gain):
         between = _between(hunt, low, 2 * low)
-        yield from _downwards(climbed(hunt.servo, *between) if between else [])
+        yield from _downwards(hunt, climbed(hunt.servo, *between) if between else [])
 
 
 def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, HalfCycle] | None:

@@ -13,7 +13,7 @@ linear loop throws the servo out further, and the peak that counts lies below th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from ...motion.march import MarchFailure
 from ..hunting import Model
 from ..servo import Servo
 from .half_cycle import SECTION, HalfCycle, half_cycle, patience, state_scale
+from .peaks import Try, highest
 
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
@@ -43,6 +44,9 @@ CONVERGING = {"switch": 0.03, "lugre": 0.005}
 """|log P(a)/a| from which the boundary value problem mostly converges."""
 CLOSER = 1e-4
 """The same where it has not."""
+WEAK_SLOPE, BESIDE_A_WEAK_ONE, WEAK_MARCH = -0.1, 0.01, 1e-8
+"""Slope of log P/a against log a from which up a cycle attracts so weakly that P/a is next to one far from it, too;
+part of its stick position within which a motion is beside such a cycle; tolerance to which P/a is computed there."""
 NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
@@ -105,9 +109,6 @@ class Scan:
         if self.failures:
             text += f"; {len(self.failures)} of the motions could not be computed"
         return text
-
-
-Try = Callable[[float], HalfCycle | None]
 
 
 def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
@@ -227,14 +228,14 @@ def near_stable(
         y = float(np.log(run.ratio))
         if previous is not None and previous[0] != x:
             slope, known = (y - previous[1]) / (x - previous[0]), True
+        if known and slope >= WEAK_SLOPE:
+            return _near_weak(model, servo, gain, (x, y), slope, close, longest)
         enough = abs(y) < (close if y > 0 else min(close, CONVERGING[model]))
         if enough and known:
             if abs(y) < -slope * LARGEST_SECANT:
                 return replace(run, slope=slope)
             if abs(y) < CONVERGING[model]:
                 return None
-        if slope >= -0.1:
-            return None
         previous = (x, y)
         x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if known or not enough else x + 0.02
     return None
@@ -260,6 +261,31 @@ def near_typical(servo: Servo, gain: float, *, close: float | None = None) -> Ha
     return found if found is not None else near_stable("switch", servo, gain, FARTHER_OUT * a, close=close)
 
 
+def _near_weak(
+    model: Model, servo: Servo, gain: float, at: tuple[float, float], slope: float, close: float, longest: float
+) -> HalfCycle | None:
+    """`near_stable` where log P/a hardly falls with log a, from (log a, log P/a): the distance decides."""
+    x, y = at
+    previous = None
+    for _ in range(SECANT_ROUNDS):
+        if not abs(y) < -slope * LARGEST_SECANT:
+            return None
+        x -= y / slope
+        try:
+            run = half_cycle(model, servo, gain, float(np.exp(x)), tol=WEAK_MARCH, longest=longest)
+        except MarchFailure:
+            return None
+        if not run.ratio > 0:
+            return None
+        y = float(np.log(run.ratio))
+        if previous is not None and previous[0] != x:
+            slope = (y - previous[1]) / (x - previous[0])
+            if abs(y) < min(close, -slope * BESIDE_A_WEAK_ONE):
+                return replace(run, slope=slope)
+        previous = (x, y)
+    return None
+
+
 def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle, HalfCycle] | None:
     """(inner neighbour, peak, outer neighbour) where P(a)/a, below one on the grid, exceeds one or is largest."""
     ordered = sorted(seen, key=lambda r: r.start)
@@ -270,34 +296,11 @@ def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle,
     ]
     best: tuple[HalfCycle, HalfCycle, HalfCycle] | None = None
     for inner, middle, outer in sorted(peaks, key=lambda peak: -peak[1].ratio):
-        top = _maximise(at, inner, middle, outer)
+        top = highest(at, inner, middle, outer)
         if best is None or top.ratio > best[1].ratio:
             best = (inner, top, outer)
         if top.ratio >= 1:
             break
-    return best
-
-
-def _maximise(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
-    """Golden section for the largest ratio between two motions, left as soon as it exceeds one."""
-    low, high = np.log(inner.start), np.log(outer.start)
-    golden = (np.sqrt(5) - 1) / 2
-    left, right = high - golden * (high - low), low + golden * (high - low)
-    run_left, run_right = at(float(np.exp(left))), at(float(np.exp(right)))
-    for _ in range(30):
-        for run in (run_left, run_right):
-            if run is not None and run.ratio > best.ratio:
-                best = run
-        if best.ratio >= 1 or high - low < 1e-5:
-            break
-        if (run_left.ratio if run_left else -np.inf) > (run_right.ratio if run_right else -np.inf):
-            high, right, run_right = right, left, run_left
-            left = high - golden * (high - low)
-            run_left = at(float(np.exp(left)))
-        else:
-            low, left, run_left = left, right, run_right
-            right = low + golden * (high - low)
-            run_right = at(float(np.exp(right)))
     return best
 
 
