@@ -44,6 +44,7 @@ class Point:
     du : (size,) derivative of u by arclength.
     bend : what the points before say of the way beyond the tangent; None at the first point and after a change of the
         phase sequence.
+    moves : whether its mesh may move along; those of sketches are too rough: it costs more steps than it saves.
     """
 
     t: Transcription
@@ -52,6 +53,7 @@ class Point:
     row: Array
     du: Array
     bend: Bend | None = None
+    moves: bool = True
 
     @property
     def way(self) -> Way:
@@ -59,7 +61,7 @@ class Point:
         if self.bend is not None:
             return self.bend.way
         f = self.setting.fractions
-        return way_of(self.t, self.u, f) if stiff(self.t) else by_time(self.t, f)
+        return way_of(self.t, self.u, f) if self.moves and stiff(self.t) else by_time(self.t, f)
 
 
 def parameter_value(orbit: Orbit, vary: str) -> float:

@@ -119,7 +119,7 @@ def walk(
     vary = _varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     like = heading if previous is None or heading is not None else secant(previous, start, vary)
-    point = curve_point(start, vary, like=like, sense=sense)
+    point = replace(curve_point(start, vary, like=like, sense=sense), moves=not options.sketched)
     if not low <= start.problem.moved(vary, LANDED * float(np.sign(point.row[-1]))) <= high:
         return _reached(start, vary)
     largest_step = largest_step or start.problem.largest_step
@@ -185,7 +185,7 @@ def _step_and_tangent(
     like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
     lin, setting = solved.solution.linearisation, _setting_at(solved)
     dp = along(orbit.problem, vary, float(setting.p[orbit.problem.names.index(vary)]))
-    following = point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin)
+    following = replace(point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin), moves=point.moves)
     if ds > SHARP_STEP and cosine(point, following) < LEAST_COSINE:
         return "the branch turns by too much in one step"
     return orbit, following, solved

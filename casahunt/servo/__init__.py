@@ -18,6 +18,7 @@ saved.py          hunting cycles and branches of them in files
 denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
+refused.py        what is refused before any cycle is sought
 strategies.py     ways to one end, tried in turn; what a refusal says of them
 times.py          how far apart the times of a servo may be
 cold_start.py     an orbit at one gain from a motion or a scan, no branch followed

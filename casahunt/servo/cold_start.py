@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..checks import COMPUTED, known, sensible
 from ..collocation.newton import Solver
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import Kind
@@ -27,12 +26,11 @@ from ..orbits.adapt import Options, finished, solve_adaptively
 from ..orbits.marched_mesh import remeshed
 from ..orbits.restart import Start
 from .cycles import SCHEMES
-from .denial import no_cycle
 from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, near_typical, scan
-from .hunting import MODELS, Model
+from .hunting import Model
 from .problem import Hunting, HuntingOrbit
 from .sequences import from_half_cycle
-from .servo import Servo, a_servo
+from .servo import Servo
 from .strategies import Strategy, first_of
 
 CLEARLY_STABLE = -0.8
@@ -365,56 +363,3 @@ def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
         problem.model, segments, problem.vector(), problem.direction(problem.principal),
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
-
-
-def check_problem(servo: Servo, model: Model, gain: float) -> None:
-    """Refuse what is no problem, and pure Coulomb friction with what a scan shows.
-
-    Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.  Of a bristle
-    the proof for rigid friction proves nothing either: where a scan shows no cycle of it, none was found.
-
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K [V/rad].
-
-    Raises
-    ------
-    InputError : unknown model, or a gain that is not a finite number > 0.
-    NoOrbit : there is provably no cycle; or a scan of a bristle shows none, and none was found.
-    """
-    a_servo(servo)
-    known("model", model, MODELS)
-    sensible("gain", gain, power=COMPUTED)
-    if servo.friction.static > servo.friction.coulomb:
-        return
-    if why := no_cycle(servo, model, gain):
-        where = "any gain" if no_cycle(servo, model) else f"gain {gain:g} or above"
-        seen = scan(model, servo, gain).sentence()
-        raise NoOrbit(f"no hunting limit cycle of the {model} servo at {where}: {why}; at gain {gain:g}, {seen}")
-    if why := no_cycle(servo, "switch", gain):
-        bristles = scan(model, servo, gain)
-        if bristles.upper is None:
-            raise NoOrbit(
-                f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
-                f"there is none: in the limit of stiff bristles there is none, because {why}, and with these bristles, "
-                f"{bristles.sentence()}",
-                Status.NOT_FOUND,
-            )
-
-
-def check_hunts(servo: Servo, model: Model) -> None:
-    """Refuse a servo that is proved to have no cycle at any gain.
-
-    Parameters
-    ----------
-    servo, model
-        the problem.
-
-    Raises
-    ------
-    NoOrbit : there is such a proof (denial.py).
-    """
-    why = no_cycle(servo, model)
-    if why:
-        raise NoOrbit(f"no hunting limit cycle of the {model} servo at any gain: {why}")

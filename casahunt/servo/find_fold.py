@@ -29,7 +29,7 @@ from ..errors import NoOrbit, Status
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
 from ..orbits.options import TOLERANCE_RANGE
-from .cold_start import check_hunts, check_problem, quickly_at, stable_at
+from .cold_start import quickly_at, stable_at
 from .denial import no_cycle
 from .event_map.climb import BESIDE_A_CYCLE, climbed, lowered
 from .event_map.fixed_points import fixed_points
@@ -37,6 +37,7 @@ from .event_map.scan import GROWING, HalfCycle, Scan, half_cycle, near_typical, 
 from .hunting import Model
 from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
+from .refused import check_hunts, check_problem
 from .servo import Servo, a_servo
 from .strategies import Strategy, first_of
 from .times import check_times

@@ -8,8 +8,7 @@
 The ways stand in the tables `STABLE`, `UNSTABLE` and `DOWN`, in the order in which they are tried.
 
 "There is none" is said only with the fold below the gain, which continuation/fold.py locates on the branch and confirms
-as an optimum, or with a proof (denial.py).  Where there is neither, the sentence is "not found", and says what was
-tried.
+as an optimum, or with a proof (denial.py).  Where there is neither, the sentence is "not found": what was tried.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from ..continuation.special_points import FOLD, SpecialPoint, locate
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
-from .cold_start import Met, check_hunts, check_problem, quickly_at, stable_at, unstable_at
+from .cold_start import Met, quickly_at, stable_at, unstable_at
 from .denial import no_cycle
 from .event_map.climb import BESIDE_A_CYCLE, climbed
 from .event_map.scan import HalfCycle, near_typical
@@ -35,6 +34,7 @@ from .find_fold import find_fold
 from .hunting import Model
 from .inner_cycle import inner_cycle, unstable
 from .problem import HuntingFold, HuntingOrbit
+from .refused import check_hunts, check_problem
 from .servo import Servo
 from .strategies import Strategy, first_of
 from .times import check_times, stiff_at
