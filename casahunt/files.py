@@ -75,8 +75,8 @@ def whole(path: str | Path) -> Iterator[IO[bytes]]:
 def together() -> Iterator[None]:
     """Files that are written whole inside take their places one right behind the other, when the block ends.
 
-    Between two points of a run SIGKILL finds the same points in all of them, but for the microseconds between two
-    renamings.  Where one cannot be written, all stay as they were.
+    Between two points of a run SIGKILL finds the same points in all of them, but for the moment between two renamings
+    (microseconds, or as long as the file system takes).  Where one cannot be written, all stay as they were.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from casahunt import Servo, cli, effort, find_orbit, simulate
 from casahunt.effort import GivenUp, watched
 
 SIMULATE = ["simulate", "--gain", "0.04", "--time", "20"]
-UNSTABLE = ["orbit", "--gain", "0.1", "--branch", "unstable"]
+UNSTABLE = ["orbit", "--model", "lugre", "--gain", "0.1", "--branch", "unstable"]
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,9 @@ p = p_here + lambda dp, moved in units of its value (Problem.unit).  At arclengt
     tangent     J (du, dlambda) = 0 with |dy| = 1, oriented forwards
     predictor   the polynomial through the last points and their tangents (predictor.py)
 
-x_0 is measured in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and
-lambda, but next to a sharp fold not a fair one: a first phase that lingers next to a repelling motion (a canard)
-changes altogether while x_0 and the parameter move by 1e-7.  Its duration tells.  The other durations take no part in
-the length: a long phase at rest would decide every step and say nothing.
+x_0 is in units of the state scale, which follows the orbit.  The whole orbit is a function of x_0 and lambda, but next
+to a sharp fold not a fair one: a first phase that lingers next to a repelling motion (a canard) changes altogether
+while x_0 and the parameter move by 1e-7.  Its duration tells; the others, of long phases at rest, would decide all.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ class Point:
     du : (size,) derivative of u by arclength.
     bend : what the points before say of the way beyond the tangent; None at the first point and after a change of the
         phase sequence.
-    moves : whether its mesh may move along; those of sketches are too rough: it costs more steps than it saves.
+    moves : whether its mesh may move along; that of a sketch is too rough, and takes more steps.
     """
 
     t: Transcription
@@ -239,8 +238,7 @@ def point_at(
         [y[: t.n] / factor, [t.durations_of(du)[0] / t.durations_of(u)[0], y[-1] * setting.dp[index] / dp[index]]]
     )
     length = float(np.linalg.norm(row))
-    turn = float(row @ like) if like is not None else row[-1] * sense
-    length = length if turn >= 0 else -length
+    length = length if (float(row @ like) if like is not None else row[-1] * sense) >= 0 else -length
     u, du = _divided(t, u, factor), _divided(t, du, factor)
     setting = replace(setting, scale=setting.scale * factor, dp=dp)
     return Point(t, u, setting, row / length, du / length)

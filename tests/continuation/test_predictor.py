@@ -87,16 +87,18 @@ def test_values_carried_by_a_mesh_that_moves(slipping):
     np.testing.assert_allclose(carried(t, w, fractions, rates)[:, 1:-1], by_differences[:, 1:-1], atol=2e-4)
 
 
-def test_meshes_of_stiff_modes_move_along_and_predict_better(stiff):
-    """The same cubic on the mesh of the last orbit errs by several times as much."""
-    point = along(stiff)
-    assert point.bend.drift.any()
-    errors = []
-    for moving in (True, False):
-        one = point if moving else along_fixed(stiff)
-        outcome = step_along(one, stiff[1], "gain", 0.1, 0.0, 1.0, OPTIONS)
-        errors.append(outcome[1].off)
-    assert errors[0] < 0.5 * errors[1]
+def test_meshes_of_stiff_modes_move_along_and_predict_better():
+    """The same cubic on the mesh of the last orbit errs by several times as much: as a rule, not from every orbit."""
+    ratios = []
+    for gain in (0.15, 0.2, 0.25, 0.4):
+        start = find_orbit(Servo(), "lugre", gain, options=OPTIONS)
+        orbits = [start, next(walk(start, low=0.1, high=1.0, options=OPTIONS, first_step=0.05))]
+        assert along(orbits).bend.drift.any()
+        moved, fixed = (
+            step_along(one(orbits), orbits[1], "gain", 0.1, 0.0, 1.0, OPTIONS)[1].off for one in (along, along_fixed)
+        )
+        ratios.append(moved / fixed)
+    assert np.exp(np.mean(np.log(ratios))) < 0.5
 
 
 def along_fixed(orbits):

@@ -10,8 +10,9 @@ from numpy.polynomial import legendre
 
 from casahunt import NoOrbit, Servo, Status, find_orbit
 from casahunt.collocation.scheme import scheme
-from casahunt.servo import cold_start, find_fold, refused
+from casahunt.servo import cold_start, find_fold
 from casahunt.servo import find_orbit as find
+from casahunt.servo import refused as refusals
 from casahunt.servo.denial import no_cycle
 from casahunt.servo.event_map.scan import Scan, scan
 from casahunt.servo.linear_loop import routh_hurwitz_gain
@@ -141,7 +142,7 @@ def test_a_bristle_hunts_where_rigid_friction_does_not():
     inside, outside = turns(SOFT, gain, 0.3, 40.0), turns(SOFT, gain, 100.0, 40.0)
     assert inside[0] < 1 and 25 < outside[0]
     assert inside[-2:] == pytest.approx(outside[-1], abs=1e-5)
-    assert refused.check_problem(SOFT, "lugre", gain) is None  # its scan has met the cycle: it is sought
+    assert refusals.check_problem(SOFT, "lugre", gain) is None  # its scan has met the cycle: it is sought
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -205,7 +206,7 @@ def test_the_bristle_of_table1_without_a_drop_is_not_found(monkeypatch, failed):
     servo = Servo().replace(**{"friction.static": 0.44})
     if failed:
         nothing = Scan(1.0, 2.0, math.nan, math.nan, None, None, (1.0,) * 8, 0)
-        monkeypatch.setattr(refused, "scan", lambda *_: nothing)
+        monkeypatch.setattr(refusals, "scan", lambda *_: nothing)
     saw = "none of 8 motions" if failed else "scanned stick positions"
     for ask in (lambda: find_orbit(servo, "lugre", 0.1), lambda: find_fold.find_fold(servo, "lugre")):
         with pytest.raises(NoOrbit, match=f"found at gain .* not prove .* in the limit of stiff .*{saw}") as refused:

@@ -151,14 +151,16 @@ VISCOUS_FOLD = {"gain": 0.620271708903377402755, "amplitude": 0.0015844465965807
 def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     """A coarse mesh moves the fold along the branch: amplitude and period are wrong by ten times what the estimate at
     that point of the branch says, the gain is not.  The optimum on the halved mesh knows."""
-    servo, options = Servo().replace(**{"friction.viscous": 0.2}), Options(tol=1e-6, degree=degree)
-    far = find_orbit(servo, "switch", 0.3, options=options)  # whose mesh is not made for the fold
-    fold = find_fold(servo, "switch", options=options, start=far)
-    sizes = (fold.orbit.amplitude / VISCOUS_FOLD["amplitude"], fold.orbit.period / VISCOUS_FOLD["period"])
-    true = max(abs(size - 1) for size in sizes)
-    assert abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true, "a case in which it matters"
-    assert 1e-9 < true < fold.orbit.error_estimate < 1e-6
-    assert fold.orbit.error_estimate < 10 * true
+    servo, options, matters = Servo().replace(**{"friction.viscous": 0.2}), Options(tol=1e-5, degree=degree), []
+    for gain in (0.1, 0.2):
+        far = find_orbit(servo, "switch", gain, options=options)  # whose mesh is not made for the fold
+        fold = find_fold(servo, "switch", options=options, start=far)
+        sizes = (fold.orbit.amplitude / VISCOUS_FOLD["amplitude"], fold.orbit.period / VISCOUS_FOLD["period"])
+        true = max(abs(size - 1) for size in sizes)
+        assert 1e-9 < true < fold.orbit.error_estimate < 1e-5
+        assert fold.orbit.error_estimate < 10 * true
+        matters.append(abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true)
+    assert any(matters)
 
 
 def test_the_largest_gain_is_not_sought_on_any_mesh(monkeypatch):
