@@ -68,12 +68,13 @@ def test_quadruple_precision_judges_multipliers_that_extended_precision_cannot()
         "controller.integral_time": 0.083489, "controller.lead_time": 0.020825, "friction.static": 2.3315,
         "friction.coulomb": 1.1523, "friction.stribeck_velocity": 0.017676, "friction.viscous": 0.016928,
     })  # fmt: skip
-    orbit = find_orbit(servo, "lugre", 34.757, branch="unstable", options=Options(tol=1e-8))
+    orbit = find_orbit(servo, "lugre", 34.757, branch="unstable", options=Options(tol=1e-9))
     from scripts.peers.lugre_search import LugreTruth
 
     truth = LugreTruth(servo).next_to(orbit)
     assert truth is not None and truth.noise < 1e-20
     assert float(truth.mu) == pytest.approx(orbit.half_multiplier, rel=1e-9) and float(truth.mu) > 1e8
+    assert abs(float(truth.mu) / orbit.half_multiplier - 1) < orbit.multipliers.error < 1e-6
     assert abs(float(truth.period) / orbit.period - 1) < 10 * orbit.error_estimate < 1e-8
 
 
