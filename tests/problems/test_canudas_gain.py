@@ -105,7 +105,7 @@ def test_a_reversal_that_dies_is_located_from_both_sides():
 
 @pytest.mark.slow
 def test_from_the_paper_round_the_fold_and_back():
-    """1.5 minutes for 600 cycles; half of it behind the fold, where the multiplier grows to 1e10 and beyond."""
+    """110 cycles; half of them behind the fold, where the multiplier grows to 1e10 and beyond."""
     branch = canudas_gain.symmetric()
     kinds = [special.kind for special in branch.special]
     values = [special.orbit.problem.value("K") for special in branch.special]
