@@ -17,14 +17,13 @@ half is added.  The others arise where the field changes suddenly inside an inte
 accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside is, whose
 square may be larger.  And what happens between two points of the refined mesh, such as a change in the first hundredth
 of an interval, none of its equations sees.  So an estimate that is about to be believed gets the first added, and what
-a Newton step inside each interval leaves,
-psi_e . r'_e with
+a Newton step leaves inside each interval, psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
 
 for the price of some values of the field.  The step is that of the whole cycle, so that r' holds what is of second
-order in it too.  It is taken as if it arose where it hurts more, at the start or at the end
-of its half, and added without regard to signs: a bound in practice, and as a rule far smaller than the sum above.
+order in it too.  It is taken as if it arose where it hurts more, at the start or at the end of its half, and added
+without regard to signs: a bound in practice, and as a rule far smaller than the sum above.
 
 Symbols: n states, d stages, N intervals, E elements, P phases.
 """

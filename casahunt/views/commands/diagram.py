@@ -189,7 +189,7 @@ def _one_branch(
     stream: IO[str] | None,
     way: _Way,
 ) -> Branch:
-    """Compute a branch, from the points that are there on; every point is on disk before the next one is begun."""
+    """Compute a branch, from the points that are there on; each is on disk before the next one is looked at."""
     found, ended, words = list(there[0]), there[1], Words()
     for point in found:
         way.left(point)
