@@ -101,6 +101,13 @@ def test_meshes_of_stiff_modes_move_along_and_predict_better():
     assert np.exp(np.mean(np.log(ratios))) < 0.5
 
 
+def test_meshes_of_sketches_stay(stiff, monkeypatch):
+    """They are too rough: moved along, they take more steps than they save."""
+    monkeypatch.setattr("casahunt.continuation.curve.way_of", lambda *_: pytest.fail("no way is asked for"))
+    steps = walk(stiff[0], low=0.2, high=1.0, options=replace(OPTIONS, sketched=True), first_step=0.05)
+    assert all(next(steps).problem.value("gain") > 0.2 for _ in range(3))
+
+
 def along_fixed(orbits):
     """As `along`, on a mesh that stays."""
     with pytest.MonkeyPatch.context() as patch:
