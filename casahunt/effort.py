@@ -100,7 +100,37 @@ class Watch:
         self._last = time.monotonic()
 
 
+class OutOfTime(Exception):
+    """The seconds that were allowed are over.  No NoOrbit, as `GivenUp`."""
+
+
 _watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
+_deadline: ContextVar[float] = ContextVar("deadline", default=float("inf"))
+
+
+@contextmanager
+def until(seconds: float) -> Iterator[None]:
+    """Let what is computed inside take so many seconds, from now on.
+
+    Parameters
+    ----------
+    seconds
+        infinity for as many as it takes.
+
+    Raises
+    ------
+    OutOfTime : when they are over, at the next interval or Newton step.
+    """
+    token = _deadline.set(min(_deadline.get(), time.monotonic() + seconds))
+    try:
+        yield
+    finally:
+        _deadline.reset(token)
+
+
+def _in_time() -> None:
+    if time.monotonic() > _deadline.get():
+        raise OutOfTime
 
 
 @contextmanager
@@ -139,6 +169,7 @@ def motion() -> None:
 
 def interval() -> None:
     """An interval of a motion is tried."""
+    _in_time()
     watch = _watch.get()
     if watch is not None:
         watch.add(MARCHED)
@@ -146,6 +177,7 @@ def interval() -> None:
 
 def problem(intervals: int) -> None:
     """A boundary value problem is linearised."""
+    _in_time()
     watch = _watch.get()
     if watch is not None:
         watch.problems += 1

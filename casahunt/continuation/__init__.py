@@ -8,15 +8,19 @@ curve.py            the curve of a branch: its points and tangents
 walk.py             by pseudo-arclength or by natural continuation
 vanishing.py        where a phase shrinks to nothing
 phase_change.py     where between two orbits the phases change
-special_points.py   folds, symmetry breaking, superstable and grazing cycles, located
-bifurcations.py     flips, losses of symmetry and tori, by the multipliers
+special_points.py   folds, symmetry breaking, superstable and grazing cycles: what they are
+locating.py         the orbit between two at which a monitor vanishes
+bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
+crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 recut.py            another plane for a cycle that is cut by planes
 touching.py         cycles that touch an event
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
-ways_to_end.py      Hopf bifurcations, homoclinic orbits: where cycles end
-branch.py           a branch of a user's system, with what is met on the way
+terminations.py     where cycles end: shrunk, grown, at an equilibrium
+through_rest.py     through the rest that a forced cycle shrinks to
+branch.py           a branch as it is handed out
+following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
 fold_conditions.py  the conditions of a fold as constraints of a larger problem
 adjoint.py          how much a fold moves with every parameter
@@ -40,25 +44,29 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
-    from .branch import Branch, follow
+    from .branch import Branch
     from .branching import branch_off
     from .extremum import largest, smallest
     from .fold import Fold
+    from .following import follow
     from .grazing_search import grazing
     from .special_points import Missed, SpecialPoint, user_monitor
+    from .terminations import End
     from .two_parameters import SpecialCurve, special_curve
 
 __all__ = [
-    "Branch", "Fold", "Missed", "SpecialCurve", "SpecialPoint", "branch_off", "follow", "grazing", "largest",
+    "Branch", "End", "Fold", "Missed", "SpecialCurve", "SpecialPoint", "branch_off", "follow", "grazing", "largest",
     "smallest", "special_curve", "user_monitor",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
-        "branch": ("Branch", "follow"),
+        "branch": ("Branch",),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),
         "fold": ("Fold",),
+        "following": ("follow",),
+        "terminations": ("End",),
         "two_parameters": ("SpecialCurve", "special_curve"),
         "special_points": ("Missed", "SpecialPoint", "user_monitor"),
         "grazing_search": ("grazing",),

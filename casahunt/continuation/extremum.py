@@ -22,7 +22,8 @@ from .adjoint import curvature
 from .curve import along, parameter_value
 from .fold import WALK_TOLERANCE, Fold, confirmed
 from .sheet import finer
-from .special_points import FOLD, SpecialPoint, crossings
+from .crossings import crossings
+from .special_points import FOLD, SpecialPoint
 from .walk import walk
 
 

@@ -41,7 +41,8 @@ from ..results import Result
 from .adjoint import parameter_slopes
 from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .optimum import optimum
-from .special_points import FOLD, SpecialPoint, locate, special_point
+from .locating import locate
+from .special_points import FOLD, SpecialPoint, special_point
 from .turned import turned_between
 from .turning_point import row_along, turning_place, turning_point
 from .walk import walk

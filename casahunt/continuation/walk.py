@@ -57,8 +57,21 @@ LEAST_COSINE, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents
 LANDED = 1e-12  # of a unit of the parameter, from a bound of its range
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
+CHANGED_TOO_MUCH = 1.01  # of the change that is asked for: the curve bends
 CAUTION, RECOVERY = 0.7, 1.25
 """After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
+
+
+class Stopped(str):
+    """Why a walk has ended without failing: `kind` is "range" or "points"."""
+
+    kind: str
+
+    def __new__(cls, sentence: str, kind: str) -> Stopped:
+        """A sentence and its kind."""
+        self = super().__new__(cls, sentence)
+        self.kind = kind
+        return self
 
 
 def walk(
@@ -72,7 +85,9 @@ def walk(
     heading: Array | None = None,
     options: Options | None = None,
     first_step: float = FIRST_STEP,
+    smallest_step: float = SMALLEST_STEP,
     largest_step: float | None = None,
+    largest_change: float | None = None,
     max_points: int = 2000,
 ) -> Generator[AnyOrbit, None, str]:
     """Orbits along the branch through `start`, by pseudo-arclength, until the parameter leaves [low, high].
@@ -93,14 +108,16 @@ def walk(
         (n + 2,) direction to start in, as the `row` of a `curve_point`: at a fold `sense` says nothing; overrides both.
     options
         tolerance; default that of the start.
-    first_step, largest_step
-        arclength; the largest one is that of the problem by default.
+    first_step, smallest_step, largest_step
+        arclength; the largest one is that of the problem by default; below the smallest one it gives up.
+    largest_change
+        of the parameter in one step, in its own unit; default none.
     max_points
         give up after so many.
 
     Yields
     ------
-    Converged orbit.  The generator returns the sentence that says why it ended.
+    Converged orbit.  The generator returns the sentence that says why it ended, a Stopped or a Complaint.
 
     Raises
     ------
@@ -125,11 +142,12 @@ def walk(
     largest_step = largest_step or start.problem.largest_step
     ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
+        ds = _within_change(point, last, vary, ds, largest_change)
         outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
-        while isinstance(outcome, str):
+        while isinstance(outcome, str) or _changes_more(last, outcome[0], vary, largest_change):
             ceiling = CAUTION * ds
             ds *= 0.4
-            if ds < SMALLEST_STEP:
+            if ds < smallest_step:
                 sentence = f"no step from {vary} = {parameter_value(last, vary):.8g} converged: {outcome}"
                 return Complaint(sentence, getattr(outcome, "status", None))
             outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
@@ -144,11 +162,23 @@ def walk(
         ds = min(ds * max(room, 0.4), ceiling)
         ceiling = min(RECOVERY * ceiling, largest_step)
         point, last = following, orbit
-    return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+    return Stopped(f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}", "points")
 
 
-def _reached(orbit: Orbit, vary: str) -> str:
-    return f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range"
+def _reached(orbit: Orbit, vary: str) -> Stopped:
+    return Stopped(f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range", "range")
+
+
+def _within_change(point: Point, last: Orbit, vary: str, ds: float, largest: float | None) -> float:
+    """A step in which the parameter changes by no more than it may, as far as the tangent tells."""
+    per_step = abs(float(point.row[-1]) * last.problem.unit(vary))
+    return ds if largest is None or per_step * ds <= largest else largest / per_step
+
+
+def _changes_more(last: Orbit, orbit: Orbit, vary: str, largest: float | None) -> bool:
+    """Whether a step has changed the parameter by more than it may, the tangent having turned."""
+    change = abs(parameter_value(orbit, vary) - parameter_value(last, vary))
+    return largest is not None and change > CHANGED_TOO_MUCH * largest
 
 
 def _room(point: Point, solved: Solved, options: Options) -> float:

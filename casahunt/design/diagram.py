@@ -14,7 +14,8 @@ from typing import Any
 
 from .. import effort
 from ..continuation.fold import next_fold
-from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint, crossings
+from ..continuation.crossings import crossings
+from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
 from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit
 from ..orbits.adapt import Options

@@ -22,7 +22,8 @@ from typing import Literal
 from ..checks import known, of_kind, to_error
 from ..continuation.curve import curve_point
 from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
-from ..continuation.special_points import FOLD, SpecialPoint, locate
+from ..continuation.locating import locate
+from ..continuation.special_points import FOLD, SpecialPoint
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined

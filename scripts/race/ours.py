@@ -17,7 +17,8 @@ import numpy as np
 from casahunt import NoOrbit, Options, find_fold, find_orbit
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
-from casahunt.continuation.special_points import FOLD, crossings
+from casahunt.continuation.crossings import crossings
+from casahunt.continuation.special_points import FOLD
 from casahunt.continuation.walk import run as run_walk
 from casahunt.continuation.walk import walk
 from casahunt.hybrid.system import Cycle, Phase

@@ -24,14 +24,14 @@ from casahunt.continuation import walk as walks
 from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
+from casahunt.continuation.crossings import crossings
+from casahunt.continuation.locating import locate
 from casahunt.continuation.special_points import (
     FOLD,
     GRAZING,
     SUPERSTABLE,
     SYMMETRY_BREAKING,
     SpecialPoint,
-    crossings,
-    locate,
     special_point,
     user_monitor,
 )

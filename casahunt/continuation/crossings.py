@@ -1,0 +1,331 @@
+"""What a branch passes from orbit to orbit, and what hides inside a step.
+
+    f_k = f(orbit_k)    a monitor along the branch, at the arclengths s_k
+    f_k f_k+1 < 0       a special point lies between them: located (locating.py), or missed and said so
+    Q, R                parabolas through three successive values each, both over [s_k, s_k+1]
+    min |Q| <= max |Q - R|    two zeros may hide there: the branch is looked at in the middle, and again
+
+A sign counts where the value is larger than its error (Monitor.sure); an orbit of which it is not known is passed over,
+and the sign before it stands against that behind it.  A step is looked at when the one behind it is known, too.
+
+Where the parameter turns round, one multiplier passes +1, and the other way round but for branch points:
+
+    d lambda/d s changes sign                      fold, located by either
+    it does not, and a multiplier passes +1        branch point: another branch crosses this one
+    it is rounding while a multiplier passes +1    whichever it turns out to be when the parameter moves again
+
+The last is a canard's: its parameter moves by less than rounding while the whole cycle changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Generic, NamedTuple
+
+import numpy as np
+
+from ..orbits.adapt import Options
+from ..orbits.orbit import AnyOrbit
+from .bifurcations import BRANCH_POINT
+from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
+from .locating import length_to, locate
+from .phase_change import change_of_phases
+from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
+from .walk import step_along
+
+Array = np.ndarray
+
+MOST_HALVINGS = 5
+"""A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
+LOOKED_AT = np.linspace(0.0, 1.0, 17)
+"""Parts of a step at which parabolas are compared."""
+LOOSELY = 1e3
+"""A fold at which the parameter stands still is where a multiplier is 1 to so many tolerances of that: its parameter
+is second order in them."""
+
+
+class Passed(NamedTuple, Generic[AnyOrbit]):
+    """What was located, in the order of the walk, and what is there and was not."""
+
+    special: tuple[SpecialPoint[AnyOrbit], ...] = ()
+    missed: tuple[Missed, ...] = ()
+
+
+class _Station(NamedTuple, Generic[AnyOrbit]):
+    """An orbit of the branch, the curve there oriented along the walk, and how far it has come.
+
+    `opens` where the values before are those of other coordinates: nothing is interpolated across.
+    """
+
+    orbit: AnyOrbit
+    point: Point
+    at: float
+    opens: bool = False
+
+
+@dataclass
+class _Signs(Generic[AnyOrbit]):
+    """What is known so far: by kind of monitor the last station whose sign is sure, and its value.
+
+    And the steps in which a multiplier has passed +1 while the parameter stood still.
+    """
+
+    last: dict[str, tuple[_Station[AnyOrbit], float]] = field(default_factory=dict)
+    pending: list[tuple[_Station[AnyOrbit], _Station[AnyOrbit]]] = field(default_factory=list)
+
+
+class Crossings(Generic[AnyOrbit]):
+    """The special points of a branch whose orbits come one by one.
+
+    Parameters
+    ----------
+    start
+        the first orbit.
+    vary, monitors, options
+        name of the parameter, the kinds that are looked for, tolerance and method.
+    inside
+        whether steps are looked at inside.
+    """
+
+    def __init__(
+        self, start: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options, inside: bool = True
+    ) -> None:
+        self._vary, self._monitors, self._options, self._inside = vary, tuple(monitors), options, inside
+        self._start: AnyOrbit = start
+        self._line: list[_Station[AnyOrbit]] = []
+        self._signs: _Signs[AnyOrbit] = _Signs()
+
+    def past(self, after: AnyOrbit) -> Passed[AnyOrbit]:
+        """What lies in the step before the one that leads to `after`."""
+        if not self._line:
+            here, there = ends(self._start, after, self._vary)
+            self._line.append(_Station(self._start, here, 0.0, True))
+        else:
+            last = self._line[-1]
+            way = in_units_of(secant(last.orbit, after, self._vary), last.orbit.scale, after.scale)
+            there = curve_point(after, self._vary, like=way)
+        length = float(np.linalg.norm(secant(self._line[-1].orbit, after, self._vary)))
+        self._line.append(_Station(after, there, self._line[-1].at + length))
+        found = self._step(len(self._line) - 2) if len(self._line) > 2 else Passed()
+        del self._line[:-3]
+        return found
+
+    def rest(self) -> Passed[AnyOrbit]:
+        """What lies in the last step."""
+        found = self._step(len(self._line) - 1) if len(self._line) > 1 else Passed()
+        self._start, self._line = self._line[-1].orbit if self._line else self._start, []
+        return found
+
+    def go_on_from(self, orbit: AnyOrbit) -> None:
+        """The last orbit again in other coordinates, or the one behind a gap; after `rest`."""
+        self._start, self._line = orbit, []
+
+    def unresolved(self) -> tuple[Missed, ...]:
+        """What the branch has passed of which its end leaves open what it is; after `rest`."""
+        return tuple(
+            self._not_located(
+                BRANCH_POINT.kind, x, y, "a multiplier passes +1 there while the parameter stands still to rounding: "
+                "whether it turns round was not seen",
+            )
+            for x, y in self._signs.pending
+        )  # fmt: skip
+
+    def _step(self, k: int) -> Passed[AnyOrbit]:
+        """What lies between stations k - 1 and k."""
+        before, after = self._line[k - 1], self._line[k]
+        special: list[SpecialPoint[AnyOrbit]] = []
+        missed: list[Missed] = []
+        if GRAZING in self._monitors:
+            grazing = change_of_phases(before.orbit, after.orbit, self._vary, self._options)
+            if grazing is not None:
+                special.append(special_point(GRAZING, grazing, self._vary))
+        earlier = self._line[k - 2] if k > 1 and not before.opens else None
+        later = self._line[k + 1] if k + 1 < len(self._line) else None
+        stations = [before, *self._looked_inside(before, after, earlier, later, MOST_HALVINGS), after]
+        for x, y in pairwise(stations):
+            for monitor in self._monitors:
+                one = self._turned if monitor.kind == FOLD.kind else self._changed
+                if monitor is GRAZING or monitor.kind == BRANCH_POINT.kind:
+                    continue
+                found = one(monitor, x, y)
+                special += found.special
+                missed += found.missed
+        way = secant(before.orbit, after.orbit, self._vary)
+        special.sort(key=lambda s: float(np.dot(secant(before.orbit, s.orbit, self._vary), way)))
+        return Passed(tuple(special), tuple(missed))
+
+    def _looked_inside(
+        self, x: _Station[AnyOrbit], y: _Station[AnyOrbit], earlier: _Station[AnyOrbit] | None,
+        later: _Station[AnyOrbit] | None, halvings: int,
+    ) -> Iterator[_Station[AnyOrbit]]:  # fmt: skip
+        """Stations inside a step, where zeros may hide there."""
+        if not self._inside or not halvings or x.orbit.signature != y.orbit.signature:
+            return
+        alike = [s for s in (earlier, x, y, later) if s is not None and s.orbit.signature == x.orbit.signature]
+        if not any(self._may_hide(monitor, alike, x, y) for monitor in self._monitors if monitor is not GRAZING):
+            return
+        middle = self._middle(x, y)
+        if middle is None:
+            return
+        yield from self._looked_inside(x, middle, earlier, y, halvings - 1)
+        yield middle
+        yield from self._looked_inside(middle, y, x, later, halvings - 1)
+
+    def _may_hide(
+        self, monitor: Monitor, alike: list[_Station[AnyOrbit]], x: _Station[AnyOrbit], y: _Station[AnyOrbit]
+    ) -> bool:
+        """Whether a monitor may vanish twice in a step, as far as the stations around it show."""
+        places = [(s.at, v) for s in alike if np.isfinite(v := self._value(monitor, s))]
+        if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
+            return False
+        return hides(np.array([at for at, _ in places]), np.array([v for _, v in places]), x.at, y.at)
+
+    def _middle(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> _Station[AnyOrbit] | None:
+        """The orbit halfway; None where the step there does not converge to one with the same phases."""
+        vary, problem = self._vary, x.orbit.problem
+        length = length_to(y.orbit, x.orbit, x.point, vary)
+        seen = seen_from(x.point, x.orbit, vary, parameter_value(y.orbit, vary))
+        start = replace(x.point, bend=bend(y.point, x.point, seen, side=1.0))
+        outcome = step_along(start, x.orbit, vary, length / 2, *problem.range_of(vary), self._options)
+        if isinstance(outcome, str) or outcome[0].signature != x.orbit.signature:
+            return None
+        orbit = outcome[0]
+        way = in_units_of(secant(x.orbit, orbit, vary), x.orbit.scale, orbit.scale)
+        return _Station(orbit, curve_point(orbit, vary, like=way), (x.at + y.at) / 2)
+
+    def _value(self, monitor: Monitor, station: _Station[AnyOrbit]) -> float:
+        """The value of a monitor, NaN where its sign is not sure."""
+        value = monitor.value(station.orbit, station.point)
+        sure = value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point)
+        return float(value) if sure else float("nan")
+
+    def _sign_change(
+        self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]
+    ) -> _Station[AnyOrbit] | None:
+        """The last station with the other sign than at y; None where there is none, or the sign at y is not sure."""
+        last = self._signs.last
+        if monitor.kind not in last and np.isfinite(first := self._value(monitor, x)):
+            last[monitor.kind] = x, first
+        value = self._value(monitor, y)
+        if np.isnan(value):
+            return None
+        known = last.get(monitor.kind)
+        last[monitor.kind] = y, value
+        return known[0] if known is not None and known[1] * value < 0 else None
+
+    def _changed(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
+        """The point at which a monitor changes its sign up to y."""
+        before = self._sign_change(monitor, x, y)
+        if before is None or not (monitor.confirmed(before.orbit) or monitor.confirmed(y.orbit)):
+            return Passed()
+        return self._located(monitor, before, y)
+
+    def _located(
+        self, monitor: Monitor, before: _Station[AnyOrbit], after: _Station[AnyOrbit]
+    ) -> Passed[AnyOrbit]:
+        orbit = locate(before.orbit, after.orbit, monitor, vary=self._vary, options=self._options)
+        if orbit is not None:
+            special = (special_point(monitor, orbit, self._vary),) if monitor.confirmed(orbit) else ()
+            return Passed(special)
+        if before.orbit.signature != after.orbit.signature and GRAZING in self._monitors:
+            return Passed()  # multipliers may jump where the phases change, and that is located
+        return Passed((), (self._not_located(monitor.kind, before, after),))
+
+    def _turned(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
+        """The fold, or the branch points, up to y."""
+        watched = next((m for m in self._monitors if m.kind == BRANCH_POINT.kind), None)
+        one = None if watched is None else self._sign_change(watched, x, y)
+        if one is not None:
+            self._signs.pending.append((one, y))
+        before = self._sign_change(monitor, x, y)
+        steps, still = self._signs.pending, np.isnan(self._value(monitor, y))
+        if still:
+            return Passed()
+        self._signs.pending = []
+        if before is None:
+            found = [self._located(watched, *step) for step in steps] if watched is not None else []
+            return Passed(tuple(s for f in found for s in f.special), tuple(m for f in found for m in f.missed))
+        return self._fold(monitor, watched, before, y, steps)
+
+    def _fold(
+        self, monitor: Monitor, watched: Monitor | None, before: _Station[AnyOrbit], after: _Station[AnyOrbit],
+        steps: list[tuple[_Station[AnyOrbit], _Station[AnyOrbit]]],
+    ) -> Passed[AnyOrbit]:  # fmt: skip
+        """The fold between two stations, the multiplier having passed +1 in some steps between them."""
+        orbit, vary, options = None, self._vary, self._options
+        if watched is not None and len(steps) == 1 and steps[0] != (before, after):
+            loosely = replace(watched, tolerance=LOOSELY * watched.tolerance)
+            orbit = locate(steps[0][0].orbit, steps[0][1].orbit, loosely, vary=vary, options=options)
+        orbit = orbit or locate(before.orbit, after.orbit, monitor, vary=vary, options=options)
+        width = abs(before.orbit.problem.distance(vary, parameter_value(after.orbit, vary)))
+        if orbit is None and width <= options.tol:
+            # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
+            sense = before.point.row[-1]
+            orbit = max(before.orbit, after.orbit, key=lambda o: sense * parameter_value(o, vary))
+        special = () if orbit is None else (special_point(monitor, orbit, vary),)
+        missed = () if special else (self._not_located(monitor.kind, before, after),)
+        return Passed(special, missed)
+
+    def _not_located(self, kind: str, before: _Station[AnyOrbit], after: _Station[AnyOrbit], why: str = "") -> Missed:
+        vary = self._vary
+        bounds = f"{vary} = {parameter_value(before.orbit, vary):.8g} and {parameter_value(after.orbit, vary):.8g}"
+        why = why or "the steps towards it did not converge; another tolerance may lead there"
+        return Missed(kind, f"a {kind} between {bounds} was not located: {why}")
+
+
+def hides(at: Array, values: Array, low: float, high: float) -> bool:
+    """Whether a function may have a pair of zeros between two of the places at which it is known.
+
+    Parameters
+    ----------
+    at, values
+        (m,) places, in order, and values; m from 2 to 4.
+    low, high
+        the two places between which it is asked: neighbours.
+
+    Returns
+    -------
+    True where the parabolas through three places each differ by more than the distance from zero, or cross it; where
+    two places are all that is known.
+    """
+    k = int(np.flatnonzero(at == low)[0])
+    if values[k] * values[k + 1] < 0:
+        return False
+    if at.size < 3:
+        return True
+    s, sign = low + (high - low) * LOOKED_AT, np.sign(values[k])
+    triples = [slice(j, j + 3) for j in range(at.size - 2)]
+    curves = [np.polyval(np.polyfit(at[t] - low, values[t], 2), s - low) for t in triples]
+    line = values[k] + (values[k + 1] - values[k]) * LOOKED_AT
+    others = curves[1:] or [(curves[0] + line) / 2]
+    spread = max(float(np.max(np.abs(curves[0] - other))) for other in others)
+    nearest = min(float(np.min(sign * curve)) for curve in curves)
+    return nearest <= spread
+
+
+def crossings(
+    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options
+) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:
+    """The special points between two successive orbits of a walk, by what is known at the two.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    vary
+        name of the parameter.
+    monitors
+        the kinds that are looked for.
+    options
+        tolerance and method of the orbits.
+
+    Returns
+    -------
+    Special points in the order of the walk, and those that are there and were not located.
+    """
+    chain = Crossings(before, vary=vary, monitors=monitors, options=options, inside=False)
+    chain.past(after)
+    found = chain.rest()
+    return list(found.special), list(found.missed)

@@ -1,0 +1,399 @@
+"""A branch of cycles of a user's system in one of its parameters, with what is met on the way.
+
+    for every two orbits of a walk (walk.py)    the monitors that change sign between them (crossings.py), located
+
+Where the phases of the cycle change, the walk goes on with those that the motion really has (orbits/family.py).  Where
+none continues it, an event being met with no speed, the walk has ended at that grazing, to a step of 1e-10.  On the
+other side of the parameter, or on the same one, there may be a cycle that keeps clear of the event: where the motion
+settles on one next to the last, the branch goes on with it.
+
+    walk -> next orbit ----> its own image? an end of all cycles (terminations.py)? -> the branch has ended
+                |      |--> small, or its plane left behind -> cut by another plane (recut.py), and on
+                |-- fails -> an end? a grazing (behind_grazing.py)? -> on behind it; else it is stuck
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import Any, Generic, cast
+
+import numpy as np
+
+from .. import effort
+from ..checks import known, number, of_kind
+from ..errors import InputError, NoOrbit, Status
+from ..orbits.adapt import Options
+from ..orbits.family import Family
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
+from ..orbits.restart import in_scheme
+from ..orbits.starts import may_vanish
+from .behind_grazing import behind_grazing, from_strongest
+from .bifurcations import BRANCH_POINT, monitors_of
+from .branch import Branch
+from .crossings import Crossings, Passed, crossings
+from .curve import parameter_value
+from .recut import cut_alike, cut_by_planes, left_behind, recut
+from .reunion import met_at, reunion
+from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
+from .terminations import POINT_KIND, SHRUNK_TO, End, comes_to, hopf_point, ranges
+from .through_rest import through_rest
+from .vanishing import solved_at, vanishing_soon
+from .walk import FIRST_STEP, SMALLEST_STEP, walk
+
+Array = np.ndarray
+
+NOT_ENDED = End("", "")
+
+
+class _Pause(Enum):
+    """Why a walk is left where the branch goes on."""
+
+    FIRST_SHRINKS = auto()  # the first phase may be about to vanish
+    LEFT_BEHIND = auto()  # the plane that cuts the cycle is left behind
+    NEXT_TO_NOTHING = auto()  # the cycle has shrunk to nothing
+
+
+@dataclass
+class _Run(Generic[AnyOrbit]):
+    """A branch on its way: what it has come to, and what stays the same."""
+
+    branch: Branch[AnyOrbit]
+    line: Crossings[AnyOrbit]
+    looked_for: tuple[Monitor, ...]
+    options: Options
+    max_points: int
+    progress: Callable[[AnyOrbit], None] | None
+    how: dict[str, Any]
+
+    @property
+    def last(self) -> AnyOrbit:
+        """The last orbit."""
+        return self.branch.orbits[-1]
+
+    def value(self, orbit: AnyOrbit) -> float:
+        """The parameter there."""
+        return parameter_value(orbit, self.branch.vary)
+
+    def within(self, orbit: AnyOrbit) -> bool:
+        """Whether its parameter is within the range."""
+        return bool(self.how["low"] <= self.value(orbit) <= self.how["high"])
+
+    def add(self, *orbits: AnyOrbit, passed: Passed[AnyOrbit] | None = None) -> None:
+        """Orbits further on, and what was passed."""
+        b, p = self.branch, passed or Passed()
+        self.branch = replace(
+            b, orbits=(*b.orbits, *orbits), special=(*b.special, *p.special), missed=(*b.missed, *p.missed)
+        )
+        for orbit in orbits:
+            if self.progress is not None:
+                self.progress(orbit)
+
+    def replaced(self, orbit: AnyOrbit) -> None:
+        """The last orbit is another picture of itself, in other coordinates."""
+        self.add(passed=self.line.rest())
+        self.branch = replace(self.branch, orbits=(*self.branch.orbits[:-1], orbit))
+        self.line.go_on_from(orbit)
+
+
+def follow(
+    orbit: AnyOrbit,
+    vary: str,
+    *,
+    to: float,
+    back: float | None = None,
+    previous: AnyOrbit | None = None,
+    options: Options | None = None,
+    monitors: tuple[Monitor, ...] | None = None,
+    first_step: float = FIRST_STEP,
+    smallest_step: float = SMALLEST_STEP,
+    largest_step: float | None = None,
+    largest_change: float | None = None,
+    max_points: int = 500,
+    time_limit: float = math.inf,
+    progress: Callable[[AnyOrbit], None] | None = None,
+) -> Branch[AnyOrbit]:
+    """Follow a cycle in a parameter, round folds.
+
+    Parameters
+    ----------
+    orbit
+        where the branch starts.
+    vary
+        name of the parameter.
+    to
+        value towards which it goes, and at which it ends.
+    back
+        value at which it ends on the other side, where a fold has turned it round; default the one it starts at.
+    previous
+        the orbit before, to go on in that direction.
+    options
+        tolerance and method; default the tolerance to which the orbit is known, or 1e-8.  A scheme that is asked for
+        and is not that of the orbit is taken from the first cycle on.
+    monitors
+        what is looked for; default fold, branch point, flip or symmetry breaking, Neimark-Sacker and changes of the
+        phases.
+    first_step, smallest_step, largest_step
+        arclength of a step, in units of the state, of the logarithm of the first duration, and of the parameter; below
+        the smallest one it gives up.
+    largest_change
+        of the parameter in one step, in its own unit.
+    max_points, time_limit
+        number of orbits, and seconds, after which it ends with what it has.
+    progress
+        called with every orbit as it is found.
+
+    Returns
+    -------
+    Branch.
+
+    Raises
+    ------
+    InputError : unknown parameter, or `to` and `back` on the same side of the start.
+    NoOrbit : the cycle could not be computed in the scheme that is asked for.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> branch = follow(orbit, "a", to=0.05)
+    >>> [special.kind for special in branch.special]
+    ['flip']
+    """
+    of_kind("orbit", orbit, Orbit)
+    known("parameter", vary, orbit.problem.names)
+    here, to = orbit.problem.value(vary), number("to", to)
+    back = here if back is None else number("back", back)
+    if to == here or (to - here) * (back - here) > 0:
+        raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
+    options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    orbit, previous = _in_scheme(orbit, options), None if previous is None else _in_scheme(previous, options)
+    looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
+    if not cut_by_planes(orbit):
+        orbit, previous = from_strongest(orbit, previous, options)
+    line = Crossings(orbit, vary=vary, monitors=looked_for, options=options)
+    run = _Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, options, max_points, progress, {
+        "low": min(to, back), "high": max(to, back), "first_step": first_step, "smallest_step": smallest_step,
+        "largest_step": largest_step, "largest_change": largest_change,
+    })  # fmt: skip
+    try:
+        with effort.until(time_limit):
+            end = _followed(run, float(np.sign(to - here)), previous)
+            run.add(passed=line.rest())
+    except effort.OutOfTime:
+        value = parameter_value(run.branch.orbits[-1], vary)
+        end = End("time", f"stopped after {time_limit:g} s at {vary} = {value:.6g}")
+    return replace(run.branch, missed=(*run.branch.missed, *line.unresolved()), end=end)
+
+
+def _in_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The cycle in the collocation scheme that is asked for; as it is where none is."""
+    asked = options.degree or orbit.degree, options.kind or orbit.kind
+    if asked == (orbit.degree, orbit.kind):
+        return orbit
+    found = solved_at(orbit.problem, in_scheme(unknowns_of(orbit), *asked), options)
+    if found is None:
+        sentence = f"the cycle of {orbit.problem.title} was not found with degree = {asked[0]}, kind = {asked[1]!r}"
+        raise NoOrbit(f"{sentence}: leave them out, or ask for another tolerance", Status.NOT_CONVERGED)
+    return cast(AnyOrbit, found)
+
+
+def _followed(run: _Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> End:
+    """The branch from its last orbit on to its end."""
+    way: _Way[AnyOrbit] = _Way(sense, previous)
+    while True:
+        steps = walk(
+            run.last, vary=run.branch.vary, sense=way.sense, previous=way.previous, options=run.options,
+            max_points=run.max_points - len(run.branch.orbits), **run.how,
+        )  # fmt: skip
+        length = len(run.branch.orbits)
+        outcome = _walked(run, steps, way.watched)
+        if isinstance(outcome, Complaint):
+            outcome = comes_to(run.branch.orbits, run.branch.vary, stuck=True) or outcome
+        following = _after(run, outcome, way, len(run.branch.orbits) > length)
+        if isinstance(following, End):
+            return following
+        way = following
+
+
+@dataclass(frozen=True)
+class _Way(Generic[AnyOrbit]):
+    """How a walk sets out: its sense, the orbit before or None; for cycles cut by planes, whether the plane is watched
+    and whether another was asked for in need."""
+
+    sense: float
+    previous: AnyOrbit | None = None
+    watched: bool = True
+    insisted: bool = False
+
+
+def _after(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
+    """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
+    if outcome is _Pause.FIRST_SHRINKS:
+        return replace(way, previous=_starting_elsewhere(run))
+    if isinstance(outcome, End) and outcome.kind == POINT_KIND:
+        outcome = through_rest(run.branch.orbits, run.branch.vary, outcome.value, run.options) or outcome
+    if not isinstance(outcome, Orbit) and cut_by_planes(run.last):
+        return _after_planes(run, outcome, way, came)
+    if isinstance(outcome, Complaint):
+        outcome = _grazed(run, outcome) if GRAZING in run.looked_for else End("stuck", str(outcome))
+    if isinstance(outcome, End):
+        return outcome
+    if not run.within(outcome):
+        bound = run.how["high"] if run.value(outcome) > run.how["high"] else run.how["low"]
+        return End("range", f"the next cycle lies beyond {run.branch.vary} = {bound:.6g}, the end of the range")
+    if len(run.branch.orbits) + 1 >= run.max_points:
+        return End("points", f"stopped after {run.max_points} points")
+    sense = float(np.sign(run.value(outcome) - run.value(run.last))) or _sense(run.branch, way.sense)
+    run.add(passed=run.line.rest())
+    run.add(outcome)
+    run.line.go_on_from(outcome)
+    return _Way(sense)
+
+
+def _after_planes(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
+    """The same of cycles that are cut by planes, which may be others."""
+    failed = isinstance(outcome, Complaint)
+    point = isinstance(outcome, End) and outcome.kind == POINT_KIND
+    hopf = _shrunk(run.branch) if failed or point or outcome is _Pause.NEXT_TO_NOTHING else None
+    if hopf is not None:
+        run.add(passed=run.line.rest())
+        run.add(passed=Passed((hopf,)))
+        return End("Hopf", hopf.meaning, hopf.value, 0.0, 0.5, 0.0)
+    if isinstance(outcome, End):
+        return outcome
+    insist = failed and outcome.status is Status.INADMISSIBLE and (came or not way.insisted)
+    if failed and not insist:
+        return End("stuck", str(outcome))
+    again = _cut_anew(run, insist)
+    if again is not None:
+        return _Way(again[1], again[0], insisted=insist)
+    if insist:
+        return End("stuck", str(outcome))
+    return _Way(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
+
+
+def _grazed(run: _Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
+    """The cycle that the branch goes on with behind the grazing that it has come to; its end where there is none."""
+    found = behind_grazing(run.last, run.branch.vary, failure, run.options)
+    if found.grazing is None:
+        return found.following or End("stuck", str(failure))
+    special = found.grazing
+    if run.within(special.orbit):
+        run.add(passed=run.line.rest())
+        orbits = found.reached(run.branch.orbits)
+        run.branch = replace(run.branch, orbits=orbits, special=(*run.branch.special, special))
+        run.line.go_on_from(orbits[-1])
+    return found.following or End("grazing", f"no cycle follows the {special.meaning}", special.value)
+
+
+def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: bool) -> Any:
+    """How a walk has ended whose orbits the branch has been given.
+
+    By an End; by the orbit behind a grazing that it came to; by the Complaint that it has failed by; by a _Pause where
+    the first phase is about to vanish, or a cycle that is cut by planes has become small or (`watched`) leaves its
+    plane behind.
+    """
+    vary = run.branch.vary
+    by_planes = cut_by_planes(run.last)
+    largest = np.max([ranges(orbit) for orbit in run.branch.orbits if by_planes], axis=0, initial=0.0)
+    while True:
+        try:
+            after = next(steps)
+        except StopIteration as end:
+            return end.value if isinstance(end.value, Complaint) else End(end.value.kind, str(end.value))
+        except NoOrbit as error:
+            return Complaint(str(error), error.status)
+        before = run.last
+        by_planes = cut_by_planes(before) and cut_by_planes(after)
+        if by_planes and before.signature != after.signature and _shrunk(run.branch) is not None:
+            return _Pause.NEXT_TO_NOTHING  # stepped over: the same cycles, half a turn later
+        if (closed := _met_itself(run, after)) is not None:
+            return closed
+        run.add(after, passed=run.line.past(after))
+        if (end := comes_to(run.branch.orbits, vary)) is not None:
+            return end
+        if by_planes:
+            largest = np.maximum(largest, ranges(after))
+            if watched and np.all(ranges(after) <= SHRUNK_TO * largest):
+                return _Pause.NEXT_TO_NOTHING
+            if watched and left_behind(after):
+                return _Pause.LEFT_BEHIND
+            continue
+        if _first_shrinks(before, after):
+            return _Pause.FIRST_SHRINKS
+        over = vanishing_soon(before, after, vary, run.options) if GRAZING in run.looked_for else None
+        if over is not None and run.within(over[0]):
+            run.add(passed=run.line.rest())
+            run.add(passed=Passed((special_point(GRAZING, over[0], vary),)))
+            return over[1]
+
+
+def _first_shrinks(before: Orbit, after: Orbit) -> bool:
+    """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
+    first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
+    return isinstance(after.problem, Family) and before.signature == after.signature and first == [False, True]
+
+
+def _starting_elsewhere(run: _Run[AnyOrbit]) -> AnyOrbit | None:
+    """The cycle before the last one, both from another phase on, where one serves: the branch has the last one so."""
+    *others, last = run.branch.orbits
+    turned, before = from_strongest(last, others[-1], run.options)
+    run.replaced(turned)
+    return before
+
+
+def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
+    """The Hopf bifurcation that the last cycles lead to."""
+    return hopf_point(branch.orbits[-2], branch.orbits[-1], branch.vary) if len(branch.orbits) > 1 else None
+
+
+def _cut_anew(run: _Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float] | None:
+    """(the cycle before the last one cut alike or None, sense), the branch having the last one cut by another plane.
+
+    None where no other serves.
+    """
+    vary, (*others, last) = run.branch.vary, run.branch.orbits
+    fresh = recut(last, vary, run.options, insist=insist) if cut_by_planes(last) else None
+    if fresh is None:
+        return None
+    before = cut_alike(others[-1], fresh, vary, run.options) if others and cut_by_planes(others[-1]) else None
+    sense = float(np.sign(run.value(last) - run.value(others[-1]))) if others else 1.0
+    run.replaced(fresh)
+    return before, sense or 1.0
+
+
+def _sense(branch: Branch[AnyOrbit], sense: float) -> float:
+    """Which way the parameter went last."""
+    ways = np.sign(np.diff(branch.values))
+    return float(ways[np.flatnonzero(ways)[-1]]) if ways.any() else sense
+
+
+def _met_itself(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
+    """The end of the branch where it meets its own image before the next orbit: what follows is what it has passed.
+
+    None where it does not; with what was missed where that could not be located.
+    """
+    before, vary = run.last, run.branch.vary
+    met = reunion(before, after, run.options.tol) if run.looked_for else None
+    if met is None:
+        return None
+    point = met_at(before, after, met, vary, run.options)
+    if isinstance(point, Missed):
+        run.add(passed=Passed((), (point,)))
+        return None
+    kinds = (FOLD.kind, BRANCH_POINT.kind, met.reached.kind)
+    others = tuple(monitor for monitor in run.looked_for if monitor.kind not in kinds)
+    found, missed = crossings(before, after, vary=vary, monitors=others, options=run.options)
+    special = (*(special for special in found if not met.off(special.orbit) <= 0), point)
+    run.add(passed=run.line.rest())
+    run.add(*([point.orbit] if met.same_period else []), passed=Passed(special, tuple(missed)))
+    value = run.value(point.orbit)
+    return End(
+        "closed", f"at {vary} = {value:.8g} the cycle is its own image; what follows are the images of what was passed",
+        value,
+    )  # fmt: skip

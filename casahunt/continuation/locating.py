@@ -1,0 +1,171 @@
+"""The orbit between two of a branch at which a monitor vanishes (special_points.py).
+
+    f(s) = 0    by inverse interpolation between true corrections, s the arclength from the orbit that is closer
+    fold        again and again the turning point of the cubic through the last two orbits and their tangents
+
+The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import NoOrbit
+from ..hybrid.roots import CLOSED, Bracket, Search
+from ..orbits.adapt import Options, refined
+from ..orbits.orbit import AnyOrbit, Orbit
+from .curve import (
+    Point,
+    backwards,
+    bend,
+    bent_through,
+    curve_point,
+    ends,
+    in_units_of,
+    parameter_value,
+    secant,
+    seen_from,
+)
+from .special_points import ACCEPTED_TOLERANCES, FOLD, Monitor
+from .walk import step_along
+
+Array = np.ndarray
+
+LOCATE_ROUNDS = 40
+CUBIC_ROUNDS = 6
+"""Turning points of cubics after which a fold is sought in the other way; most need three."""
+MAX_FAILURES = 8
+
+
+def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
+    """The orbit between two at which a monitor vanishes.
+
+    Steps start at the orbit where it is smaller, which is as a rule the closer one, along its tangent; where they fail,
+    at the other.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    monitor
+        which changes sign between them.
+    vary
+        name of the parameter.
+    options
+        tolerance and method of the orbit.
+
+    Returns
+    -------
+    The orbit; None where the steps there do not converge.
+    """
+    start, end = ends(before, after, vary)
+    if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
+        before, after = after, before
+    orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor.kind == FOLD.kind else None
+    orbit = orbit or _located_from(before, after, monitor, vary=vary, options=options)
+    return orbit or _located_from(after, before, monitor, vary=vary, options=options)
+
+
+def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Options) -> AnyOrbit | None:
+    """The fold next to `before`: again and again the turning point of the cubic through the last two orbits.
+
+    The error of a cubic falls with the fourth power of the way between its ends: three orbits are enough as a rule.
+    None where one of them is not where it should be.
+    """
+    before = _accurate(before, options)
+    here, there = ends(before, after, vary)
+    found: AnyOrbit | None = None
+    for k in range(CUBIC_ROUNDS):
+        cubic = bend(there, here, seen_from(here, before, vary, parameter_value(after, vary)), side=1.0)
+        length = length_to(after, before, here, vary)
+        # At first the fold lies between the two; then next to the last one, on either side of it.
+        least = 0.0 if k == 0 else -length
+        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic.coefficients[:, -1], least)
+        if not abs(ds) < length:
+            return found
+        here = replace(here, bend=cubic)
+        there = here if ds > 0 else backwards(here)
+        outcome = step_along(there, before, vary, abs(ds), *before.problem.range_of(vary), options)
+        if isinstance(outcome, str):
+            return found
+        before, after, there = outcome[0], before, backwards(there)
+        here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
+        off = abs(FOLD.value(before, here))
+        found = before if off <= FOLD.tolerance else None
+        if off <= min(FOLD.tolerance, options.tol):  # period and amplitude move with the place along the branch
+            return before
+    return found
+
+
+def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The orbit to the tolerance, on a mesh that serves all the steps from it; as it is where that fails."""
+    if orbit.error_estimate > options.tol:
+        with suppress(NoOrbit):
+            return refined(orbit, options)
+    return orbit
+
+
+def _located_from(
+    before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
+) -> AnyOrbit | None:
+    """`locate` by steps from `before`; their length along its tangent is the unknown."""
+    before = _accurate(before, options)
+    start, end = ends(before, after, vary)
+    length = length_to(after, before, start, vary)
+    f_near, f_far = monitor.value(before, start), monitor.value(after, end)
+    if np.isnan(f_far):
+        return None
+    f_far = f_far or -np.copysign(np.inf, f_near)
+    if not f_near * f_far < 0:  # refined, `before` has the sign of the other side: the point is next to it
+        f_near = -np.copysign(np.inf, f_far)
+    search = Search.within(Bracket(0.0, f_near, length, f_far))
+    far = seen_from(start, before, vary, parameter_value(after, vary))
+    start = replace(start, bend=bend(end, start, far, side=1.0))
+    best: tuple[float, AnyOrbit] | None = None
+    accepted = ACCEPTED_TOLERANCES * monitor.tolerance
+    for _ in range(LOCATE_ROUNDS):
+        if search.failures > MAX_FAILURES:
+            break
+        ds = search.ask()
+        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
+        if isinstance(outcome, str):
+            search = search.failed()
+            continue
+        orbit = outcome[0]
+        start = bent_through(start, ds, outcome[1], before.problem.distance(vary, parameter_value(orbit, vary)))
+        f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
+        if np.isfinite(f) and (best is None or abs(f) < abs(best[0])):
+            best = (f, orbit)
+        if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
+            break
+        last = min((abs(value) for _, value in search.seen), default=np.inf)
+        search = search.told(ds, f)
+        if abs(f) > last and max(abs(search.bracket.f_a), abs(search.bracket.f_b)) <= accepted:
+            break  # a jump over zero, by the error of the orbits: their meshes change from one step to the next
+    return best[1] if best and abs(best[0]) <= accepted else None
+
+
+def length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
+    """How far one orbit is from another.
+
+    Parameters
+    ----------
+    after, before, start, vary
+        the orbits, the curve at the second, and the name of the parameter.
+
+    Returns
+    -------
+    The length along the tangent there.
+    """
+    return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
+
+
+def _turning_point(slope: float, cubic: Array, least: float) -> float:
+    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0, not below `least`; nan where it has none."""
+    roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
+    real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real >= least)]
+    return float(real[np.argmin(abs(real))]) if real.size else float("nan")

@@ -1,0 +1,378 @@
+"""Where branches of cycles end, by name.
+
+    Hopf                   the cycle shrinks to an equilibrium of a smooth mode, its period does not
+    shrinks to a point     the same where modes meet, and where the period shrinks, too: a birth at a switching
+    grows without bound    the cycle's size tends to infinity
+    vertical family        the parameter stands still, and every size has its cycle
+    homoclinic orbit       the cycle comes up to an equilibrium, and its period grows without bound
+    level reached          the same where the level of an event comes up to the equilibrium of the mode that it ends
+
+Towards such an end something b tends to zero, and the parameter with a power of it,
+
+    lambda - lambda_0 = c b^p        b = size, 1/size, 1/T or exp(-T),   1/p the exponent of b in |lambda - lambda_0|
+
+Three orbits tell lambda_0, c and p; the three before them foretell it.  It is believed where the two agree to a part of
+the way that is left, and the branch has ended where b is small and no more is learnt.
+
+Next to a Hopf bifurcation the cycle goes round the equilibrium x* at a distance A, and
+
+    f(x*; p) = 0,    mu +- i omega among the eigenvalues of df/dx,    mu = 0 there, omega = 2 pi / T,
+    lambda - lambda_H = c A^2
+
+The branch of cycles leads to lambda_H; the point itself is computed from the equilibrium.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ..checks import error_text, to_error
+from ..collocation.interval import field_at
+from ..compiled import alone, kept
+from ..hybrid.roots import boundary, secant
+from ..hybrid.system import Field
+from ..orbits.family import Family
+from ..orbits.orbit import AnyOrbit, Orbit
+from ..results import Result
+from .curve import parameter_value
+from .recut import cut_by_planes
+from .special_points import SpecialPoint
+
+Array = np.ndarray
+
+SHRUNK_TO = 1e-3
+"""A cycle is next to an end when its size, or one over it, is less than this part of what it was ..."""
+BARELY_SHRUNK = 0.3
+"""... or less than this where no step leads on."""
+NOT_SMALLER = 1e-6
+"""Below this part of what it was it is a point: what is left is rounding of what it goes round."""
+WELL_KNOWN = 1e-10
+"""lambda_0 is known so well that no further step is worth its while."""
+AGREE = 0.1
+"""Two fits agree when their lambda_0 differ by less than this part of the way that is left."""
+POWERS = (0.02, 50.0)
+"""Powers p that are looked for."""
+LEAST_CHANGE = 0.03
+"""Between orbits that differ by less than this part of their b no power is told."""
+AT_REST, REST_ROUNDS = 1e-13, 20
+"""Newton's method for the equilibrium ends at a step of this relative size."""
+STANDS_STILL, AT_AN_EQUILIBRIUM = 1e-7, 1e-4
+"""A parameter that has changed by less than this, in lambda; a cycle that somewhere moves by less than this part of its
+range in a period."""
+NEARLY_STILL, NEXT_TO_ONE = 1e-4, 1e-3
+"""The same where no step has led on: rounding may have stopped it a little before."""
+AS_FORETOLD = 0.1
+"""The point lies where A^2 leads to zero, to this part of the way."""
+POINT_KIND = "shrinks to a point"
+VERTICAL_ORBITS, VERTICAL_STILL, VERTICAL_MULTIPLIER = 4, 1e-10, 1e-5
+"""Orbits in a row, changing in size, with parameters that differ by less than this, in lambda, and with a multiplier
+that is 1 to this."""
+HOMOCLINIC = (
+    "{name} tends to {value} while the period grows without bound: the cycle comes up to an equilibrium and takes "
+    "for ever to pass it (a homoclinic orbit), which is where it ends"
+)
+LEVEL = (
+    "{name} tends to {value} while the period grows without bound: the level of {event!r} comes up to the equilibrium "
+    "of the mode {mode!r} and is reached no more, which is where the cycle ends"
+)
+POINT = (
+    "{name} tends to {value} while the cycle shrinks to a point, its size like |{name} - {value}|^{size}, its period "
+    "{period}: which is where it ends"
+)
+UNBOUNDED = (
+    "{name} tends to {value} while the cycle grows without bound, its size like |{name} - {value}|^{size}, its period "
+    "{period}: which is where it ends"
+)
+VERTICAL = (
+    "{name} stands still at {value} while the size of the cycle changes and a multiplier is 1: a vertical family, every "
+    "size having its cycle there, in which the branch ends"
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class End(Result):
+    """Why a branch ends where it does.
+
+    Attributes
+    ----------
+    kind : "range" (a bound of the parameter is reached), "points", "time" (as many as were asked for), "closed" (it
+        meets its own image), "Hopf", "shrinks to a point", "grows without bound", "vertical family", "homoclinic orbit",
+        "level reached", "grazing" (no cycle was found behind one) or "stuck" (no step converged: nothing is known of
+        what follows).
+    sentence : the same in words.
+    value : value of the parameter that the branch tends to; NaN where it only stops.
+    error : estimated absolute error of that.
+    exponent, period_exponent : powers of |parameter - value| with which the size and the period of the cycle go; NaN
+        where there is none.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> follow(orbit, "a", to=0.013).end.kind
+    'range'
+    """
+
+    _quantities = ("kind", "value +- error", "exponent", "period_exponent")
+    _details = ("sentence",)
+
+    kind: str
+    sentence: str
+    value: float = math.nan
+    error: float = math.nan
+    exponent: float = math.nan
+    period_exponent: float = math.nan
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+class Law(NamedTuple):
+    """lambda - lambda_0 = c b^p: `value` is lambda_0, `power` p, `error` how far the fit before it was off."""
+
+    value: float
+    power: float
+    error: float
+
+
+def ranges(orbit: Orbit) -> Array:
+    """(n,) largest less smallest value of every state."""
+    return _ranges(orbit)
+
+
+@lru_cache(maxsize=16)
+def _ranges(orbit: Orbit) -> Array:
+    states = orbit.sample()[1]
+    many = len(orbit.problem.system.states) if isinstance(orbit.problem, Family) else len(states)
+    return np.asarray(np.ptp(states[:many], axis=1))
+
+
+def law_of(values: Sequence[float], b: Sequence[float]) -> Law | None:
+    """The power law that four values of a parameter follow.
+
+    Parameters
+    ----------
+    values, b
+        (4,) of the parameter and of what tends to zero, which falls from each to the next.
+
+    Returns
+    -------
+    Law; None where they follow none that leads on, or the first three foretell another end.
+    """
+    lam, b = np.asarray(values, float), np.asarray(b, float)
+    if not np.all(b[1:] < (1 - LEAST_CHANGE) * b[:-1]) or not np.all(b > 0):
+        return None
+    first, last = _fitted(lam[:3], b[:3]), _fitted(lam[1:], b[1:])
+    if first is None or last is None:
+        return None
+    error = abs(first[0] - last[0])
+    return Law(*last, error) if error <= AGREE * abs(lam[-1] - last[0]) else None
+
+
+def _fitted(lam: Array, b: Array) -> tuple[float, float] | None:
+    """(lambda_0, p) of three points; None where no power of `POWERS` leads through them."""
+    steps = lam[:-1] - lam[1:]
+    if not steps[0] * steps[1] > 0:
+        return None
+    ratio, logs = steps[1] / steps[0], np.log(b / b[0])
+
+    def steeper(log_p: float) -> bool:
+        c = np.exp(math.exp(log_p) * logs)
+        return bool((c[1] - c[2]) / (c[0] - c[1]) < ratio)
+
+    low, high = np.log(POWERS)
+    if steeper(low) or not steeper(high):
+        return None
+    p = math.exp(boundary(steeper, low, high, width=1e-14)[0])
+    c = np.exp(p * (logs - logs[1]))
+    return float(lam[2] - steps[1] * c[2] / (c[1] - c[2])), p
+
+
+def comes_to(orbits: Sequence[Orbit], vary: str, *, stuck: bool = False) -> End | None:
+    """The end that a branch is next to.
+
+    Parameters
+    ----------
+    orbits, vary
+        of the branch, in order, and the name of its parameter.
+    stuck
+        whether no step has led on.
+
+    Returns
+    -------
+    End; None where none is near.
+    """
+    if len(orbits) < VERTICAL_ORBITS:
+        return _takes_for_ever(orbits, vary, stuck) if len(orbits) > 1 else None
+    return _vertical(orbits, vary) or _scaled(orbits, vary, stuck) or _takes_for_ever(orbits, vary, stuck)
+
+
+def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
+    """The end at which the size of the cycle tends to zero, or to infinity."""
+    first, four = ranges(orbits[0]), orbits[-4:]
+    moves = first > 0
+    sizes = np.array([np.max(ranges(orbit)[moves] / first[moves], initial=0.0) for orbit in four])
+    if not np.all(sizes > 0):
+        return None
+    values = [parameter_value(orbit, vary) for orbit in four]
+    unit = orbits[-1].problem.unit(vary)
+    for b, kind, words, sign in ((sizes, POINT_KIND, POINT, 1), (1 / sizes, "grows without bound", UNBOUNDED, -1)):
+        if b[-1] > (BARELY_SHRUNK if stuck else SHRUNK_TO):
+            continue
+        law = law_of(values, b)
+        if law is None or not (stuck or law.error <= WELL_KNOWN * unit or b[-1] <= NOT_SMALLER):
+            continue
+        away = np.abs(np.array(values) - law.value)
+        of_period = float(np.log(four[-1].period / four[-2].period) / np.log(away[-1] / away[-2]))
+        size = sign / law.power
+        tends = f"to {four[-1].period:.6g}" if abs(of_period) < LEAST_CHANGE else f"like its power {of_period:.3g}"
+        value = _shown(law.value, law.error, unit)
+        sentence = words.format(name=vary, value=value, size=f"{size:.3g}", period=tends)
+        return End(kind, sentence, law.value, law.error, size, 0.0 if abs(of_period) < LEAST_CHANGE else of_period)
+    return None
+
+
+def _shown(value: float, error: float, unit: float) -> str:
+    """A value to the digits that its error vouches for; zero within that is zero."""
+    return "0" if abs(value) <= max(error, WELL_KNOWN * unit) else to_error(value, max(error / abs(value), 1e-12))
+
+
+def _vertical(orbits: Sequence[Orbit], vary: str) -> End | None:
+    """The vertical family in which the last orbits are."""
+    some = orbits[-VERTICAL_ORBITS:]
+    value = parameter_value(some[-1], vary)
+    if any(abs(orbit.problem.distance(vary, value)) > VERTICAL_STILL for orbit in some):
+        return None
+    sizes = [float(np.max(ranges(orbit))) for orbit in some]
+    if min(abs(b / a - 1) for a, b in zip(sizes[:-1], sizes[1:], strict=True)) < LEAST_CHANGE:
+        return None
+    off = [float(np.min(np.abs(orbit.multipliers.half[1:] - 1), initial=np.inf)) for orbit in some]
+    if not max(off) <= VERTICAL_MULTIPLIER:
+        return None
+    value_text = _shown(value, some[-1].parameter_error * abs(value), some[-1].problem.unit(vary))
+    return End("vertical family", VERTICAL.format(name=vary, value=value_text), value, VERTICAL_STILL)
+
+
+def _takes_for_ever(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
+    """The end at which the period tends to infinity, the cycle coming up to an equilibrium."""
+    before, last = orbits[-2:]
+    value = parameter_value(last, vary)
+    if abs(before.problem.distance(vary, value)) > (NEARLY_STILL if stuck else STANDS_STILL):
+        return None
+    if not last.period > before.period:
+        return None
+    slowest, mode, event = _slowest(last)
+    if not slowest < (NEXT_TO_ONE if stuck else AT_AN_EQUILIBRIUM):
+        return None
+    error = abs(value - parameter_value(before, vary))
+    if len(orbits) >= 4:
+        periods = np.array([orbit.period for orbit in orbits[-4:]])
+        b = np.exp(-(periods - periods[0]) / (periods[-1] - periods[0]))
+        law = law_of([parameter_value(orbit, vary) for orbit in orbits[-4:]], b)
+        value, error = (value, error) if law is None else (law.value, max(law.error, abs(value - law.value) * AGREE))
+    text = _shown(value, error, last.problem.unit(vary))
+    if event:
+        return End("level reached", LEVEL.format(name=vary, value=text, event=event, mode=mode), value, error)
+    return End("homoclinic orbit", HOMOCLINIC.format(name=vary, value=text), value, error)
+
+
+def _slowest(orbit: Orbit) -> tuple[float, str, str]:
+    """The least max_i |x_i'| T / (max x_i - min x_i) over the nodes and stages of the collocated phases, and its place.
+
+    The mode there, and the event where it is the end of a phase that comes nearer to it; "" elsewhere.
+    """
+    size, p, scale = ranges(orbit), orbit.problem.vector(), orbit.scale
+    moves = np.append(size > 0, np.zeros(scale.size - size.size, bool))
+    size = np.append(size, np.ones(scale.size - size.size))
+    least, mode, event = np.inf, "", ""
+    for arc, phase in zip(orbit.arcs, orbit.cycle.phases, strict=True):
+        if phase.mode.flow is None:
+            places = np.concatenate([arc.states.reshape(-1, scale.size), arc.end[None]])
+            rates = np.array([scale * field_at(phase.mode.field, x / scale, phase.mode.sign, p, scale) for x in places])
+            speeds = np.max(np.abs(rates[:, moves] / size[moves]), axis=1, initial=0.0)
+            if speeds.min() < least:
+                own = not isinstance(orbit.problem, Family) or arc.event in {
+                    way_out.event.name for way_out in orbit.problem.system.vector_form.exits.get(arc.mode, ())
+                }
+                least, mode = float(speeds.min()), arc.mode
+                event = arc.event if own and int(np.argmin(speeds)) == len(speeds) - 1 else ""
+    return least * orbit.period, mode, event
+
+
+def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyOrbit] | None:
+    """The Hopf bifurcation that two successive cycles shrink to.
+
+    Parameters
+    ----------
+    before, last
+        the cycles, cut by planes, the smaller one last.
+    vary
+        name of the parameter.
+
+    Returns
+    -------
+    SpecialPoint, whose `at` is the value of the parameter; None where they do not lead to one.
+    """
+    if not cut_by_planes(last):
+        return None
+    problem = last.problem
+    whole = ranges(before)
+    moving = whole > 0
+    part = float(np.max(ranges(last)[moving] / whole[moving]))
+    here = parameter_value(last, vary)
+    if not 0 < part < 1:
+        return None
+    way = (here - parameter_value(before, vary)) * part**2 / (1 - part**2)
+    if way == 0:
+        return None
+    times, states = last.sample()
+    centre = np.trapezoid(states, times, axis=1) / (times[-1] - times[0])
+    omega = 2 * math.pi / last.period
+    field, sign = last.cycle.phases[0].mode.field, last.cycle.phases[0].mode.sign
+
+    def growth(value: float) -> float:
+        p = problem.with_value(vary, float(value)).vector()
+        return _growth(field, sign, centre, p, omega)
+
+    value, left = secant(growth, here, here + way, tolerance=1e-13 * omega)
+    if not (abs(left) <= 1e-9 * omega and abs(value - here - way) <= AS_FORETOLD * abs(way) + 1e-9 * abs(here)):
+        return None
+    meaning = f"Hopf bifurcation at {vary} = {value:.10g}: the cycle has shrunk to an equilibrium, and ends there"
+    return SpecialPoint("Hopf", last, meaning, float(value), vary)
+
+
+@kept(maxsize=16)
+def _linearised(field: Field, n: int, parameters: int) -> ca.Function:
+    x, p, sign = ca.SX.sym("x", n), ca.SX.sym("p", parameters), ca.SX.sym("sign")
+    f = field(x, p, sign)
+    return ca.Function("linearised", [x, p, sign], [ca.densify(f), ca.densify(ca.jacobian(f, x))])
+
+
+@alone
+def _growth(field: Field, sign: float, x: Array, p: Array, omega: float) -> float:
+    """Real part of the eigenvalue next to i omega, at the equilibrium next to x; nan where there is none."""
+    function = _linearised(field, x.size, p.size)
+    for _ in range(REST_ROUNDS):
+        f, A = (np.array(part) for part in function(x, p, sign))
+        if not (np.isfinite(f).all() and np.isfinite(A).all()):
+            return math.nan
+        try:
+            step = np.linalg.solve(A, f).ravel()
+        except np.linalg.LinAlgError:
+            return math.nan
+        x = x - step
+        if np.max(np.abs(step)) <= AT_REST * max(1.0, float(np.max(np.abs(x)))):
+            break
+    else:
+        return math.nan
+    values = np.linalg.eigvals(np.array(function(x, p, sign)[1]))
+    return float(values[np.argmin(np.abs(values - 1j * omega))].real)
