@@ -17,6 +17,7 @@ a canard, lambda has come to rest, and its slope is rounding.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import combinations
 
@@ -46,7 +47,7 @@ def _errors(orbit: Orbit) -> Array:
 
 
 def _product(factors: Array, sizes: Array) -> float:
-    return float(np.prod(factors / (1 + sizes)).real)
+    return float(np.prod(factors / (1 + sizes)).real) if np.isfinite(sizes).all() else math.nan
 
 
 def _plus_one(orbit: Orbit, point: Point) -> float:

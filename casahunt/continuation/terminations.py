@@ -288,7 +288,7 @@ def _takes_for_ever(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | No
 def _slowest(orbit: Orbit) -> tuple[float, str, str]:
     """The least max_i |x_i'| T / (max x_i - min x_i) over the nodes and stages of the collocated phases, and its place.
 
-    The mode there, and the event where it is the end of a phase that comes nearer to it; "" elsewhere.
+    The mode there, and the event where the phase still is as slow when it meets that; "" elsewhere.
     """
     size, p, scale = ranges(orbit), orbit.problem.vector(), orbit.scale
     moves = np.append(size > 0, np.zeros(scale.size - size.size, bool))
@@ -304,7 +304,7 @@ def _slowest(orbit: Orbit) -> tuple[float, str, str]:
                     way_out.event.name for way_out in orbit.problem.system.vector_form.exits.get(arc.mode, ())
                 }
                 least, mode = float(speeds.min()), arc.mode
-                event = arc.event if own and int(np.argmin(speeds)) == len(speeds) - 1 else ""
+                event = arc.event if own and speeds[-1] * orbit.period < NEXT_TO_ONE else ""
     return least * orbit.period, mode, event
 
 

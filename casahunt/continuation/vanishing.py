@@ -24,7 +24,8 @@ from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from ..orbits.starts import may_vanish
-from .curve import along, parameter_value
+from .curve import along, backwards, curve_point, parameter_value
+from .walk import step_along
 
 Array = np.ndarray
 
@@ -39,7 +40,7 @@ SOON = 0.7
 AS_FAR = 3.0
 """A touch farther away than this many of the last steps is none that the branch has come to."""
 BEHIND = 1e-4
-"""How far behind a touch, in lambda, the next cycle is looked for."""
+"""How far behind a touch, along the branch, the next cycle is looked for."""
 
 
 def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
@@ -110,13 +111,19 @@ def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: float) -> tuple[Array, float] | None:
-    """(u, lambda) where phase k has become `VANISHED_PART` times as long; None where it does not get there."""
+    """(u, lambda) where phase k has become `VANISHED_PART` times as long; None where it does not get there.
+
+    Nor where lambda turns round on the way.
+    """
     goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
-    durations = np.zeros(t.phases)
+    durations, way = np.zeros(t.phases), 0.0
     while float(t.durations_of(u)[k]) > goal:
         durations[k] = 1.0 / t.durations_of(u)[k]
         row = t.system.border(durations=durations)
         du, y = t.linearise(u, setting.moved(lam)).tangent(row)
+        if way * y[-1] < 0 and abs(y[-1]) > accuracy:
+            return None  # lambda turns round: a fold comes first
+        way = way or float(y[-1])
         ahead = u + (part - 1) * du, lam + (part - 1) * float(y[-1])
         solution = newton(t, ahead[0], setting, border=row, parameter=ahead[1], accuracy=accuracy)
         if solution.status.ok:
@@ -169,10 +176,9 @@ def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
     value, last = parameter_value(touch, vary), parameter_value(after, vary)
     if abs(value - last) > AS_FAR * abs(last - parameter_value(before, vary)):
         return None
-    sense = float(np.sign(value - last)) or 1.0
-    for way in (sense, -sense):
-        beyond = touch.problem.with_value(vary, touch.problem.moved(vary, way * BEHIND))
-        behind = solved_at(beyond, unknowns_of(touch), options)
-        if behind is not None and behind.signature == touch.signature:
-            return touch, cast(AnyOrbit, behind)
+    point = curve_point(touch, vary, sense=float(np.sign(value - last)) or 1.0)
+    for way in (point, backwards(point)):
+        behind = step_along(way, touch, vary, BEHIND, *touch.problem.range_of(vary), options)
+        if not isinstance(behind, str) and behind[0].signature == touch.signature:
+            return touch, behind[0]
     return None

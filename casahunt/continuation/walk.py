@@ -57,6 +57,7 @@ LEAST_COSINE, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents
 LANDED = 1e-12  # of a unit of the parameter, from a bound of its range
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
+ASTRAY = 1.5  # lengths of a step from one orbit to the next: at most 48 degrees off the tangent
 CHANGED_TOO_MUCH = 1.01  # of the change that is asked for: the curve bends
 CAUTION, RECOVERY = 0.7, 1.25
 """After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
@@ -185,6 +186,8 @@ def _room(point: Point, solved: Solved, options: Options) -> float:
     """How many times longer the next step may be: because the corrector is quick, or because predictions are good."""
     easy = SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS
     effort = min(easy / max(solved.iterations, 1), MOST_BY_EFFORT)
+    if solved.off <= PREDICTED:
+        effort = max(effort, 1.0)  # the prediction was good: it is the mesh that took long, and a shorter step's would too
     if options.sketched or point.bend is None or not point.bend.drift.any():
         return effort
     # On a mesh that moves along the fourth root of the error says what the next one will be; elsewhere it is no guide.
@@ -270,7 +273,7 @@ def step_along(
     row = point.row
     if orbit.signature != last.signature:  # `way` knows nothing of ln T_1 there
         row = with_other_phases(row, last.arcs[0].duration, orbit.arcs[0].duration)
-    if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > 3 * ds:
+    if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > ASTRAY * ds:
         return "the corrector went to another part of the curve"
     return orbit, solved, reached
 

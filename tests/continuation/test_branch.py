@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from casahunt.continuation import bifurcations, branch_off, follow, special_points
+from casahunt.continuation import bifurcations, branch_off, crossings, follow
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
@@ -340,7 +340,7 @@ def test_a_real_pair_whose_product_passes_one_is_no_torus(monkeypatch, located):
     Where the steps to that place fail, nothing is called missed either.
     """
     if not located:
-        monkeypatch.setattr(special_points, "locate", lambda *args, **how: None)
+        monkeypatch.setattr(crossings, "locate", lambda *args, **how: None)
     system = System(
         "circle with a saddle", ("x", "y", "u", "w"), {"s": -0.3},
         (
@@ -365,8 +365,8 @@ def test_multipliers_that_are_not_trusted_have_no_sign():
 
     class Unknown:
         class multipliers:
-            trusted, half = False, np.array([1.0, 2.0, -3.0])
+            error, half, floor = math.inf, np.array([1.0, 2.0, -3.0]), np.zeros(3)
 
-    for monitor in (bifurcations.FLIP, bifurcations.NEIMARK_SACKER):
-        assert math.isnan(monitor.value(Unknown(), None))
+    for monitor in (bifurcations.BRANCH_POINT, bifurcations.FLIP, bifurcations.NEIMARK_SACKER):
+        assert not monitor.sure(Unknown(), None)
     assert not bifurcations.NEIMARK_SACKER.confirmed(Unknown())

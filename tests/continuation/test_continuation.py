@@ -155,7 +155,7 @@ def test_a_fold_takes_few_corrections(model, monkeypatch):
     orbits, _ = run(walk(find_orbit(Servo(), model, 0.3), low=0.3, high=1.0, options=Options(tol=1e-5)))
     top = max(range(len(orbits)), key=lambda k: orbits[k].gain)
     found = []
-    monkeypatch.setattr("casahunt.continuation.special_points.step_along", counting)
+    monkeypatch.setattr("casahunt.continuation.locating.step_along", counting)
     for before, after in ((orbits[top - 1], orbits[top]), (orbits[top], orbits[top + 1])):
         found += crossings(before, after, vary="gain", monitors=(FOLD,), options=Options(tol=1e-10))[0]
     (fold,) = found

@@ -82,10 +82,10 @@ def test_a_cycle_without_hysteresis_has_no_time_left() -> None:
     orbit = find_cycle(THERMOSTAT, "heat", T=15.0, q=0.0)
     closer = follow(orbit, "low", to=21.5)
     assert closer.special == () and closer.missed == ()
-    assert closer.values[-1] == pytest.approx(21.0, abs=1e-5) and "shrink to nothing" in closer.ended
+    assert closer.values[-1] == pytest.approx(21.0, abs=1e-5) and closer.end.kind == "shrinks to a point"
     weaker = follow(orbit, "gain", to=10.0)
     assert weaker.special == () and weaker.missed == ()
-    assert weaker.values[-1] == pytest.approx(16.0, abs=1e-5) and "homoclinic" in weaker.ended
+    assert weaker.values[-1] == pytest.approx(16.0, abs=1e-5) and weaker.end.kind == "level reached"
 
 
 # A buck converter under a ramp (di Bernardo, Fossas, Olivar and Vasca 1997): flip at 24.51 V.

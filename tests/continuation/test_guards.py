@@ -18,8 +18,8 @@ from casahunt.continuation import (
     follow,
     recut,
     reunion,
+    terminations,
     vanishing,
-    ways_to_end,
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
@@ -54,25 +54,35 @@ def sticking():
 # bifurcations.py, reunion.py
 
 
-def fake(mu, period=1.0, error=0.0):
-    multipliers = SimpleNamespace(trusted=True, half=np.array([1.0, mu]))
-    return SimpleNamespace(multipliers=multipliers, period=period, parameter_error=error)
+@pytest.mark.parametrize(
+    "slope, error, sure",
+    [(1e-3, 1e-9, True), (5e-9, 1e-9, False), (-5e-9, 1e-9, False), (-2e-8, 1e-9, True), (1e-3, np.inf, False)],
+)
+def test_a_slope_that_is_rounding_has_no_sign(slope, error, sure):
+    """NOISE_OF_SLOPE."""
+    orbit, point = SimpleNamespace(error_estimate=error), SimpleNamespace(row=np.array([1.0, slope]))
+    assert bifurcations.TURN.sure(orbit, point) is sure
 
 
 @pytest.mark.parametrize(
-    "mus, periods, error, slope, passed",
+    "mu, error, floor, sure",
     [
-        ((0.9, 1.1), (1, 1), 0.0, 1e-3, True),
-        ((0.9, 0.8), (1, 1), 0.0, 1e-3, False),  # none goes through
-        ((0.9, 1 + 1e-7), (1, 2), 1e-9, 1e-3, True),  # AT_ONE: may be on either side, and the slope is sure
-        ((0.9, 1 + 1e-7), (1, 2), 1e-9, 5e-9, False),  # NOISE_OF_SLOPE
-        ((0.9, 1 + 1e-7), (1, 1.005), 1e-9, 5e-9, True),  # LASTS: the period stands still too
+        ((0.5, 0.1), 1e-9, (0.0, 0.0), {"branch point", "flip", "Neimark-Sacker"}),
+        ((1 + 1e-7, 0.1), 1e-9, (0.0, 0.0), {"branch point", "flip", "Neimark-Sacker"}),
+        ((1 + 1e-7, 0.1), 1e-6, (0.0, 0.0), {"flip", "Neimark-Sacker"}),
+        ((-1 + 1e-7, 0.1), 1e-6, (0.0, 0.0), {"branch point", "Neimark-Sacker"}),
+        ((2.0, 0.5 + 1e-7), 1e-6, (0.0, 0.0), {"branch point", "flip"}),  # a product of 1
+        ((1e10, 0.1), 1e-6, (0.0, 0.0), {"branch point", "flip", "Neimark-Sacker"}),  # an error relative to its size
+        ((1e10, 0.1), 2.0, (0.0, 0.0), set()),
+        ((0.5, 0.1), 1e-9, (0.0, 1.5), set()),  # a bound is all that is known of the second
+        ((0.5, 0.1), np.inf, (0.0, 0.0), set()),
     ],
 )
-def test_a_slope_that_is_rounding_is_no_fold(mus, periods, error, slope, passed):
-    orbits = [fake(mu, period, error) for mu, period in zip(mus, periods, strict=True)]
-    point = SimpleNamespace(row=np.array([1.0, slope]))
-    assert bifurcations.TURN.passed(orbits[0], point, orbits[1], point) is passed
+def test_the_sign_of_a_product_is_sure_where_every_factor_is(mu, error, floor, sure):
+    multipliers = SimpleNamespace(error=error, half=np.array([1.0, *mu]), floor=np.array([0.0, *floor]))
+    orbit = SimpleNamespace(multipliers=multipliers)
+    known = (bifurcations.BRANCH_POINT, bifurcations.FLIP, bifurcations.NEIMARK_SACKER)
+    assert {monitor.kind for monitor in known if monitor.sure(orbit, None)} == sure
 
 
 @pytest.fixture(scope="module")
@@ -104,43 +114,90 @@ def test_what_is_hardly_lopsided_has_met_nothing(lopsided, before, after, met):
     assert (reunion.reunion(off(before), off(after), 1e-9) is not None) is met
 
 
-# ways_to_end.py
+# terminations.py
 
 
-def standing(change, period, monkeypatch, slowest=1e-9, size=1.0):
-    """Two cycles, the parameter changing by so much between them."""
-    monkeypatch.setattr(ways_to_end, "_slowest", lambda orbit: slowest)
-    monkeypatch.setattr(ways_to_end, "ranges", lambda orbit: np.array([orbit.size]))
-    problem = SimpleNamespace(value=lambda name: 1.0, distance=lambda name, value: change)
-    return [SimpleNamespace(period=T, problem=problem, size=s) for T, s in ((1.0, 1.0), (period, size))]
+def along(lam, sizes, periods, slowest, monkeypatch, event="", mu=0.5):
+    """Cycles whose size and period change along a parameter, the last of them so slow at one place."""
+    monkeypatch.setattr(terminations, "_slowest", lambda orbit: (slowest, "mode", event))
+    monkeypatch.setattr(terminations, "ranges", lambda orbit: np.array([orbit.size]))
+    problem = [
+        SimpleNamespace(value=lambda name, x=x: x, distance=lambda name, value, x=x: value - x, unit=lambda name: 1.0)
+        for x in lam
+    ]
+    multipliers = SimpleNamespace(half=np.array([1.0, mu]))
+    return [
+        SimpleNamespace(problem=q, size=s, period=T, multipliers=multipliers, parameter_error=0.0)
+        for q, s, T in zip(problem, sizes, periods, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(
-    "change, period, slowest, size, stuck, said",
+    "change, period, slowest, stuck, event, kind",
     [
-        (1e-8, 2.0, 1e-6, 1.0, False, "homoclinic"),
-        (1e-6, 2.0, 1e-6, 1.0, False, ""),  # STANDS_STILL
-        (1e-6, 2.0, 1e-6, 1.0, True, "homoclinic"),
-        (1e-3, 2.0, 1e-6, 1.0, True, ""),  # NEARLY_STILL
-        (1e-8, 2.0, 1e-4, 1.0, False, ""),  # AT_AN_EQUILIBRIUM
-        (1e-8, 2.0, 1e-4, 1.0, True, "homoclinic"),
-        (1e-8, 2.0, 1e-2, 1.0, True, ""),  # NEXT_TO_ONE
-        (1e-8, 0.4, 1e-9, 0.4, False, "shrink to nothing"),
-        (1e-8, 0.6, 1e-9, 0.4, False, ""),  # SHRINKS, of the period
-        (1e-8, 0.4, 1e-9, 0.6, False, ""),  # and of the ranges
+        (1e-8, 2.0, 1e-6, False, "", "homoclinic orbit"),
+        (1e-8, 2.0, 1e-6, False, "full", "level reached"),
+        (1e-6, 2.0, 1e-6, False, "", None),  # STANDS_STILL
+        (1e-6, 2.0, 1e-6, True, "", "homoclinic orbit"),
+        (1e-3, 2.0, 1e-6, True, "", None),  # NEARLY_STILL
+        (1e-8, 2.0, 1e-4, False, "", None),  # AT_AN_EQUILIBRIUM
+        (1e-8, 2.0, 1e-4, True, "", "homoclinic orbit"),
+        (1e-8, 2.0, 1e-2, True, "", None),  # NEXT_TO_ONE
+        (1e-8, 0.9, 1e-9, True, "", None),  # the period falls
     ],
 )
-def test_when_cycles_run_out(monkeypatch, change, period, slowest, size, stuck, said):
-    found = ways_to_end.runs_out(*standing(change, period, monkeypatch, slowest, size), "K", stuck=stuck)
-    assert said in found and bool(found) == bool(said)
+def test_when_a_cycle_takes_for_ever(monkeypatch, change, period, slowest, stuck, event, kind):
+    orbits = along([1 - change, 1.0], [1.0, 1.0], [1.0, period], slowest, monkeypatch, event)
+    end = terminations.comes_to(orbits, "K", stuck=stuck)
+    assert (end and end.kind) == kind
+
+
+B = 4.0 ** -np.arange(8)
+
+
+@pytest.mark.parametrize("power", [1 / 3, 1.0, 2.0])
+@pytest.mark.parametrize("sense, kind", [(1, "shrinks to a point"), (-1, "grows without bound")])
+def test_a_size_that_follows_a_power_leads_to_its_end(monkeypatch, power, sense, kind):
+    """lambda = 1 + 0.3 b^p (1 + 0.1 b): the limit and the power come out to the order that b leaves."""
+    lam = 1 + 0.3 * B**power * (1 + 0.1 * B)
+    orbits = along(lam, B**sense, 1 + B, 1.0, monkeypatch)
+    end = terminations.comes_to(orbits, "K", stuck=True)
+    assert end.kind == kind and abs(end.value - 1) <= end.error <= 1e-4
+    assert end.exponent == pytest.approx(sense / power, rel=1e-3)
+    assert terminations.comes_to(orbits[:3], "K", stuck=True) is None  # three are no evidence
+    assert terminations.comes_to(orbits[:-3], "K") is None  # SHRUNK_TO
+    astray = along(lam + np.where(np.arange(8) == 6, 0.02, 0.0) * B**power, B**sense, 1 + B, 1.0, monkeypatch)
+    assert terminations.comes_to(astray, "K", stuck=True) is None  # AGREE
+
+
+@pytest.mark.parametrize("lam", [2 - B, 1 + B**0.001, 1 - 0.3 * B + 0.6 * (B == B[-1])])
+def test_sizes_that_lead_nowhere(monkeypatch, lam):
+    """The parameter goes on where the size is gone, or turns round: steps, not a law."""
+    lam = lam if lam[0] != 1 else np.linspace(0, 1, 8)
+    assert terminations.comes_to(along(lam, B, 1 + B, 1.0, monkeypatch), "K", stuck=True) is None
+
+
+@pytest.mark.parametrize(
+    "change, growth, mu, kind",
+    [
+        (0.0, 1.5, 1.0, "vertical family"),
+        (1e-9, 1.5, 1.0, None),  # VERTICAL_STILL
+        (0.0, 1.001, 1.0, None),  # its size stands still, too
+        (0.0, 1.5, 1 + 1e-3, None),  # a canard: VERTICAL_MULTIPLIER
+    ],
+)
+def test_when_a_family_is_vertical(monkeypatch, change, growth, mu, kind):
+    n = np.arange(4)
+    end = terminations.comes_to(along(n * change, growth**n, 1 + 0.0 * n, 1.0, monkeypatch, mu=mu), "K")
+    assert (end and end.kind) == kind
 
 
 def test_a_hopf_point_lies_where_the_amplitude_leads(monkeypatch):
     """Two large cycles whose squares lead elsewhere have shrunk to nothing yet; the equilibrium has its Hopf point."""
     before, last = (find_cycle(BRUSSELATOR, x=1.0, y=1.0, parameters={"b": b}) for b in (3.2, 2.9))
-    assert ways_to_end.hopf_point(before, last, "b") is None
-    monkeypatch.setattr(ways_to_end, "AS_FORETOLD", 10.0)
-    assert ways_to_end.hopf_point(before, last, "b").value == pytest.approx(2.0, rel=1e-9)
+    assert terminations.hopf_point(before, last, "b") is None
+    monkeypatch.setattr(terminations, "AS_FORETOLD", 10.0)
+    assert terminations.hopf_point(before, last, "b").value == pytest.approx(2.0, rel=1e-9)
 
 
 # recut.py

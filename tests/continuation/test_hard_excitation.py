@@ -19,7 +19,8 @@ from casahunt.collocation.graphs import graphs
 from casahunt.collocation.mesh import halved, phase_breaks, transfer
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import fold as folds
-from casahunt.continuation import special_points
+from casahunt.continuation import crossings as crossings_module
+from casahunt.continuation import locating
 from casahunt.continuation import walk as walks
 from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
@@ -247,7 +248,7 @@ def test_the_fold_between_two_cycles(monkeypatch, low, high, swap):
         steps.append(arguments[3])
         return step_along(*arguments)
 
-    monkeypatch.setattr(special_points, "step_along", counting)
+    monkeypatch.setattr(locating, "step_along", counting)
     before, after = cycle(low), cycle(high, -1)
     if swap:
         before, after = after, before
@@ -282,7 +283,7 @@ def test_where_a_function_of_the_users_vanishes(wanted):
 
 
 def test_a_fold_that_is_not_located_is_told(monkeypatch):
-    monkeypatch.setattr(special_points, "locate", lambda *_, **__: None)
+    monkeypatch.setattr(crossings_module, "locate", lambda *_, **__: None)
     before, after = cycle(3.59), cycle(3.595, -1)
     found, (missed,) = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
     assert not found and missed.kind == "fold" and "c = 3.59 and 3.595" in missed.meaning

@@ -217,7 +217,7 @@ def test_a_fold_next_to_an_orbit_is_met_in_three_steps(monkeypatch):
         steps.append(args[3])
         return true(*args)
 
-    monkeypatch.setattr("casahunt.continuation.special_points.step_along", counted)
+    monkeypatch.setattr("casahunt.continuation.locating.step_along", counted)
     from casahunt.continuation import follow
 
     start = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
