@@ -51,6 +51,10 @@ BETWEEN = np.linspace(0, 1, 33)
 """Parts of an interval, or of a phase in closed form, at which a condition is looked at."""
 
 
+STILL = 1e-9
+"""States that range over less than this part of their scale do not move: tolerances of cycles are larger."""
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """What the conditions say.
@@ -89,6 +93,8 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     nodes = t.nodes_of(u) * setting.scale
     durations = t.durations_of(u)
     inside = _Inside(t, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale, nodes, setting.p)
+    if _stands_still(t, u):
+        return Verdict("nothing moves: the solution is an equilibrium, and no cycle", 0, inside.unclear)
     barely = -1
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
@@ -110,6 +116,14 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             return Verdict(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
         barely = k if by_little and barely < 0 else barely
     return Verdict("", -1, inside.unclear, barely)
+
+
+def _stands_still(t: Transcription, u: Array) -> bool:
+    """Whether a solution is an equilibrium, which solves the equations of any cycle whose events do not mind."""
+    if not all(t.counts) or any(phase.reset is not None for phase in t.cycle.phases):
+        return False
+    states = t.intervals_of(u).reshape(-1, t.n)
+    return bool(np.max(np.ptp(states, axis=0)) <= STILL * max(1.0, float(np.max(np.abs(states)))))
 
 
 def unclear_on_halves(t: Transcription, better: tuple[Transcription, Array, Setting] | None) -> Array:

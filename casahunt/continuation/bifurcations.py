@@ -104,21 +104,21 @@ BRANCH_POINT = Monitor(
     "branch point", _plus_one,
     "branch point at {name} = {value:.10g}: a multiplier passes +1 while {name} goes on, and another branch of cycles "
     "crosses this one",
-    sure=_off_plus_one,
+    sure=_off_plus_one, by_multipliers=True,
 )  # fmt: skip
 FLIP = Monitor(
     "flip", _minus_one,
     "flip at {name} = {value:.10g}: a cycle of twice the period branches off",
-    sure=_off_minus_one,
+    sure=_off_minus_one, by_multipliers=True,
 )
 SYMMETRY_LOST = Monitor(
     "symmetry breaking", _minus_one,
     "symmetry breaking at {name} = {value:.10g}: a pair of lopsided cycles branches off",
-    sure=_off_minus_one,
+    sure=_off_minus_one, by_multipliers=True,
 )  # fmt: skip
 NEIMARK_SACKER = Monitor(
     "Neimark-Sacker", _pair_on_the_circle, "Neimark-Sacker at {name} = {value:.10g}: a torus branches off",
-    sure=_off_the_circle, confirmed=_is_complex,
+    sure=_off_the_circle, confirmed=_is_complex, by_multipliers=True,
 )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
     f_k = f(orbit_k)    a monitor along the branch, at the arclengths s_k
     f_k f_k+1 < 0       a special point lies between them: located (locating.py), or missed and said so
     Q, R                parabolas through three successive values each, both over [s_k, s_k+1]
-    min |Q| <= max |Q - R|    two zeros may hide there: the branch is looked at in the middle, and again
+    min |Q| <= 4 max |Q - R|  two zeros may hide there: the branch is looked at in the middle, and again
 
 A sign counts where the value is larger than its error (Monitor.sure); an orbit of which it is not known is passed over,
 and the sign before it stands against that behind it.  A step is looked at when the one behind it is known, too.
@@ -41,6 +41,8 @@ MOST_HALVINGS = 5
 """A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
 LOOKED_AT = np.linspace(0.0, 1.0, 17)
 """Parts of a step at which parabolas are compared."""
+DOUBTED = 4.0
+"""So many times what parabolas differ by they may be off: a narrow pair of zeros shows but a part of itself."""
 LOOSELY = 1e3
 """A fold at which the parameter stands still is where a multiplier is 1 to so many tolerances of that: its parameter
 is second order in them."""
@@ -176,11 +178,23 @@ class Crossings(Generic[AnyOrbit]):
     def _may_hide(
         self, monitor: Monitor, alike: list[_Station[AnyOrbit]], x: _Station[AnyOrbit], y: _Station[AnyOrbit]
     ) -> bool:
-        """Whether a monitor may vanish twice in a step, as far as the stations around it show."""
-        places = [(s.at, v) for s in alike if np.isfinite(v := self._value(monitor, s))]
+        """Whether a monitor may vanish twice in a step, as far as the stations around it show.
+
+        One that a multiplier shows to be next to zero may do so on both sides of that station.
+        """
+        places = [(s.at, v) for s in alike if np.isfinite(v := self._value(monitor, s, zero=True))]
         if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
             return False
-        return hides(np.array([at for at, _ in places]), np.array([v for _, v in places]), x.at, y.at)
+        at, values = np.array(places).T
+        if monitor.kind != FOLD.kind:
+            return hides(at, values, x.at, y.at)
+        # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
+        return hides(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
+
+    def _mean_slope(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> float:
+        """The mean of d lambda/d s over a step, which its ends know."""
+        way = in_units_of(secant(x.orbit, y.orbit, self._vary), x.orbit.scale, x.point.setting.scale)
+        return float(way[-1] / np.linalg.norm(way))
 
     def _middle(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> _Station[AnyOrbit] | None:
         """The orbit halfway; None where the step there does not converge to one with the same phases."""
@@ -195,11 +209,12 @@ class Crossings(Generic[AnyOrbit]):
         way = in_units_of(secant(x.orbit, orbit, vary), x.orbit.scale, orbit.scale)
         return _Station(orbit, curve_point(orbit, vary, like=way), (x.at + y.at) / 2)
 
-    def _value(self, monitor: Monitor, station: _Station[AnyOrbit]) -> float:
-        """The value of a monitor, NaN where its sign is not sure."""
+    def _value(self, monitor: Monitor, station: _Station[AnyOrbit], *, zero: bool = False) -> float:
+        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is."""
         value = monitor.value(station.orbit, station.point)
-        sure = value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point)
-        return float(value) if sure else float("nan")
+        if value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point):
+            return float(value)
+        return 0.0 if zero and monitor.by_multipliers and station.orbit.multipliers.trusted else float("nan")
 
     def _sign_change(
         self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]
@@ -275,7 +290,7 @@ class Crossings(Generic[AnyOrbit]):
         return Missed(kind, f"a {kind} between {bounds} was not located: {why}")
 
 
-def hides(at: Array, values: Array, low: float, high: float) -> bool:
+def hides(at: Array, values: Array, low: float, high: float, mean: float | None = None) -> bool:
     """Whether a function may have a pair of zeros between two of the places at which it is known.
 
     Parameters
@@ -284,11 +299,13 @@ def hides(at: Array, values: Array, low: float, high: float) -> bool:
         (m,) places, in order, and values; m from 2 to 4.
     low, high
         the two places between which it is asked: neighbours.
+    mean
+        of the function between them, where it is known: a further parabola.
 
     Returns
     -------
-    True where the parabolas through three places each differ by more than the distance from zero, or cross it; where
-    two places are all that is known.
+    True where the parabolas differ by more than a part of the distance from zero, or cross it; where two places are all
+    that is known.
     """
     k = int(np.flatnonzero(at == low)[0])
     if values[k] * values[k + 1] < 0:
@@ -299,10 +316,12 @@ def hides(at: Array, values: Array, low: float, high: float) -> bool:
     triples = [slice(j, j + 3) for j in range(at.size - 2)]
     curves = [np.polyval(np.polyfit(at[t] - low, values[t], 2), s - low) for t in triples]
     line = values[k] + (values[k + 1] - values[k]) * LOOKED_AT
+    if mean is not None:
+        curves.append(line + 6 * (mean - line.mean()) * LOOKED_AT * (1 - LOOKED_AT))
     others = curves[1:] or [(curves[0] + line) / 2]
     spread = max(float(np.max(np.abs(curves[0] - other))) for other in others)
     nearest = min(float(np.min(sign * curve)) for curve in curves)
-    return nearest <= spread
+    return nearest <= DOUBTED * spread
 
 
 def crossings(

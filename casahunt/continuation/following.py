@@ -173,6 +173,9 @@ def follow(
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit, previous = _in_scheme(orbit, options), None if previous is None else _in_scheme(previous, options)
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
+    if isinstance(orbit.problem, Family):
+        span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
+        orbit = replace(orbit, problem=replace(orbit.problem, span=span))
     if not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options)
@@ -244,8 +247,7 @@ def _after(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -
     if isinstance(outcome, End):
         return outcome
     if not run.within(outcome):
-        bound = run.how["high"] if run.value(outcome) > run.how["high"] else run.how["low"]
-        return End("range", f"the next cycle lies beyond {run.branch.vary} = {bound:.6g}, the end of the range")
+        return _at_bound(run, outcome)
     if len(run.branch.orbits) + 1 >= run.max_points:
         return End("points", f"stopped after {run.max_points} points")
     sense = float(np.sign(run.value(outcome) - run.value(run.last))) or _sense(run.branch, way.sense)
@@ -253,6 +255,18 @@ def _after(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -
     run.add(outcome)
     run.line.go_on_from(outcome)
     return _Way(sense)
+
+
+def _at_bound(run: _Run[AnyOrbit], beyond: AnyOrbit) -> End:
+    """The end of a branch that goes on with a cycle beyond its range: with that cycle on the bound, where it is one."""
+    vary = run.branch.vary
+    bound = run.how["high"] if run.value(beyond) > run.how["high"] else run.how["low"]
+    reached = solved_at(beyond.problem.with_value(vary, bound), unknowns_of(beyond), run.options)
+    if reached is None:
+        return End("range", f"the next cycle that was found lies beyond {vary} = {bound:.6g}, the end of the range", bound)
+    run.add(passed=run.line.rest())
+    run.add(reached)
+    return End("range", f"{vary} reached {bound:.6g}, the end of the range", bound)
 
 
 def _after_planes(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
@@ -305,7 +319,7 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
         try:
             after = next(steps)
         except StopIteration as end:
-            return end.value if isinstance(end.value, Complaint) else End(end.value.kind, str(end.value))
+            return end.value if isinstance(end.value, Complaint) else End(end.value.kind, str(end.value), run.value(run.last))
         except NoOrbit as error:
             return Complaint(str(error), error.status)
         before = run.last

@@ -174,8 +174,9 @@ def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
     if touch is None:
         return None
     value, last = parameter_value(touch, vary), parameter_value(after, vary)
-    if abs(value - last) > AS_FAR * abs(last - parameter_value(before, vary)):
-        return None
+    came = last - parameter_value(before, vary)
+    if abs(value - last) > AS_FAR * abs(came) or (value - last) * came < 0:
+        return None  # far away, or where the branch comes from
     point = curve_point(touch, vary, sense=float(np.sign(value - last)) or 1.0)
     for way in (point, backwards(point)):
         behind = step_along(way, touch, vary, BEHIND, *touch.problem.range_of(vary), options)

@@ -44,6 +44,7 @@ class Family(Problem):
     followed : the principal parameter.
     measured : name of a state, or a function (x, p), whose largest magnitude over the cycle is the amplitude.
     sections : planes at which phases may end besides the events of the system.
+    span : how far a parameter is moved that is zero in the system, and has no size of its own.
     """
 
     orbit_type = SystemOrbit
@@ -54,6 +55,7 @@ class Family(Problem):
     followed: str
     measured: str | Function
     sections: tuple[Section, ...] = ()
+    span: float = 1.0
 
     @property
     def scheme(self) -> tuple[int, Kind]:
@@ -103,7 +105,7 @@ class Family(Problem):
         return self.system.names
 
     def unit(self, name: str, value: float | None = None) -> float:
-        """The size of a value, or of the system's own one where that is larger; 1 where both are zero.
+        """The size of a value, or of the system's own one where that is larger; the `span` where the latter is zero.
 
         Parameters
         ----------
@@ -114,7 +116,8 @@ class Family(Problem):
         -------
         The unit of lambda.
         """
-        return max(abs(self.value(name) if value is None else value), abs(self.system.parameters[name])) or 1.0
+        own = abs(self.system.parameters[name]) or self.span
+        return max(abs(self.value(name) if value is None else value), own)
 
     def moved(self, name: str, lam: float, more: float = 0.0) -> float:
         """Value of a parameter along a branch, in steps of its `unit`.
