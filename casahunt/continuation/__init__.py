@@ -15,6 +15,7 @@ crossings.py        what a branch passes from orbit to orbit, and what hides ins
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 recut.py            another plane for a cycle that is cut by planes
+cut_elsewhere.py    another plane for a cycle that meets events, too
 touching.py         cycles that touch an event
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
 terminations.py     where cycles end: shrunk, grown, at an equilibrium

@@ -114,6 +114,11 @@ class Crossings(Generic[AnyOrbit]):
         del self._line[:-3]
         return found
 
+    @property
+    def sense(self) -> float:
+        """+1 where the parameter grows at the last orbit, -1 where it falls; 0 where nothing is known."""
+        return float(np.sign(self._line[-1].point.row[-1])) if self._line else 0.0
+
     def rest(self) -> Passed[AnyOrbit]:
         """What lies in the last step."""
         found = self._step(len(self._line) - 1) if len(self._line) > 1 else Passed()

@@ -35,6 +35,7 @@ from .bifurcations import BRANCH_POINT, monitors_of
 from .branch import Branch
 from .crossings import Crossings, Passed, crossings
 from .curve import parameter_value
+from .cut_elsewhere import cut_elsewhere, cut_shrinks
 from .recut import cut_alike, cut_by_planes, left_behind, recut
 from .reunion import met_at, reunion
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
@@ -52,6 +53,7 @@ class _Pause(Enum):
     """Why a walk is left where the branch goes on."""
 
     FIRST_SHRINKS = auto()  # the first phase may be about to vanish
+    CUT_SHRINKS = auto()  # an event is about to move past the plane that cuts the cycle
     LEFT_BEHIND = auto()  # the plane that cuts the cycle is left behind
     NEXT_TO_NOTHING = auto()  # the cycle has shrunk to nothing
 
@@ -238,6 +240,8 @@ def _after(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -
     """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
     if outcome is _Pause.FIRST_SHRINKS:
         return replace(way, previous=_starting_elsewhere(run))
+    if outcome is _Pause.CUT_SHRINKS:
+        return _past_the_plane(run, way)
     if isinstance(outcome, End) and outcome.kind == POINT_KIND:
         outcome = through_rest(run.branch.orbits, run.branch.vary, outcome.value, run.options) or outcome
     if not isinstance(outcome, Orbit) and cut_by_planes(run.last):
@@ -338,6 +342,8 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
             if watched and left_behind(after):
                 return _Pause.LEFT_BEHIND
             continue
+        if cut_shrinks(after) and not cut_shrinks(before):
+            return _Pause.CUT_SHRINKS
         if _first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
         over = vanishing_soon(before, after, vary, run.options) if GRAZING in run.looked_for else None
@@ -361,6 +367,15 @@ def _starting_elsewhere(run: _Run[AnyOrbit]) -> AnyOrbit | None:
     return before
 
 
+def _past_the_plane(run: _Run[AnyOrbit], way: _Way[AnyOrbit]) -> _Way[AnyOrbit]:
+    """On with the last cycle cut elsewhere, where it can be."""
+    last, sense = cut_elsewhere(run.last, run.options), run.line.sense
+    if last is None:
+        return replace(way, previous=run.branch.orbits[-2])
+    run.replaced(last)
+    return _Way(sense or way.sense)
+
+
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
     """The Hopf bifurcation that the last cycles lead to."""
     return hopf_point(branch.orbits[-2], branch.orbits[-1], branch.vary) if len(branch.orbits) > 1 else None
@@ -376,7 +391,7 @@ def _cut_anew(run: _Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float
     if fresh is None:
         return None
     before = cut_alike(others[-1], fresh, vary, run.options) if others and cut_by_planes(others[-1]) else None
-    sense = float(np.sign(run.value(last) - run.value(others[-1]))) if others else 1.0
+    sense = run.line.sense or (float(np.sign(run.value(last) - run.value(others[-1]))) if others else 1.0)
     run.replaced(fresh)
     return before, sense or 1.0
 

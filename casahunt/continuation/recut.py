@@ -35,6 +35,8 @@ WORTH_ANOTHER = 0.5
 """A plane crossed less steeply than this is left for a better one ..."""
 BETTER = 1.5
 """... which must be crossed so many times more steeply."""
+ABOUT_AS_STEEP = 0.7
+"""Planes crossed with this part of the largest steepness, or more, serve as well."""
 TRIED_LEVELS = (0.5, 0.4, 0.6, 0.3, 0.7)
 """Planes that are looked at, as parts of the range of a state."""
 PLANE_EDGE = 0.1
@@ -96,7 +98,14 @@ def recut(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False)
     """
     now = _steepness_of_ends(orbit)
     planes = [p for p in _planes(orbit) if p.steepness > (1.0 if insist else BETTER) * now]
-    return _cut(orbit, max(planes, key=lambda p: p.steepness), vary, options) if planes else None
+    if not planes:
+        return None
+    # Of planes that are about as steep the one that stays: a state that moves little about a large mean soon leaves it.
+    low, high = _ranges(orbit)
+    share = (high - low) / np.maximum(np.abs(low), np.abs(high))
+    steepest = max(plane.steepness for plane in planes)
+    alike = [plane for plane in planes if plane.steepness >= ABOUT_AS_STEEP * steepest]
+    return _cut(orbit, max(alike, key=lambda plane: (share[plane.state], plane.steepness)), vary, options)
 
 
 def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyOrbit | None:

@@ -162,22 +162,32 @@ def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
         if segments[k].duration > VANISHES_BELOW * max(neighbours):
             continue
         if k + 1 < len(segments) and segments[k - 1].mode == segments[k + 1].mode:
-            joined = _joined(segments[k - 1 : k + 2])
-            return k, start_of(posed, [*segments[: k - 1], joined, *segments[k + 2 :]], start)
+            whole = joined(segments[k - 1 : k + 2])
+            return k, start_of(posed, [*segments[: k - 1], whole, *segments[k + 2 :]], start)
         if _leads_past(posed, segments, k, start[2]):
             return k, start_of(posed, [*segments[:k], *segments[k + 1 :]], start)
     return None
 
 
-def _joined(three: Sequence[Segment]) -> Segment:
-    """A phase, the one that vanishes and the rest of the first one, as one phase of its mode."""
-    first, _, last = three
+def joined(some: Sequence[Segment]) -> Segment:
+    """Successive parts of a phase of one mode, or a phase, one that vanishes and the rest of the first, as one phase.
+
+    Parameters
+    ----------
+    some
+        the parts, in order.
+
+    Returns
+    -------
+    Segment, which ends as the last part does.
+    """
+    first, last = some[0], some[-1]
     # The states of one with a negative duration, or in closed form among others, are dropped: its time is nothing.
-    spans = np.array([max(s.duration, 0.0) if s.w.shape[1] == first.w.shape[1] else 0.0 for s in three])
+    spans = np.array([max(s.duration, 0.0) if s.w.shape[1] == first.w.shape[1] else 0.0 for s in some])
     total = float(np.sum(spans))
     if len(first.breaks) == 2 and first.w.shape[1] == first.end.size:  # in closed form
         return replace(last, mode=first.mode, duration=total, w=first.w)
-    kept = [(s, span, o) for s, span, o in zip(three, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if span > 0]
+    kept = [(s, span, o) for s, span, o in zip(some, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if span > 0]
     breaks = np.concatenate([[0.0], *[(o + span * s.breaks[1:]) / total for s, span, o in kept]])
     return replace(last, mode=first.mode, duration=total, breaks=breaks, w=np.vstack([s.w for s, _, _ in kept]))
 
@@ -226,7 +236,7 @@ def split(posed: Posed, start: Start, phase: int) -> Start | None:
     if not parts or mode != segments[phase].mode:
         return None
     parts.append((mode, segments[phase].event, a, 1.0))
-    fresh = [_part(posed, start, phase, segments[phase], *part) for part in parts]
+    fresh = [part_of(posed, start, phase, segments[phase], *part) for part in parts]
     return start_of(posed, [*segments[:phase], *fresh, *segments[phase + 1 :]], start)
 
 
@@ -255,10 +265,22 @@ def _crossing(
     return min(found, key=lambda crossing: crossing[0]) if found else None
 
 
-def _part(
+def part_of(
     posed: Posed, start: Start, k: int, whole: Segment, mode: str, event: str, a: float, b: float
 ) -> Segment:
-    """A part of the collocated phase k as a phase of its own; of a mode in closed form its start is enough."""
+    """A part of the collocated phase k as a phase of its own; of a mode in closed form its start is enough.
+
+    Parameters
+    ----------
+    posed, start, k, whole
+        the problem, a cycle, number of a phase, and the phase.
+    mode, event, a, b
+        of the part, and where in the phase it begins and ends, as fractions of its duration.
+
+    Returns
+    -------
+    Segment.
+    """
     t, u, setting = start
     breaks, w, duration = piece(t, u, setting, k, a, b)
     w, last = w * np.tile(setting.scale, t.degree + 1), b == 1.0
@@ -296,11 +318,11 @@ def with_touch(posed: Posed, start: Start, phase: int, event: str) -> Start | No
     i = int(top[np.argmax(h[top])])
     a, b, _ = np.polyfit(times[i - 1 : i + 2] - times[i], h[i - 1 : i + 2], 2)
     at = float(times[i] - b / (2 * a))
-    first = _part(posed, start, phase, segments[phase], mode, event, 0.0, at)
+    first = part_of(posed, start, phase, segments[phase], mode, event, 0.0, at)
     if way_out.successor(first.end, setting.p) != mode:
         return None
     first = first if way_out.reset is None else replace(first, jumped=first.end)
-    second = _part(posed, start, phase, segments[phase], mode, segments[phase].event, at, 1.0)
+    second = part_of(posed, start, phase, segments[phase], mode, segments[phase].event, at, 1.0)
     return start_of(posed, [*segments[:phase], first, second, *segments[phase + 1 :]], start)
 
 
