@@ -12,7 +12,6 @@ At the touch the cycle with one more boundary has a regular tangent, although h'
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 from typing import Generic, NamedTuple, cast
@@ -20,26 +19,20 @@ from typing import Generic, NamedTuple, cast
 import numpy as np
 
 from ..errors import NoOrbit, Status
-from ..hybrid.roots import secant
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
 from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict
 from .special_points import GRAZING, SpecialPoint, special_point
-from .touching import Touch, touches, value_of
+from .touching import NEAR_TOUCH, Touch, touching_at, value_of
 from .vanishing import solved_at
 from .walk import corrected
 
-BESIDE_TOUCH, TOUCH_ROUNDS = 1e-6, 12
-"""How far from the last cycle, in lambda, the next one is looked at for where it touches; steps of that search."""
 SLOWLY = (1e-2, 1e-3, 1e-4)
 """How far behind a touch, in arclength, the cycle that meets the event is looked for."""
 BESIDE_GRAZING = 1e-3
 """How far beside a grazing, in lambda, the motion is looked at."""
-TOUCHED = 1e-3
-"""An exit that a cycle comes this near, in units of the way that it goes off it, is touched where no step leads on:
-between the nodes a solution shows no more."""
 NEARLY_THE_SAME = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
 MET_WITHOUT_SPEED = replace(
@@ -96,48 +89,20 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
     distance, mode, event = np.inf, "", ""
     if isinstance(last.problem, Family):
         distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
-    if distance > TOUCHED:
+    if distance > NEAR_TOUCH:
         if failure.status is not Status.INADMISSIBLE:
             return Behind(None, None)
         return Behind(special_point(MET_WITHOUT_SPEED, last, vary), _clear_of_it(last, vary, options))
     what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
-    located = _located(last, event, vary, options)
+    located = touching_at(last, event, vary, options)
     if located is None:  # the last cycle is as near to it as its polynomials show
         called = replace(GRAZING, meaning=f"{what}; no cycle with these phases follows")
-        return Behind(special_point(called, last, vary, error=TOUCHED), _clear_of_it(last, vary, options))
+        return Behind(special_point(called, last, vary, error=NEAR_TOUCH), _clear_of_it(last, vary, options))
     place, orbit = located
     more = _with_one_more(orbit, place, vary, options)
     follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"
     touch = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
     return Behind(touch, more or _clear_of_it(last, vary, options), place)
-
-
-def _located(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Touch, AnyOrbit] | None:
-    """The cycle next to one that touches an event inside a phase, and where; None where it is none of the system's."""
-    for _, place in touches(last, event):
-        if place.at_end or place.piece:
-            continue
-        found = _touching(place.loosened(last), place, vary, options)
-        if not isinstance(found, str):
-            return place, found
-    return None
-
-
-def _touching(loose: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | str:
-    """The cycle of the loose family next to one that touches, as one of the system's; a sentence where it is none."""
-    start, seen = unknowns_of(loose), []
-
-    def beyond(lam: float) -> float:
-        problem = loose.problem.with_value(vary, loose.problem.moved(vary, float(lam)))
-        orbit = solved_at(problem, start, options) if abs(lam) <= TOUCHED else None
-        if orbit is None:
-            return math.nan
-        seen.append(orbit)
-        return value_of(place, orbit)
-
-    _, left = secant(beyond, 0.0, BESIDE_TOUCH, tolerance=place.monitor.tolerance, rounds=TOUCH_ROUNDS)
-    reached = abs(left) <= place.monitor.tolerance
-    return cast(AnyOrbit | str, place.reported(seen[-1])) if reached else "no cycle next to it touches the event"
 
 
 def _with_one_more(orbit: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | None:

@@ -125,8 +125,13 @@ class Crossings(Generic[AnyOrbit]):
         self._start, self._line = self._line[-1].orbit if self._line else self._start, []
         return found
 
-    def go_on_from(self, orbit: AnyOrbit) -> None:
-        """The last orbit again in other coordinates, or the one behind a gap; after `rest`."""
+    def go_on_from(self, orbit: AnyOrbit, *, same: bool = False) -> None:
+        """The last orbit again in other coordinates (`same`), or the one behind a gap; after `rest`."""
+        last = self._signs.last
+        if same:
+            for kind, (station, value) in last.items():
+                if station.orbit is self._start:
+                    last[kind] = station._replace(orbit=orbit), value
         self._start, self._line = orbit, []
 
     def unresolved(self) -> tuple[Missed, ...]:

@@ -1,19 +1,18 @@
 """Another cut for a cycle that meets events, and is cut by a plane besides.
 
-    A | plane | A | event | B      ->      A | event | B | plane | B
+    A | plane | A | event | B      ->      A | event | B
 
 Along a branch the events move past the plane, and the phase between the two shrinks to nothing: no phase of the motion
-does.  Then the plane is put into the middle of the longest phase, across the state that moves most steeply there.
+does.  Then the plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of its
+longest phase: if its events vanish it is a cycle still, cut by nothing else.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
-import numpy as np
-
-from ..collocation.interval import field_at
 from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options
@@ -24,14 +23,31 @@ from ..orbits.sequences import joined, part_of, segments_of, start_of
 from ..orbits.starts import may_vanish
 from .vanishing import solved_at
 
-Array = np.ndarray
+NEXT_TO_IT = 0.2
+"""A plane is next to an event when the phase between them is shorter than this part of its longer neighbour."""
 
 
-def cut_shrinks(orbit: Orbit) -> bool:
-    """Whether the phase of a cycle that may be about to vanish lies between an event and the plane that cuts it."""
-    marks = _marks(orbit)
-    k = may_vanish([arc.duration for arc in orbit.arcs])
-    return k is not None and marks[k] != marks[k - 1]
+def beside_the_plane(orbit: Orbit) -> float:
+    """The phase of a cycle that may be about to vanish, in parts of its neighbour, if it ends or begins at a plane.
+
+    Infinite where it lies between two events, and where none may.
+    """
+    marks, durations = _marks(orbit), [arc.duration for arc in orbit.arcs]
+    k = may_vanish(durations)
+    if k is None or marks[k] == marks[k - 1]:
+        return math.inf
+    return durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
+
+
+def same_events(one: Orbit, other: Orbit) -> bool:
+    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first."""
+    if one.signature == other.signature:
+        return True
+    a, b = (
+        [label for label, mark in zip(orbit.signature, _marks(orbit), strict=True) if not mark]
+        for orbit in (one, other)
+    )
+    return len(a) == len(b) and (not a or any(a[k:] + a[:k] == b for k in range(len(a))))
 
 
 def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
@@ -40,7 +56,7 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     Parameters
     ----------
     orbit, options
-        a cycle that meets events and is cut by a plane (`cut_shrinks`); tolerance and method.
+        a cycle that meets events and is cut by a plane (`beside_the_plane`); tolerance and method.
 
     Returns
     -------
@@ -61,36 +77,30 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
             phases.append([])
     plain = replace(family, sections=())
     uncut = solved_at(plain, start_of(plain.asked(), [joined(some) for some in phases if some], start), options)
-    return None if uncut is None else _halved(plain, uncut, options)
+    forced = TURNS in family.system.names.entries
+    return cast("AnyOrbit | None", _halved(plain, uncut, options) if uncut is not None and forced else uncut)
 
 
-def _halved(family: Family, orbit: Orbit, options: Options) -> AnyOrbit | None:
-    """A cycle that is cut by no plane, cut in the middle of its longest collocated phase."""
-    start = unknowns_of(orbit)
-    t, segments = start[0], segments_of(*start)
-    k = max((k for k in range(t.phases) if t.counts[k]), key=lambda k: segments[k].duration, default=None)
-    if k is None:
+def _halved(family: Family, orbit: Orbit, options: Options) -> Any:
+    """A forced cycle that is cut by nothing, from the middle of its longest collocated phase on to the image of that."""
+    start, posed = unknowns_of(orbit), family.asked()
+    t = start[0]
+    k = max((k for k in range(t.phases) if t.counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)
+    start = None if k is None else family.starting_at(k, *start) if k else start
+    if start is None:
         return None
-    mode, p, scale = t.cycle.phases[k].mode, family.vector(), orbit.scale
-    middle = part_of(family.asked(), start, k, segments[k], segments[k].mode, "", 0.0, 0.5).end
-    rate = scale * field_at(mode.field, middle / scale, mode.sign, p, scale)
+    whole, *others = segments_of(*start)
+    names = posed.image(whole, family.vector(), orbit.scale)
+    if names is None:
+        return None
+    behind, before = (part_of(posed, start, 0, whole, whole.mode, whole.event, a, b) for a, b in ((0.5, 1), (0, 0.5)))
+    last = posed.later(before)
     entries = family.system.names.entries
-    if TURNS in entries:
-        i = entries.index(TURNS)
-    else:
-        size = np.ptp(orbit.sample()[1], axis=1)
-        steepness = np.divide(np.abs(rate), size, out=np.zeros_like(rate), where=size > 0)
-        steepness[[entries.index(name) for name in family.system.angles]] = 0.0
-        i = int(np.argmax(steepness))
-    section = Section(segments[k].mode, entries[i], float(middle[i]), float(scale[i]))
-    event = section.exits(entries)[0 if rate[i] > 0 else 1].event.name
+    i = entries.index(TURNS)
+    section = Section(names[0], TURNS, float(last.end[i]), float(orbit.scale[i]))
+    last = replace(last, mode=names[0], event=section.exits(entries)[0].event.name)
     cut = replace(family, sections=(section,))
-    posed = cut.asked()
-    parts = [
-        part_of(posed, start, k, segments[k], segments[k].mode, name, a, b)
-        for name, a, b in ((event, 0.0, 0.5), (segments[k].event, 0.5, 1.0))
-    ]
-    return solved_at(cut, start_of(posed, [*segments[:k], *parts, *segments[k + 1 :]], start), options)  # type: ignore[return-value]
+    return solved_at(cut, start_of(cut.asked(), [behind, *others, last], start), options)
 
 
 def _marks(orbit: Orbit) -> list[bool]:

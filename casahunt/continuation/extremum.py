@@ -19,10 +19,10 @@ from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from .adjoint import curvature
+from .crossings import crossings
 from .curve import along, parameter_value
 from .fold import WALK_TOLERANCE, Fold, confirmed
 from .sheet import finer
-from .crossings import crossings
 from .special_points import FOLD, SpecialPoint
 from .walk import walk
 

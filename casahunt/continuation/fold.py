@@ -40,8 +40,8 @@ from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
 from ..results import Result
 from .adjoint import parameter_slopes
 from .curve import along, curve_point, in_units_of, parameter_value, secant
-from .optimum import optimum
 from .locating import locate
+from .optimum import optimum
 from .special_points import FOLD, SpecialPoint, special_point
 from .turned import turned_between
 from .turning_point import row_along, turning_place, turning_point

@@ -35,7 +35,7 @@ from .bifurcations import BRANCH_POINT, monitors_of
 from .branch import Branch
 from .crossings import Crossings, Passed, crossings
 from .curve import parameter_value
-from .cut_elsewhere import cut_elsewhere, cut_shrinks
+from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
 from .recut import cut_alike, cut_by_planes, left_behind, recut
 from .reunion import met_at, reunion
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
@@ -97,7 +97,7 @@ class _Run(Generic[AnyOrbit]):
         """The last orbit is another picture of itself, in other coordinates."""
         self.add(passed=self.line.rest())
         self.branch = replace(self.branch, orbits=(*self.branch.orbits[:-1], orbit))
-        self.line.go_on_from(orbit)
+        self.line.go_on_from(orbit, same=True)
 
 
 def follow(
@@ -342,11 +342,12 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
             if watched and left_behind(after):
                 return _Pause.LEFT_BEHIND
             continue
-        if cut_shrinks(after) and not cut_shrinks(before):
+        if (part := beside_the_plane(after)) < NEXT_TO_IT <= beside_the_plane(before):
             return _Pause.CUT_SHRINKS
         if _first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
-        over = vanishing_soon(before, after, vary, run.options) if GRAZING in run.looked_for else None
+        dies = GRAZING in run.looked_for and part == math.inf
+        over = vanishing_soon(before, after, vary, run.options) if dies else None
         if over is not None and run.within(over[0]):
             run.add(passed=run.line.rest())
             run.add(passed=Passed((special_point(GRAZING, over[0], vary),)))
@@ -355,8 +356,10 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
 
 def _first_shrinks(before: Orbit, after: Orbit) -> bool:
     """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
+    if not isinstance(after.problem, Family) or before.signature != after.signature:
+        return False
     first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
-    return isinstance(after.problem, Family) and before.signature == after.signature and first == [False, True]
+    return first == [False, True] and beside_the_plane(after) == math.inf
 
 
 def _starting_elsewhere(run: _Run[AnyOrbit]) -> AnyOrbit | None:

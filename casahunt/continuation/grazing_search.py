@@ -10,8 +10,8 @@ from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit
-from .following import follow
 from .curve import parameter_value
+from .following import follow
 from .special_points import SpecialPoint
 from .touching import events_of, touches
 

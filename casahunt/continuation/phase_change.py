@@ -2,7 +2,7 @@
 
     from the orbit with more phases      its shortest phase shrunk to nothing (vanishing.py)
     where that is too far                the same from the orbits of a walk towards the other one, nearer and nearer
-    where no phase vanishes              the last orbit with the phases of the first one
+    where no phase vanishes              the cycle with fewer phases that touches an event, or the last of them found
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from ..hybrid.roots import boundary
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Orbit
 from .curve import curve_point, in_units_of, parameter_value, secant
+from .cut_elsewhere import same_events
+from .touching import touching_orbit
 from .vanishing import AS_FAR, touched
 from .walk import step_along, walk
 
@@ -29,8 +31,9 @@ FIRST_PART, STEPS_NEARER = 0.25, 30
 def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The orbit at which the phases change from those of `before` to those of `after`.
 
-    It is the cycle at which a phase of the longer sequence has vanished, or the last one found with the phases of
-    `before`.
+    It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that touches an
+    event, or the last of those that was found.  Where only a plane cuts the one elsewhere than the other, no phase of
+    the motion changes.
 
     Parameters
     ----------
@@ -41,16 +44,18 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
 
     Returns
     -------
-    Orbit; None where the phases are the same.
+    Orbit; None where the events are the same.
     """
-    if before.signature == after.signature:
+    if same_events(before, after):
         return None
     fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
     for orbit in _nearer(more, fewer, vary, options):
         touch = touched(orbit, vary, options)
         if touch is not None and _on_the_way(before, touch, after, vary):
             return touch
-    return _last_alike(before, after, vary, options)
+    last = _last_alike(fewer, more, vary, options)
+    touch = touching_orbit(last, vary, options)
+    return last if isinstance(touch, str) else touch
 
 
 def _nearer(more: AnyOrbit, fewer: AnyOrbit, vary: str, options: Options) -> Iterator[AnyOrbit]:

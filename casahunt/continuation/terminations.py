@@ -33,7 +33,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from ..checks import error_text, to_error
+from ..checks import to_error
 from ..collocation.interval import field_at
 from ..compiled import alone, kept
 from ..hybrid.roots import boundary, secant

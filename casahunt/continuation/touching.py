@@ -13,6 +13,7 @@ sought where its motion would lead if the event before it did nothing; it touche
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
@@ -24,6 +25,7 @@ from ..collocation.admissibility import judge
 from ..collocation.joints import event_rate
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
+from ..hybrid.roots import secant
 from ..hybrid.system import Cycle, Event, Exit, Signature
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
@@ -33,6 +35,7 @@ from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
 from .curve import Point, parameter_value
 from .special_points import GRAZING, Monitor
+from .vanishing import solved_at
 
 Array = np.ndarray
 
@@ -40,6 +43,11 @@ TOUCHES = 1e-6
 """How far the scalar of an event, or the condition of a mode, may be beyond zero where a cycle touches it."""
 TOUCHABLE = 0.05
 """Scalars of events that are no nearer to zero than this are not touched by a cycle next to it."""
+BESIDE_TOUCH, TOUCH_ROUNDS = 1e-6, 12
+"""How far from a cycle, in lambda, the next one is looked at for where it touches; steps of that search."""
+NEAR_TOUCH = 1e-3
+"""An exit that a cycle comes this near, in units of the way that it goes off it, is touched where no step leads on:
+between the nodes a solution shows no more.  And it is touched within this, in lambda."""
 VANISHING_SHARE = 1e-3
 """A phase that takes less of the period than this has vanished."""
 
@@ -247,6 +255,63 @@ def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]
             if np.isfinite(value):
                 found.append((value, touch))
     return sorted(found, key=lambda pair: pair[0])
+
+
+def touching_orbit(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | str:
+    """The cycle next to one that keeps clear of an event, and touches it; a sentence where there is none.
+
+    Parameters
+    ----------
+    last, vary, options
+        the cycle, name of the parameter, tolerance and method.
+
+    Returns
+    -------
+    Orbit.
+    """
+    if not isinstance(last.problem, Family):
+        return "only of cycles of a user's system is it known what they touch"
+    distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
+    found = touching_at(last, event, vary, options) if distance <= TOUCHABLE else None
+    return "it touches no event" if found is None else found[1]
+
+
+def touching_at(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Touch, AnyOrbit] | None:
+    """The cycle next to one that touches an event inside a phase, and where.
+
+    Parameters
+    ----------
+    last, event, vary, options
+        the cycle, names of the event and of the parameter, tolerance and method.
+
+    Returns
+    -------
+    (place, orbit); None where it is none of the system's.
+    """
+    for _, place in touches(last, event):
+        if place.at_end or place.piece:
+            continue
+        found = _touching(place.loosened(last), place, vary, options)
+        if not isinstance(found, str):
+            return place, found
+    return None
+
+
+def _touching(loose: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | str:
+    """The cycle of the loose family next to one that touches, as one of the system's; a sentence where it is none."""
+    start, seen = unknowns_of(loose), []
+
+    def beyond(lam: float) -> float:
+        problem = loose.problem.with_value(vary, loose.problem.moved(vary, float(lam)))
+        orbit = solved_at(problem, start, options) if abs(lam) <= NEAR_TOUCH else None
+        if orbit is None:
+            return math.nan
+        seen.append(orbit)
+        return value_of(place, orbit)
+
+    _, left = secant(beyond, 0.0, BESIDE_TOUCH, tolerance=place.monitor.tolerance, rounds=TOUCH_ROUNDS)
+    reached = abs(left) <= place.monitor.tolerance
+    return cast(AnyOrbit | str, place.reported(seen[-1])) if reached else "no cycle next to it touches the event"
 
 
 def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOrbit]:

@@ -19,6 +19,7 @@ Symbols: n states, P phases.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -375,13 +376,31 @@ def marched(posed: Posed, start: Start) -> list[Start]:
     x = t.nodes_of(u)[0] * setting.scale
     found: list[tuple[float, int, list[Segment]]] = []
     for segments in _motions(posed, start):
-        found += _closing(posed, segments, x, setting.scale)
+        closing = _closing(posed, segments, x, setting.scale)
+        found += [(distance, many, _as_cut(posed, some, t.cycle.signature)) for distance, many, some in closing]
     starts: dict[Signature, Start] = {}
     for _, _, segments in sorted(found, key=lambda way: way[:2]):
         label = tuple((s.mode, s.event) for s in segments)
         if label not in starts and len(starts) < RESTARTS:
             starts[label] = start_of(posed, segments, start)
     return list(starts.values())
+
+
+def _as_cut(posed: Posed, segments: list[Segment], signature: Signature) -> list[Segment]:
+    """The phases of a motion that meets events, cut by planes no more often than those of a signature."""
+    marks = [posed.exit_of(s.mode, s.event).mark for s in segments]
+    left = Counter(label for label in signature if posed.exit_of(*label).mark)
+    if all(marks) or not any(marks):
+        return segments
+    left.subtract([(segments[-1].mode, segments[-1].event)])  # where it closes
+    phases: list[list[Segment]] = [[]]
+    for segment, mark in zip(segments, marks, strict=True):
+        phases[-1].append(segment)
+        label = segment.mode, segment.event
+        if segment is not segments[-1] and (not mark or left[label] > 0):
+            left[label] -= 1
+            phases.append([])
+    return [joined(some) for some in phases]
 
 
 def _motions(posed: Posed, start: Start) -> Iterator[list[Segment]]:

@@ -18,14 +18,14 @@ from casahunt import NoOrbit, Options
 from casahunt.collocation.graphs import graphs
 from casahunt.collocation.mesh import halved, phase_breaks, transfer
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.continuation import fold as folds
 from casahunt.continuation import crossings as crossings_module
+from casahunt.continuation import fold as folds
 from casahunt.continuation import locating
 from casahunt.continuation import walk as walks
+from casahunt.continuation.crossings import crossings
 from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
-from casahunt.continuation.crossings import crossings
 from casahunt.continuation.locating import locate
 from casahunt.continuation.special_points import (
     FOLD,

@@ -12,9 +12,9 @@ import pytest
 from casahunt import NoOrbit, Options
 from casahunt.collocation.graphs import graphs
 from casahunt.collocation.transcription import Setting, transcribe
+from casahunt.continuation.crossings import crossings
 from casahunt.continuation.fold import confirmed_smallest
 from casahunt.continuation.fold_conditions import data_of
-from casahunt.continuation.crossings import crossings
 from casahunt.continuation.special_points import FOLD, SpecialPoint
 from casahunt.continuation.turning_point import turning_point
 from casahunt.continuation.walk import walk
