@@ -25,6 +25,7 @@ from .fold import WALK_TOLERANCE, Fold, confirmed
 from .sheet import finer
 from .special_points import FOLD, SpecialPoint
 from .walk import walk
+from .whole import as_whole_as_needed
 
 
 def largest(
@@ -114,6 +115,7 @@ def _extremum(
     orbit = start.orbit if isinstance(start, SpecialPoint) else start
     known("parameter", vary, orbit.problem.names)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
     special = start if isinstance(start, SpecialPoint) else _met(orbit, vary, sense, to, options, max_points)
     fold = confirmed(special, vary, options, began, sense)
     if curvature(fold.orbit, fold.multipliers, along(fold.orbit.problem, vary)) * sense > 0:

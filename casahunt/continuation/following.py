@@ -37,16 +37,21 @@ from .crossings import Crossings, Passed, crossings
 from .curve import parameter_value
 from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
 from .recut import cut_alike, cut_by_planes, left_behind, recut
-from .reunion import met_at, reunion
+from .reunion import beside, met_at, reunion
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, End, comes_to, hopf_point, ranges
 from .through_rest import through_rest
 from .vanishing import solved_at, vanishing_soon
 from .walk import FIRST_STEP, SMALLEST_STEP, walk
+from .whole import as_whole_as_needed
 
 Array = np.ndarray
 
 NOT_ENDED = End("", "")
+LEAST_ROUND = 6
+"""Orbits that a closed branch has at least: round two folds."""
+THE_SAME = 100.0
+"""Tolerances to which a cycle that is met again is the same: ranges are read off samples."""
 
 
 class _Pause(Enum):
@@ -174,6 +179,8 @@ def follow(
         raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit, previous = _in_scheme(orbit, options), None if previous is None else _in_scheme(previous, options)
+    orbit = as_whole_as_needed(orbit, (vary,), (to,), options)
+    previous = previous if previous is None or previous.repeats == orbit.repeats else None
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     if isinstance(orbit.problem, Family):
         span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
@@ -330,7 +337,7 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
         by_planes = cut_by_planes(before) and cut_by_planes(after)
         if by_planes and before.signature != after.signature and _shrunk(run.branch) is not None:
             return _Pause.NEXT_TO_NOTHING  # stepped over: the same cycles, half a turn later
-        if (closed := _met_itself(run, after)) is not None:
+        if (closed := _met_itself(run, after) or _came_round(run, after)) is not None:
             return closed
         run.add(after, passed=run.line.past(after))
         if (end := comes_to(run.branch.orbits, vary)) is not None:
@@ -405,6 +412,29 @@ def _sense(branch: Branch[AnyOrbit], sense: float) -> float:
     return float(ways[np.flatnonzero(ways)[-1]]) if ways.any() else sense
 
 
+def _came_round(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
+    """The end of a branch that comes back to where it began; None where it does not."""
+    orbits = run.branch.orbits
+    if len(orbits) < LEAST_ROUND:
+        return None
+    first, begun = run.value(orbits[0]), run.value(orbits[1])
+    before, value = run.value(run.last), run.value(after)
+    if not min(before, value) <= first <= max(before, value) or (value - before) * (begun - first) <= 0:
+        return None
+    there = solved_at(after.problem.with_value(run.branch.vary, first), unknowns_of(after), run.options)
+    if there is None or not _the_same(there, orbits[0], run.options.tol):
+        return None
+    run.add(passed=run.line.past(there))
+    run.add(there, passed=run.line.rest())
+    return End("closed", f"at {run.branch.vary} = {first:.8g} the branch comes back to where it began", first)
+
+
+def _the_same(one: Orbit, other: Orbit, tol: float) -> bool:
+    """Whether two cycles at one value of the parameter have the same ranges and the same period."""
+    sizes = np.append(ranges(one), one.period), np.append(ranges(other), other.period)
+    return bool(np.all(np.abs(sizes[0] - sizes[1]) <= THE_SAME * tol * np.abs(sizes[1])))
+
+
 def _met_itself(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
     """The end of the branch where it meets its own image before the next orbit: what follows is what it has passed.
 
@@ -418,11 +448,14 @@ def _met_itself(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
     if isinstance(point, Missed):
         run.add(passed=Passed((), (point,)))
         return None
+    run.add(passed=run.line.rest())
     kinds = (FOLD.kind, BRANCH_POINT.kind, met.reached.kind)
     others = tuple(monitor for monitor in run.looked_for if monitor.kind not in kinds)
-    found, missed = crossings(before, after, vary=vary, monitors=others, options=run.options)
+    # Behind the point follow the images: what lies before it is seen between the last orbit and one next to it.
+    near = beside(before, after, met, vary, run.options)[1]
+    near = near if met.off(near) > 0 else after
+    found, missed = crossings(before, near, vary=vary, monitors=others, options=run.options)
     special = (*(special for special in found if not met.off(special.orbit) <= 0), point)
-    run.add(passed=run.line.rest())
     run.add(*([point.orbit] if met.same_period else []), passed=Passed(special, tuple(missed)))
     value = run.value(point.orbit)
     return End(

@@ -14,6 +14,7 @@ from .curve import parameter_value
 from .following import follow
 from .special_points import SpecialPoint
 from .touching import events_of, touches
+from .whole import as_whole_as_needed
 
 
 def grazing(
@@ -63,9 +64,10 @@ def grazing(
     known("parameter", vary, orbit.problem.names)
     known("event", event, events_of(orbit.problem, orbit))
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    orbit = as_whole_as_needed(orbit, (vary,), (number("to", to),), options)
     said = ["the scalar of the event turns inside no phase"]
     for _, touch in touches(orbit, event):
-        branch = follow(touch.loosened(orbit), vary, to=number("to", to), monitors=(touch.monitor,), options=options)
+        branch = follow(touch.loosened(orbit), vary, to=to, monitors=(touch.monitor,), options=options)
         for special in branch.special:
             shown = touch.reported(special.orbit)
             if not isinstance(shown, str):

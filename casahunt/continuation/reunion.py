@@ -149,7 +149,7 @@ def met_at(
     -------
     Special point, whose orbit is computed on half of the phases; what is missed where it is not located.
     """
-    problem, begin = _half(*_beside(before, after, met, vary, options), met, vary)
+    problem, begin = _half(*beside(before, after, met, vary, options), met, vary)
     first, found = begin[0].nodes_of(begin[1])[0] * begin[2].scale, []
     step = float(np.linalg.norm(secant(before, after, vary)))
 
@@ -168,13 +168,22 @@ def met_at(
     return Missed(kind, f"{sentence}; another tolerance may lead there")
 
 
-def _beside(
+def beside(
     before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options
 ) -> tuple[AnyOrbit, AnyOrbit]:
     """Two orbits of the branch next to the one that is its own image, the second one much nearer to it.
 
     A step of a walk may have gone over to the cycles that are their own image, or far across: shorter ones come up to
     the point.  The two orbits as they are where none does.
+
+    Parameters
+    ----------
+    before, after, met, vary, options
+        as in `met_at`.
+
+    Returns
+    -------
+    The two orbits.
     """
     first, pair = 1.0, (before, after)
     here, length = before, float(np.linalg.norm(secant(before, after, vary)))

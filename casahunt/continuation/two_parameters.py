@@ -7,6 +7,7 @@ The curve may turn back in the second parameter: at a cusp of folds, or where fl
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -28,6 +29,7 @@ from .plane_curve import Place, Reading, follow, root_across
 from .sheet import DIFFERENCE, Axis, Sheet, finer, sheet_of
 from .special_charts import SpecialChart, Task, special_chart, where
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
+from .whole import keeps_symmetry
 from .touching import touch_at
 
 Array = np.ndarray
@@ -164,6 +166,9 @@ def special_curve(
     orbit, options = special.orbit, options or Options(tol=max(special.orbit.error_estimate, 1e-8))
     axis, start = _axis(orbit, vary, other, to, back)
     require("points", points, at_least=2)
+    if not keeps_symmetry(orbit, (vary, other), (math.inf, to)):
+        sentence = f"along {vary} and {other} the cycle of {orbit.problem.title} loses the symmetry by which half of it"
+        raise NoOrbit(f"{sentence} was computed: a {special.kind} of symmetric cycles has no curve there", Status.NOT_FOUND)
     task, orbit = _task(special, orbit, vary, monitor, options)
     sheet = sheet_of(orbit, vary, axis, start, options=finer(options), spacing=1 / (points - 1), like=None)
     chart = _first(task, sheet)
