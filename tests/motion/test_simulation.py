@@ -10,6 +10,8 @@ import pytest
 
 from casahunt.errors import InputError, NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
+from casahunt.motion import simulation
+from casahunt.motion.segment import Segment
 from casahunt.motion.simulation import Motion, simulate
 from casahunt.orbits import find_cycle
 from problems import belt
@@ -94,6 +96,44 @@ def test_the_error_of_times_of_events(tol):
     assert np.max(np.abs(found - expected)) <= 30.0 * motion.error + 1e-11
     assert motion.error < 1e2 * tol
     assert motion.events[0].before[0] == pytest.approx(stop, abs=motion.error + 1e-11)
+
+
+GROWING = System(
+    "logistic growth", ("x",), {"low": 1e-2},
+    (Mode("grows", lambda x, p: {"x": x.x * (1 - x.x)},
+          ends=(Event("half", lambda x, p: x.x - 0.5, +1, to="grows", reset=lambda x, p: {"x": p.low}),)),),
+)  # fmt: skip
+"""1/x - 1 falls as exp(-t): from `low` to 1/2 in log(1/low - 1), and again."""
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-4, 1e-6])
+def test_the_error_of_what_is_not_linear(tol):
+    """No closed form solves it, as one does a linear field: states, and times of events, are off by what is said."""
+    motion = simulate(GROWING, x=1e-2, duration=4.0, tol=tol)
+    assert not motion.events
+    off = abs(motion.end["x"] - 1 / (1 + 99 * math.exp(-4)))
+    assert off <= motion.error * motion.end["x"] + 1e-15 and 1e-13 < motion.error < tol
+    motion = simulate(GROWING, x=1e-2, duration=20.0, tol=tol)
+    off = np.max(np.abs(times(motion) - math.log(99) * np.arange(1, 5)))
+    assert off <= 20.0 * motion.error + 1e-14 and 1e-13 < motion.error < tol
+
+
+def test_what_two_motions_differ_by():
+    """The times of events relative to the duration, or the states relative to their sizes, at any of the phases."""
+
+    def phase(duration, *end, event="stops"):
+        return Segment("slip", event, duration, np.array([0.0, 1.0]), np.zeros((1, 2)), np.array(end))
+
+    size, fine = np.array([1.0, 100.0]), [phase(1.0, 1.0, 50.0), phase(3.0, 0.5, 90.0)]
+    for other, error in (
+        (fine, 0.0),
+        ([phase(1.0, 1.0, 50.0), phase(3.0, 0.25, 90.0)], 0.25),
+        ([phase(1.0, 1.0, 75.0), phase(3.0, 0.5, 90.0)], 0.25),
+        ([phase(1.5, 1.0, 50.0), phase(2.5, 0.5, 90.0)], 0.125),  # the first event is late, the second is not
+        ([phase(1.0, 1.0, 50.0), phase(3.0, 0.5, 90.0, event="rests")], math.inf),
+        ([phase(1.0, 1.0, 50.0)], math.inf),
+    ):
+        assert simulation._difference(other, fine, size) == error
 
 
 def test_stick_slip():
