@@ -241,6 +241,23 @@ def test_an_event_of_the_mode_is_not_passed():
         assert admissible_many(known, np.stack([u, crossing]), many).tolist() == expected
 
 
+@pytest.mark.parametrize(
+    ("below", "above", "passed"),
+    [(2e-6, 2e-6, True), (0.5e-6, 2e-6, False), (2e-6, 0.5e-6, False), (100.0, 2e-4, True), (100.0, 0.5e-4, False)],
+)
+def test_how_far_beyond_an_event_it_is_passed(below, above, passed):
+    """PASSED of the largest value, of at least one: along a straight line, of which nothing is in doubt."""
+    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
+    free = cycle_of(FREE)
+    cycle = replace(free, phases=(replace(free.phases[0], exits=(way_out,)),))
+    line = [lambda tau: np.stack([(above + below) * tau - below, zero(tau)], axis=1) / SCALE]
+    t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    assert admissible_many(t, u[None], many).item() is not passed
+
+
 @pytest.mark.parametrize("direction", [-1, 0, 1])
 def test_an_event_is_met_from_its_own_side(direction):
     falling = Mode("falling", lambda x, p, sign: ca.vertcat(-1.0, 0.0))
