@@ -82,6 +82,9 @@ def test_intervals_off_the_servo(fold):
     slope = fold_sensitivities(fold).derivatives["friction.static"]
     off = Uncertainty({"friction.static": (0.54, 0.56)})
     assert linear_interval(fold, off) == pytest.approx((fold.gain + 0.01 * slope, fold.gain + 0.03 * slope))
+    middle, width = fold.gain + 0.02 * slope, 0.02 * abs(slope)
+    assert linear_moments(fold, off) == pytest.approx((middle, width / np.sqrt(12)), rel=1e-12)
+    assert linear_gains(fold, ["friction.static"], np.array([[0.55]])) == pytest.approx(middle, rel=1e-12)
 
 
 # Samples
