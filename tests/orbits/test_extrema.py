@@ -10,7 +10,7 @@ import pytest
 
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import find_cycle
+from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.orbit import Orbit
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
@@ -24,7 +24,7 @@ def assert_extreme(found, value: float, *, size: float = 1.0) -> None:
 # A circle -------------------------------------------------------------------------------------------------------------
 
 
-def circle(tol: float, rate: float = 1.0) -> Orbit:
+def circle(tol: float, rate: float = 1.0, degree: int | None = None) -> Orbit:
     """The unit circle, turned about (0.3, 0) so that nothing is symmetric: x from -0.7 to 1.3, cut anywhere."""
 
     def field(x, p):
@@ -33,7 +33,7 @@ def circle(tol: float, rate: float = 1.0) -> Orbit:
         return {"x": grows * u - p.omega * x.y, "y": grows * x.y + p.omega * u}
 
     system = System("circle", ("x", "y"), {"omega": 1.3, "off": 0.3, "rate": rate}, (Mode("smooth", field),))
-    return find_cycle(system, x=1.0, y=0.0, tol=tol)
+    return find_cycle(system, x=1.0, y=0.0, options=Options(tol=tol, degree=degree))
 
 
 @pytest.mark.parametrize("tol", TOLERANCES)
@@ -61,6 +61,15 @@ def test_a_circle_that_forgets_its_errors(tol):
     assert_extreme(y.high, 1.0)
     ahead = orbit.extrema(lambda x, p: x.x + x.y)
     assert_extreme(ahead.high, 0.3 + math.sqrt(2))
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_the_error_of_the_last_step_is_that_of_its_length(degree):
+    """At eleven places of their intervals, each (s/h)^2d of what the whole interval adds: the estimate is the error."""
+    orbit = circle(1e-5, rate=30.0, degree=degree)
+    for angle in np.arange(0.1, 2 * math.pi, 0.6):
+        ahead = orbit.extrema(lambda x, p, a=angle: (x.x - p.off) * math.cos(a) + x.y * math.sin(a)).high
+        assert ahead.error == pytest.approx(abs(ahead.value - 1), rel=0.3) and ahead.error > 1e-9
 
 
 def test_an_expression_that_is_constant():
