@@ -21,7 +21,7 @@ from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
 from ..hybrid.system import Exit, Mode, Reset
 from .march_step import Foretold, Solved
-from .march_watch import EVENT_LIMIT, EXCURSION, WATCHED, Watch
+from .march_watch import EVENT_LIMIT, WATCHED, Watch
 
 Array = np.ndarray
 
@@ -183,13 +183,11 @@ def _begin(
 ) -> tuple[float, Bracket, float]:
     """Where an event vanishes on a polynomial; a bracket of that, with a margin; size of the event there."""
     part = WATCHED[1] - WATCHED[0]
-    ends = s.interpolation(np.array([beyond - 2 * part, beyond - part, beyond])) @ w
-    low, high, f_low, f_high = beyond - part, beyond, value(ends[1])[0], value(ends[2])[0]
-    if f_low > EXCURSION:  # it strays across zero there, and was seen to cross from the look before
-        low, f_low = low - part, value(ends[0])[0]
+    low, high = beyond - part, beyond
+    f_low, f_high = (value(end)[0] for end in s.interpolation(np.array([low, high])) @ w)
     theta = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf).illinois
     # The polynomial at hand knows the signs at the ends better than the values, and these not beside a margin.
-    margin = Bracket(low - part if low > part else low, -np.inf, min(high + part, 1.0), np.inf)
+    margin = Bracket(max(low - part, 0.0), -np.inf, min(high + part, 1.0), np.inf)
     return theta, margin, max(-min(f_low, 0.0), f_high)
 
 
