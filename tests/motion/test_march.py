@@ -83,16 +83,20 @@ def test_exits_of_a_closed_form():
     assert segment.event == "" and segment.duration == math.inf and segment.end[2] == 0.5
 
 
-def test_of_two_exits_of_a_closed_form_the_first_is_taken() -> None:
-    for levels in ((1.0, 2.0), (2.0, 1.0), (2.0, -1.0, 1.0)):
+@pytest.mark.parametrize("unit", [1.0, 1e10, 1e-10])
+def test_of_two_exits_of_a_closed_form_the_first_is_taken(unit: float) -> None:
+    """In any unit: of a linear event rounding is left, however large."""
+    ramp = Mode("ramp", swing, flow=lambda x, T, p: x + unit / 0.7 * T)
+    for levels in ((1.3, 2.0), (2.0, 1.3), (2.0, -1.0, 1.3)):
         exits = tuple(
-            Exit(Event(str(level), lambda x, T, p, level=level: x[0] - level), +1, lambda x, p: "ramp", mark=True)
+            Exit(Event(str(level), lambda x, T, p, at=level * unit: x[0] - at), +1, lambda x, p: "ramp", mark=True)
             for level in levels
         )
-        ramp = Mode("ramp", swing, flow=lambda x, T, p: x + T)
         system = System("ramp", ("x",), {"ramp": ramp}, {"ramp": exits})
-        (found,) = march(system, "ramp", np.zeros(1), NO_PARAMETERS, scale=np.ones(1), until=lambda s: True)
-        assert found.event == "1.0" and found.duration == pytest.approx(1.0, rel=1e-13)
+        for start in np.linspace(-0.9, 0.9, 8):
+            x = np.full(1, start * unit)
+            (found,) = march(system, "ramp", x, NO_PARAMETERS, scale=np.full(1, unit), until=lambda s: True)
+            assert found.event == "1.3" and found.duration == pytest.approx((1.3 - start) * 0.7, rel=1e-13)
 
 
 def test_an_event_that_a_closed_form_does_not_change_is_no_exit() -> None:
