@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -273,9 +274,15 @@ def test_a_closed_form_is_tried_where_it_is_a_number_and_the_mode_holds():
     assert simulate(System("root", ("x",), {}, (up,)), x=0.01, duration=1.0).end["x"] == pytest.approx(1.21, rel=1e-12)
     stuck = Mode("up", flow=lambda x, t, p: {"x": x.x + 0.2 * t, "v": 0.2}, ends=high(1))
     assert simulate(System("stuck", ("x", "v"), {}, (stuck,)), x=0.0, v=3.0, duration=1.0).end["v"] == 0.2
-    wall = Mode("up", flow=lambda x, t, p: {"x": x.x + t + ca.fmax(x.x - 1, 0)}, holds=lambda x, p: 1 - x.x,
-                ends=high(1))  # fmt: skip
-    assert simulate(System("wall", ("x",), {}, (wall,)), x=0.0, duration=0.5).end["x"] == pytest.approx(0.5)
+    for start in (0.0, 0.98):  # beside the second one, and a little later, the mode does not hold any more
+        wall = Mode("up", lambda x, p: {"x": 1 + ca.fmax(x.x - 1, 0)}, lambda x, t, p: {"x": x.x + t},
+                    holds=lambda x, p: 1 - x.x, ends=high(1))  # fmt: skip
+        motion = simulate(System("wall", ("x",), {}, (wall,)), x=start, duration=0.01)
+        assert motion.end["x"] == pytest.approx(start + 0.01)
+        free = replace(wall, holds=None)
+        if start:
+            with pytest.raises(InputError, match="^mode 'up': its flow contradicts its field"):
+                simulate(System("free", ("x",), {}, (free,)), x=start, duration=0.01)
 
 
 def table(how: str) -> System:
