@@ -182,6 +182,8 @@ def test_a_forced_system_that_starts_at_any_time():
     for begin in (0.0, 0.7, -20.0):
         motion = simulate(FORCED, duration=5.0, start=exact(begin))
         assert motion.end == pytest.approx(exact(begin + 5.0), abs=1e-12)
+        assert motion.scale[2] == 1.0  # the time, in turns, has no size
+        np.testing.assert_allclose(motion.scale[:2], [1 / 8, 3 / 8], rtol=1e-2)
 
 
 def test_a_stiff_mode():
