@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
-from casahunt.orbits.orbit import Orbit
+from casahunt.orbits.orbit import Orbit, unknowns_of
+from casahunt.orbits.passage import passed, turning_values
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 
@@ -24,6 +26,7 @@ def assert_extreme(found, value: float, *, size: float = 1.0) -> None:
 # A circle -------------------------------------------------------------------------------------------------------------
 
 
+@cache
 def circle(tol: float, rate: float = 1.0, degree: int | None = None) -> Orbit:
     """The unit circle, turned about (0.3, 0) so that nothing is symmetric: x from -0.7 to 1.3, cut anywhere."""
 
@@ -70,6 +73,21 @@ def test_the_error_of_the_last_step_is_that_of_its_length(degree):
     for angle in np.arange(0.1, 2 * math.pi, 0.6):
         ahead = orbit.extrema(lambda x, p, a=angle: (x.x - p.off) * math.cos(a) + x.y * math.sin(a)).high
         assert ahead.error == pytest.approx(abs(ahead.value - 1), rel=0.3) and ahead.error > 1e-9
+
+
+@pytest.mark.parametrize("angle", [0.5, 2.0, 4.0, 5.5])
+def test_what_is_passed_between_two_looks(angle):
+    """One direction turns at 1: a level 1e-9 below the top is passed, one above it is not."""
+    t, u, setting = unknowns_of(circle(1e-10))
+    ahead = lambda x, p: (x[0] - 0.3) * math.cos(angle) + x[1] * math.sin(angle)  # noqa: E731
+    here, other = (1, 0) if angle < math.pi else (0, 1)  # the turn begins at the angle pi, and is cut at 0
+    assert t.phases == 2
+    assert turning_values(t, u, setting, ahead, here, +1) == pytest.approx([1.0], abs=1e-11)
+    assert turning_values(t, u, setting, ahead, other, -1) == pytest.approx([-1.0], abs=1e-11)
+    for level, slack, expected in ((0.99, 0, True), (1 - 1e-9, 0, True), (1 - 1e-9, 1e-8, False), (1 + 1e-9, 0, False)):
+        beside = lambda x, p, level=level: ahead(x, p) - level  # noqa: E731
+        assert passed(t, u, setting, beside, here, +1, slack=slack) is expected
+        assert not passed(t, u, setting, beside, other, +1, slack=slack)
 
 
 def test_an_expression_that_is_constant():
