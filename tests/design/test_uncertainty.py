@@ -289,7 +289,13 @@ def test_summary(servo, fold, eleven):
     wide = Uncertainty({"friction.stribeck_velocity": (0.016, 0.024)})
     corner = WorstCase(far, find_fold(far, "switch", options=QUICK), {"friction.stribeck_velocity": 0.016}, 1)
     text = summary(fold, wide, sample(servo, "switch", wide, 2, options=QUICK, fold=fold), corner).misleading
-    assert "the linear answer misleads: at the worst corner it gives 0.781" in text
+    assert "the linear answer misleads: at the worst corner it gives 0.781" in text and "its lower end" not in text
+    # Down to Fs = Fc, where there is no cycle: 0.647 - 0.09 times 7.4 is no gain.
+    broad = Uncertainty({"friction.static": (0.44, 0.531)})
+    nominal = WorstCase(servo, fold, {"friction.static": 0.53}, 1)
+    assert linear_range(fold, broad)[0] < 0
+    text = summary(fold, broad, sample(servo, "switch", broad, 1, options=QUICK, fold=fold), nominal).misleading
+    assert "its lower end is no gain (not positive)" in text
 
 
 # Bad input
