@@ -313,7 +313,7 @@ def test_a_change_of_the_phases_ends_a_curve(ball):
 
 @pytest.mark.parametrize(
     ("start", "end", "middle"),
-    [(0.8, 0.5, 0.65), (1e-3, 1e3, 1.0), (1e3, 1e-3, 1.0), (-1e-3, 1e3, 499.9995), (0.0, 4.0, 2.0), (-4.0, -0.1, -2.05)],
+    [(0.8, 0.5, 0.65), (1e-3, 1e3, 1.0), (1e3, 1e-3, 1.0), (-1e-3, 1e3, 499.9995), (0, 4.0, 2.0), (-4.0, -1.0, -2.5)],
 )
 def test_a_wide_range_is_spread_over_its_logarithm(start, end, middle):
     """Where both ends are above zero, and far from each other."""
