@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from casahunt.motion import simulate
 from casahunt.motion.segment import Segment
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.closure import Closure
+from casahunt.orbits.cycle_search import REPEATED, _Search
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from casahunt.orbits.recurrence import Recurrence, loop_distance
 from problems import rossler
@@ -235,10 +237,12 @@ def test_how_far_a_loop_is_from_the_one_before():
     ):
         r = Recurrence(1, Closure.of(S, np.array(shift), repeats), 0.0)
         assert loop_distance(system, ends(*states), r, scale) == pytest.approx(0.0, abs=1e-15)
-        for entry, off, distance in ((0, 0.02, 0.01), (1, -0.2, 0.04), (2, 0.1, 0.1)):
+        for entry, off, distance in ((0, 0.02, 0.01), (1, -0.2, 0.04), (2, 0.2, 0.2)):
             later = np.array(states[1])
             later[entry] += off
             assert loop_distance(system, ends(states[0], later), r, scale) == pytest.approx(distance)
+            watched = SimpleNamespace(system=system, segments=ends(states[0], later), scale=scale)
+            assert _Search.repeated(watched, r) is (distance < REPEATED)
         assert loop_distance(system, ends(states[0]), r, scale) == math.inf
 
 
