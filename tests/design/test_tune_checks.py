@@ -186,5 +186,9 @@ def test_what_a_scan_shows(monkeypatch, servo, best, upper, failures, state):
 
 def test_a_servo_that_cannot_hunt_is_left_to_its_margins(servo):
     found = tune(servo.replace(**{"friction.static": 0.44}), "switch")
-    assert found.fold_gain == 0 and found.verification.ok
+    assert found.fold_gain == 0 and found.verification.ok and found.verification.scan_clear
+    for seen_there in ("cycle", "open"):
+        assert not replace(found.verification, seen=seen_there).scan_clear
+    for against in ({"against": ("a loop",)}, {"unverified": ("a task",)}):
+        assert not replace(found.verification, **against).ok
     assert linear_loop(servo, found.gain).gain_crossovers[0].margin == pytest.approx(30, abs=1e-5)

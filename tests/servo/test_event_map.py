@@ -19,7 +19,7 @@ from casahunt.servo.event_map.cubics import cubic_is_good, nothing_between, one_
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.fold import map_fold
 from casahunt.servo.event_map.half_cycle import half_cycle
-from casahunt.servo.event_map.scan import _fixed_point
+from casahunt.servo.event_map.scan import Scan, _fixed_point
 from casahunt.servo.event_map.slopes import MapPoint, map_at, map_error, rounding
 from problems import table1
 from problems.taylor import switch_half_cycle
@@ -121,6 +121,26 @@ def test_a_step_that_slopes_do_not_explain_is_a_jump(slope, good):
     """P rises by 1 over 1e-3: a slope of 1000 explains all of it."""
     left, right = (MapPoint(a, P, slope, 0.0, 1.0, 0.0, a, 1) for a, P in ((1.0, 0.2), (1.001, 1.2)))
     assert cubic_is_good(left, right) is good
+
+
+@pytest.mark.parametrize(
+    ("excess", "slope", "width", "steep"),
+    [
+        (1e-9, 2.0, 1e-14, False), (1e-9, 1e8, 1e-14, True), (1e-9, -1e8, 1e-14, True), (1e-3, 1e8, 1e-14, False),
+        (1e-9, 2.0, 1e-8, True), (1e-15, 1.0, 0.0, True), (1e-13, 1.0, 0.0, False),
+    ],
+)  # fmt: skip
+def test_what_is_left_at_a_fixed_point_is_rounding_times_the_slope(excess, slope, width, steep):
+    """Of a = 1 rad, which is known to 2e-16: 8 times that, and the bracket's width, are allowed for."""
+    best = MapPoint(1.0, 1.0 + excess, slope, 0.0, 1.0, 0.0, 1.0, 1)
+    state = module._Scan(Servo(), 0.3)
+    assert rounding(state.servo, state.gain, 1.0) == np.finfo(float).eps
+    assert module._steep_not_jump(state, best, width) is steep
+
+
+@pytest.mark.parametrize(("failed", "conclusive"), [(0, True), (20, True), (21, False), (100, False)])
+def test_a_scan_of_which_too_much_failed_shows_nothing(failed, conclusive):
+    assert Scan(1e-4, 1.0, 0.5, 0.1, None, None, (0.1,) * failed, 100).conclusive is conclusive
 
 
 def test_jumps_are_not_fixed_points():

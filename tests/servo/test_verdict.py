@@ -13,7 +13,7 @@ import pytest
 from casahunt import Servo, cli, simulate
 from casahunt.servo.simulation import prospect, verdict
 from casahunt.servo.simulation.prospect import cycle_near, escapes, settles
-from casahunt.servo.simulation.swings import limit_of, limit_of_sides
+from casahunt.servo.simulation.swings import ABOVE, limit_of, limit_of_sides
 from casahunt.servo.simulation.verdict import SWINGS, judge
 from problems import taylor
 from scripts import verdicts
@@ -72,6 +72,12 @@ def test_a_lopsided_cycle_converges_side_by_side():
     assert limit_of(A, 1e-12) is None
     limit, uncertain, ratio = limit_of_sides(A, 1e-12)
     assert abs(limit - 2) <= uncertain and ratio == pytest.approx(0.49, abs=1e-3)
+
+
+@pytest.mark.parametrize(("spread", "agree"), [(0.0, True), (0.99, True), (1.01, False), (100.0, False)])
+def test_swings_agree_to_what_can_be_read(spread, agree):
+    swings = np.array([1.0, 1.0 - spread * ABOVE * 1e-9, 1.0])
+    assert verdict._agree(swings, 1e-9) is agree
 
 
 # What lies ahead: against the Taylor engine and computed cycles ------------------------------------------------
