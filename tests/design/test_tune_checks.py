@@ -12,7 +12,7 @@ import pytest
 
 from casahunt import find_fold
 from casahunt.cli import main
-from casahunt.design.tune import check
+from casahunt.design.tune import check, given
 from casahunt.design.tune.check import scanned
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tasks import until_decided, waits
@@ -137,6 +137,16 @@ def test_a_motion_that_grows_speaks_against_a_tuning(servo, plain):
     assert scanned(servo, "lugre", 0.5 * plain.fold_gain)[1] == "cycle"
 
 
+def test_a_servo_joins_once(servo):
+    """The same but for rounding is no new one, and a search that finds nothing new ends."""
+    near, worse = (servo.replace(**{"friction.static": value}) for value in (0.53 * (1 + 1e-10), 0.53 * (1 + 1e-8)))
+    assert given._same(servo, near) and not given._same(servo, worse) and given._same(servo, worse, rtol=1e-6)
+    search = SimpleNamespace(folds={}, free=(), members=[servo])
+    for each, new in ((near, False), (worse, True), (worse, False)):
+        assert given.Given.join(search, WorstCase(each, None, {}, 1), np.zeros(2)) is new
+    assert search.members == [servo, worse]
+
+
 @pytest.mark.parametrize(
     ("phase", "low", "high", "stable", "kept"),
     [
@@ -154,8 +164,8 @@ def seen(starts, positions, **others) -> FixedPoints:
     """The event map at some stick positions."""
     pairs = zip(starts, positions, strict=True)
     points = tuple(SimpleNamespace(start=a, position=p, excess=p / a - 1) for a, p in pairs)
-    given = {"fixed": (), "jumps": (), "unresolved": (), "failures": ()} | others
-    return FixedPoints(None, 0.1, starts[0], starts[-1], points, **given)
+    rest = {"fixed": (), "jumps": (), "unresolved": (), "failures": ()} | others
+    return FixedPoints(None, 0.1, starts[0], starts[-1], points, **rest)
 
 
 @pytest.mark.parametrize(
