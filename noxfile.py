@@ -27,6 +27,7 @@ nox.options.default_venv_backend = "venv"
 def _installed(session: nox.Session) -> None:
     """The package as a user has it, with the tools of the tests: not the checkout."""
     session.install(".[test]")
+    session.install("--only-binary=heyoka,control", ".[bench]", success_codes=(0, 1))  # not everywhere are there wheels
     session.env.update({"MPLBACKEND": "Agg", "MPLCONFIGDIR": session.create_tmp()})
     with session.chdir(session.create_tmp()):
         session.run("casahunt", "--help", silent=True)

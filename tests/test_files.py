@@ -70,6 +70,23 @@ def test_what_is_replaced_keeps_its_permissions_and_its_links(tmp_path):
     assert link.is_symlink() and path.read_text() == "new" and path.stat().st_mode & 0o777 == 0o640
 
 
+@posix
+def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path, monkeypatch):
+    """Renaming would not ask: it needs no permission but the folder's."""
+    path = tmp_path / "mine.csv"
+    path.write_text("old")
+    path.chmod(0o444)
+    if os.access(path, os.W_OK):  # to root everything is allowed
+        monkeypatch.setattr(os, "access", lambda path, how: bool(Path(path).stat().st_mode & 0o222))
+    with pytest.raises(InputError, match="mine.csv': Permission denied"), files.whole_text(path) as stream:
+        stream.write("new")
+    assert contents(tmp_path) == {"mine.csv": b"old"}
+    path.chmod(0o644)
+    with files.whole_text(path) as stream:
+        stream.write("new")
+    assert contents(tmp_path) == {"mine.csv": b"new"}
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
 def test_a_device_is_written_and_not_replaced(tmp_path, capsys):
     path = tmp_path / "a.csv"

@@ -21,14 +21,14 @@ from ..compiled import Caller, caller, kept
 from ..hybrid.roots import Bracket, secant
 from ..hybrid.system import Exit, Mode, Reset
 from .march_step import Foretold, Solved
-from .march_watch import EVENT_LIMIT, EXCURSION, WATCHED, Watch
+from .march_watch import EVENT_LIMIT, WATCHED, Watch
 
 Array = np.ndarray
 
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
 EXIT_ROUNDING = 1e-14
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
-FLOW_LIMIT = 1e-9  # the same at the end of a closed form
+FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly
 EXIT_ROUNDS = 60
 
 
@@ -113,7 +113,7 @@ def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _
 
 
 def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
-    """The first exit of a mode in closed form.
+    """The first exit of a mode in closed form whose events are linear in time.
 
     Parameters
     ----------
@@ -134,10 +134,9 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
             return float(motion(x, T, p)[1][i])
 
         T, left = secant(h, 0.0, 1.0, tolerance=EVENT_TOLERANCE)
-        if not (abs(left) <= FLOW_LIMIT and T >= 0):
-            continue
-        rising = (h(T + max(1e-3 * abs(T), 1e-6)) - left) * way_out.direction > 0
-        if rising and (best is None or best[0] > T):
+        # It is linear: whatever is left is rounding, but where it does not change with time at all.
+        met = T >= 0 and (h(T + max(T, 1.0)) - left) * way_out.direction > 0
+        if met and (best is None or best[0] > T):
             best = (T, way_out)
     return None if best is None else (*best, motion(x, best[0], p)[0].copy())
 
@@ -183,13 +182,11 @@ def _begin(
 ) -> tuple[float, Bracket, float]:
     """Where an event vanishes on a polynomial; a bracket of that, with a margin; size of the event there."""
     part = WATCHED[1] - WATCHED[0]
-    ends = s.interpolation(np.array([beyond - 2 * part, beyond - part, beyond])) @ w
-    low, high, f_low, f_high = beyond - part, beyond, value(ends[1])[0], value(ends[2])[0]
-    if f_low > EXCURSION:  # it strays across zero there, and was seen to cross from the look before
-        low, f_low = low - part, value(ends[0])[0]
+    low, high = beyond - part, beyond
+    f_low, f_high = (value(end)[0] for end in s.interpolation(np.array([low, high])) @ w)
     theta = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf).illinois
     # The polynomial at hand knows the signs at the ends better than the values, and these not beside a margin.
-    margin = Bracket(low - part if low > part else low, -np.inf, min(high + part, 1.0), np.inf)
+    margin = Bracket(max(low - part, 0.0), -np.inf, min(high + part, 1.0), np.inf)
     return theta, margin, max(-min(f_low, 0.0), f_high)
 
 

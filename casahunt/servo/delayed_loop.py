@@ -245,12 +245,12 @@ def _margins_by_gains(servo: Servo, gain: float, delay: float) -> Margins:
     before, after = ([_log_magnitude(servo, gain, v + step) for v in y.tolist()] for step in (-RISE, RISE))
     rising = np.array(after) > np.array(before)
     turns = np.ceil(_phase(servo, 0.0, y) / (2 * np.pi)) - np.ceil(phi / (2 * np.pi))  # delays with phi = 2 pi k
-    unstable = 2 * int(not stable(servo, gain)) + 2 * int(np.sum(np.where(rising, -turns, turns)))
-    if unstable == 0 and not phi.min() > 0:
+    pairs = int(not stable(servo, gain)) + int(np.sum(np.where(rising, -turns, turns)))  # of unstable poles
+    if pairs == 0 and not phi.min() > 0:
         phi = np.mod(phi, 2 * np.pi)
     i = int(np.argmin(phi))
     omega, margin = math.exp(y[i]), math.degrees(float(phi[i]))
-    if unstable:
+    if pairs:
         return Margins(omega, min(margin, 0.0), math.nan, math.nan, False)
     factors = _factors(servo, gain, delay, math.exp(y[-1]))
     low, high = [f for f in factors if f < 1], [f for f in factors if f > 1]

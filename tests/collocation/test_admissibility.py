@@ -95,6 +95,14 @@ def test_a_closed_form_is_judged_at_its_ends():
         assert found.phase == 1 and "phase 2 is no rest: its condition falls to -0.5" in found.violated
 
 
+@pytest.mark.parametrize(("bend", "lowest"), [(1.0, 0.25), (4.0, -0.5)])
+def test_a_closed_form_that_bends_is_judged_in_between(bend, lowest):
+    """From 1/2 and back to it, with 1/2 - bend/4 half-way."""
+    bent = replace(POSITIVE, name="bent", flow=lambda x, T, p: ca.vertcat(x[0] + bend * T * (T - 1), x[1]))
+    found = judged([bent, POSITIVE], [ONE, FOUR], [lambda tau: one(tau) / 2] * 2)
+    assert found.violated == ("" if lowest > 0 else f"phase 1 is no bent: its condition falls to {lowest:.3g}")
+
+
 def test_a_phase_of_no_duration_is_none():
     for shortest in (0.0, -0.25):
         found = judged([POSITIVE, FREE], [FOUR, FOUR], [one, one], durations=[1.0, shortest])
@@ -239,6 +247,42 @@ def test_an_event_of_the_mode_is_not_passed():
         there = replace(cycle, phases=(replace(cycle.phases[0], exits=exits),))
         known = laid_out(there, [FOUR], [lambda tau: np.stack([one(tau), zero(tau)], axis=1)], [1.0], degree=4)[0]
         assert admissible_many(known, np.stack([u, crossing]), many).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("below", "above", "passed"),
+    [(2e-6, 2e-6, True), (0.5e-6, 2e-6, False), (2e-6, 0.5e-6, False), (100.0, 2e-4, True), (100.0, 0.5e-4, False)],
+)
+def test_how_far_beyond_an_event_it_is_passed(below, above, passed):
+    """PASSED of the largest value, of at least one: along a straight line, of which nothing is in doubt."""
+    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
+    free = cycle_of(FREE)
+    cycle = replace(free, phases=(replace(free.phases[0], exits=(way_out,)),))
+    line = [lambda tau: np.stack([(above + below) * tau - below, zero(tau)], axis=1) / SCALE]
+    t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    assert admissible_many(t, u[None], many).item() is not passed
+
+
+@pytest.mark.parametrize(
+    ("successor", "mark", "jumps", "passed"),
+    [("another", False, False, True), ("free", False, False, False), ("free", True, False, True),
+     ("free", False, True, True)],
+)  # fmt: skip
+def test_an_event_is_passed_where_it_leads_elsewhere(successor, mark, jumps, passed):
+    """To another mode, to a mark, to another state; one that changes nothing may be passed."""
+    reset = (lambda x, p: x) if jumps else None
+    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: successor, mark=mark, reset=reset)
+    free = cycle_of(FREE)
+    cycle = replace(free, phases=(replace(free.phases[0], exits=(way_out,)),))
+    line = [lambda tau: np.stack([tau - 0.6, zero(tau)], axis=1) / SCALE]
+    t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    assert admissible_many(t, u[None], many).item() is not passed
 
 
 @pytest.mark.parametrize("direction", [-1, 0, 1])

@@ -13,11 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from layout import cycle_of, laid_out, still
 
 from casahunt import Options, Servo, find_orbit
 from casahunt.collocation import error_estimate, mesh
 from casahunt.collocation.admissibility import judge
 from casahunt.collocation.newton import newton
+from casahunt.collocation.scheme import scheme
+from casahunt.hybrid.system import Mode
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
 from scripts.peers.switch_digits import SwitchMap
@@ -30,6 +33,26 @@ SERVO = Servo().replace(**{
 })  # fmt: skip
 GAIN = 33.65223823746454
 HONEST = 10.0
+
+
+@pytest.mark.parametrize("kind", ["gauss", "radau"])
+def test_halves_are_looked_at_closely_where_they_meet_the_ends(kind):
+    """A layer of 1/30 at the start of the first half, and one at the end of the second: to 1e-3."""
+    weights, rule = error_estimate.fine_rule(4, kind)
+    x = scheme(4, kind).points  # the state is the time
+    for half, f in enumerate((lambda tau: np.exp(-30 * tau), lambda tau: np.exp(30 * (tau - 1)))):
+        assert weights[half] @ f(rule[half] @ x) == pytest.approx(1 / 30, rel=1e-3)
+        assert weights[half] @ (rule[half] @ x) ** 5 == pytest.approx(1 / 6, rel=1e-13)
+
+
+@pytest.mark.parametrize("stiff", [True, False])
+def test_what_is_rounding_is_not_quartered(stiff):
+    mode = Mode("free", still, stiff=stiff)
+    mesh_of = [np.linspace(0, 1, 5)]
+    t = laid_out(cycle_of(mode), mesh_of, [lambda tau: np.zeros((tau.size, 2))], [1.0], degree=4)[0]
+    blame = np.array([[1e-17, 1e-17, 3e-10, 1e-8], [1e-17, 1e-10, 1e-17, 1e-17]])
+    found = error_estimate.to_be_quartered(t, blame, np.array([1e-8, 1e-17]))
+    assert found.tolist() == [False, stiff, False, stiff]  # 3e-10 is less than a 32nd of 1e-8
 
 
 @pytest.fixture(scope="module")

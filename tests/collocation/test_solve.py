@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from test_convergence import P_KEPLER, circle_guess
 
+from casahunt.collocation import newton as newton_module
 from casahunt.collocation.ipopt import ipopt, maximise_parameter, minimise
 from casahunt.collocation.newton import ROUNDED, newton
 from casahunt.collocation.solve import POLISHING, ipopt_then_newton, solve
@@ -44,6 +45,23 @@ def test_steps_are_measured_in_the_scale_and_durations_in_themselves():
                 assert found.iterations == 1 and found.residual == t.linearise(start, setting).residual_norm()
             else:
                 assert abs(found.u[place] - exact[place]) < 1e-11 * unit
+
+
+def test_when_the_next_step_is_sure_to_be_small():
+    """Steps e, C e^2, C (C e^2)^2, ...: from the two at hand the third is foreseen, and no smaller one is promised."""
+    lin = None
+    for factor, first in ((3.0, 1e-3), (0.1, 1e-2), (50.0, 1e-4)):
+        second = factor * first**2
+        third = factor * second**2
+        before, step = (newton_module._Step(np.zeros(1), 0.0, size, lin) for size in (first, second))
+        for accuracy, nearby, sure in ((1.01 * third, 1.0, True), (0.99 * third, 1.0, False), (1.0, second / 2, False)):
+            assert newton_module._sure(step, before, nearby, accuracy) is sure
+        along = replace(step, size=0.0, dlam=second)  # next to a fold the parameter alone may have a way to go
+        assert newton_module._sure(along, before, 1.0, 1.01 * third)
+        assert not newton_module._sure(along, before, 1.0, 0.99 * third)
+        assert not newton_module._sure(step, None, 1.0, 1.0)
+        slow = replace(before, size=50 * second)  # not yet shrinking like that
+        assert not newton_module._sure(step, slow, 1.0, 1.0)
 
 
 def test_no_step_more_than_it_takes():

@@ -311,6 +311,20 @@ def test_a_change_of_the_phases_ends_a_curve(ball):
     assert isinstance(replace(chart, sheet=sheet).value(0.0, 0.0), Reading)
 
 
+@pytest.mark.parametrize(
+    ("start", "end", "middle"),
+    [(0.8, 0.5, 0.65), (1e-3, 1e3, 1.0), (1e3, 1e-3, 1.0), (-1e-3, 1e3, 499.9995), (0, 4.0, 2.0), (-4.0, -1.0, -2.5)],
+)
+def test_a_wide_range_is_spread_over_its_logarithm(start, end, middle):
+    """Where both ends are above zero, and far from each other."""
+    axis = Axis("e", start, end)
+    assert axis.value(0.5) == pytest.approx(middle, rel=1e-12) and axis.place(middle) == pytest.approx(0.5, rel=1e-12)
+    assert [axis.value(c) for c in (0.0, 1.0)] == [start, end] and [axis.place(q) for q in (start, end)] == [0, 1]
+    for c in (0.2, 0.9):
+        slope = (axis.value(c + 1e-6) - axis.value(c - 1e-6)) / 2e-6
+        assert axis.rate(c) == pytest.approx(slope, rel=1e-6)
+
+
 def test_another_part_of_the_surface_is_seen(ball, monkeypatch):
     """The slopes on both sides explain the growth of the parameter, or the corrector went somewhere else."""
     sheet = sheet_of(ball["fold"].orbit, "a", Axis("e", 0.8, 0.5), 0.0, options=TIGHT, spacing=0.1, like=None)

@@ -17,7 +17,7 @@ import pytest
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.continuation.plane_curve import Place, Reading, follow
 from casahunt.continuation.sheet import Axis
-from casahunt.design.fold_curve import batches
+from casahunt.design.fold_curve import batches, charts
 from casahunt.design.fold_curve.curve import fold_curve, unfed
 from casahunt.design.fold_curve.files import INTERRUPTED, load_curve, save_curve
 from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found, hermite
@@ -457,3 +457,13 @@ def test_a_cusp_is_kept_in_the_file(tmp_path, orbit):
     curve, _ = load_curve(tmp_path / "curve.npz")
     assert [point.value for point in curve.cusps] == [0.55] and [point.turns for point in curve.points] == [False, True]
     assert as_found(curve.points, 0.54) == [curve.points[0]]
+
+
+@pytest.mark.parametrize("agree", [True, False])
+def test_a_fold_that_slopes_do_not_explain_is_another_one(monkeypatch, agree):
+    """Whether they do the sheet says (tests/continuation/test_special_curve.py)."""
+    there = charts.Chart(None, SimpleNamespace(position=0.6))
+    here = charts.Chart(None, SimpleNamespace(position=0.5, agrees=lambda other: other is there.sheet and agree))
+    monkeypatch.setattr(charts, "chart_of", lambda *_, **__: there)
+    found = here.moved(0.0, 0.1, SimpleNamespace(data=None))
+    assert found is there if agree else found == "the corrector went to another fold"

@@ -175,6 +175,9 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
         monkeypatch.setattr(module, "admissible_many", doubts)
         assert how() == ("batch", "alone", "batch")
         monkeypatch.undo()
+    monkeypatch.setattr(fold_confirmation, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
+    assert how() == ("alone",) * 3
+    monkeypatch.undo()
     known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     monkeypatch.setattr(turning_points, "LARGEST_MOVE", 1e-9)  # another fold than the one that was expected
     monkeypatch.setattr(batch, "known_fold", lambda *_: known)

@@ -5,18 +5,24 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from casahunt import find_fold
 from casahunt.cli import main
+from casahunt.design.tune import check, given
 from casahunt.design.tune.check import scanned
+from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tasks import until_decided, waits
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
 from casahunt.design.uncertainty.worst_corner import WorstCase
 from casahunt.errors import NoOrbit
+from casahunt.servo.delayed_loop import Margins
+from casahunt.servo.event_map.fixed_points import FixedPoint, FixedPoints
+from casahunt.servo.event_map.scan import Scan
 from casahunt.servo.linear_loop import linear_loop
 from casahunt.servo.simulation.simulate import simulate
 
@@ -66,8 +72,8 @@ def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     assert sentence in " ".join(said.out.split())
     assert "not verified: nominal friction" in said.err
     assert main(["tune", "--quiet", "--json"]) == 0
-    check = json.loads(capsys.readouterr().out)["verification"]
-    assert not check["ok"] and check["result"] == "not everything verified" and len(check["unverified"]) >= 1
+    shown = json.loads(capsys.readouterr().out)["verification"]
+    assert not shown["ok"] and shown["result"] == "not everything verified" and len(shown["unverified"]) >= 1
 
 
 def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
@@ -91,10 +97,9 @@ def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
 @pytest.mark.slow
 def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypatch, servo):
     """A fold that is not computed at a corner, and an event map that does not help, leave it unverified."""
-    from casahunt.design.tune import check as tune_check
     from casahunt.design.uncertainty import nearby, worst_corner
 
-    honest, honest_batch = nearby.fold_near, tune_check.fold_gains
+    honest, honest_batch = nearby.fold_near, check.fold_gains
 
     def failing(servo, *rest):
         if servo.inertia > 0.027:
@@ -108,13 +113,13 @@ def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypa
 
     for module in (nearby, worst_corner):
         monkeypatch.setattr(module, "fold_near", failing)
-    monkeypatch.setattr(tune_check, "fold_gains", failing_batch)
+    monkeypatch.setattr(check, "fold_gains", failing_batch)
     monkeypatch.setattr("casahunt.design.tune.check._no_cycle", lambda *_: False)
     found = tune(servo, "switch", uncertainty=Uncertainty({"servo.inertia": (0.025, 0.028)}))
-    check = found.verification
-    assert not check.ok and not check.against
-    assert any("no fold was computed at servo.inertia = 0.028: not today" in said for said in check.unverified)
-    assert any("in the search for the worst friction: at servo.inertia = 0.028" in said for said in check.unverified)
+    shown = found.verification
+    assert not shown.ok and not shown.against
+    assert any("no fold was computed at servo.inertia = 0.028: not today" in said for said in shown.unverified)
+    assert any("in the search for the worst friction: at servo.inertia = 0.028" in said for said in shown.unverified)
 
 
 @pytest.mark.slow
@@ -132,7 +137,68 @@ def test_a_motion_that_grows_speaks_against_a_tuning(servo, plain):
     assert scanned(servo, "lugre", 0.5 * plain.fold_gain)[1] == "cycle"
 
 
+def test_a_servo_joins_once(servo):
+    """The same but for rounding is no new one, and a search that finds nothing new ends."""
+    near, worse = (servo.replace(**{"friction.static": value}) for value in (0.53 * (1 + 1e-10), 0.53 * (1 + 1e-8)))
+    assert given._same(servo, near) and not given._same(servo, worse) and given._same(servo, worse, rtol=1e-6)
+    search = SimpleNamespace(folds={}, free=(), members=[servo])
+    for each, new in ((near, False), (worse, True), (worse, False)):
+        assert given.Given.join(search, WorstCase(each, None, {}, 1), np.zeros(2)) is new
+    assert search.members == [servo, worse]
+
+
+@pytest.mark.parametrize(
+    ("phase", "low", "high", "stable", "kept"),
+    [
+        (30.0, 0.5, 2.0, True, True), (60.0, 0.0, math.inf, True, True), (29.9, 0.5, 2.0, True, False),
+        (30.0, 0.51, 2.0, True, False), (30.0, 0.5, 1.99, True, False), (40.0, 0.1, 9.0, False, False),
+        (-10.0, math.nan, math.nan, False, False),
+    ],
+)  # fmt: skip
+def test_each_margin_is_asked_for(phase, low, high, stable, kept):
+    loop = Margins(10.0, phase, low, high, stable)
+    assert check._keeps(loop, Demands(phase_margin=30.0, gain_margin=2.0)) is kept
+
+
+def seen(starts, positions, **others) -> FixedPoints:
+    """The event map at some stick positions."""
+    pairs = zip(starts, positions, strict=True)
+    points = tuple(SimpleNamespace(start=a, position=p, excess=p / a - 1) for a, p in pairs)
+    rest = {"fixed": (), "jumps": (), "unresolved": (), "failures": ()} | others
+    return FixedPoints(None, 0.1, starts[0], starts[-1], points, **rest)
+
+
+@pytest.mark.parametrize(
+    ("positions", "others", "state"),
+    [
+        ((0.5, -1.9, 0.0), {}, "clear"),
+        ((0.5, 2.0, 1.0), {}, "cycle"), ((0.5, -2.1, 1.0), {}, "cycle"),  # it goes out, to either side
+        ((0.5, 1.0, 1.0), {"fixed": (FixedPoint(1.5, 0.5, 1.0, 0.0, 0.0),)}, "cycle"),
+        ((0.5, math.nan, 1.0), {}, "open"),  # it swings on
+        ((0.5, 1.0, 1.0), {"unresolved": ((1.0, 1.1),)}, "open"), ((0.5, 1.0, 1.0), {"failures": (2.5,)}, "open"),
+    ],
+)  # fmt: skip
+def test_what_the_event_map_shows(monkeypatch, servo, positions, others, state):
+    monkeypatch.setattr(check, "fixed_points", lambda *_, **__: seen((1.0, 2.0, 3.0), positions, **others))
+    assert scanned(servo, "switch", 0.1)[1] == state
+
+
+@pytest.mark.parametrize(
+    ("best", "upper", "failures", "state"),
+    [(0.9, False, (), "clear"), (0.9, False, (0.1,), "open"), (1.0, False, (), "cycle"), (0.9, True, (), "cycle")],
+)
+def test_what_a_scan_shows(monkeypatch, servo, best, upper, failures, state):
+    cycle = SimpleNamespace(start=0.02) if upper else None
+    monkeypatch.setattr(check, "scan", lambda *_: Scan(1e-4, 1.0, best, 0.01, cycle, None, failures, 50))
+    assert scanned(servo, "lugre", 0.1)[1] == state
+    assert check._no_cycle(servo, "lugre", 0.1) is (state == "clear")
+
+
 def test_a_servo_that_cannot_hunt_is_left_to_its_margins(servo):
     found = tune(servo.replace(**{"friction.static": 0.44}), "switch")
-    assert found.fold_gain == 0 and found.verification.ok
+    assert found.fold_gain == 0 and found.verification.ok and found.verification.scan_clear
+    for seen_there in ("cycle", "open"):
+        assert not replace(found.verification, seen=seen_there).scan_clear
+    for against in ({"against": ("a loop",)}, {"unverified": ("a task",)}):
+        assert not replace(found.verification, **against).ok
     assert linear_loop(servo, found.gain).gain_crossovers[0].margin == pytest.approx(30, abs=1e-5)

@@ -82,6 +82,9 @@ def test_intervals_off_the_servo(fold):
     slope = fold_sensitivities(fold).derivatives["friction.static"]
     off = Uncertainty({"friction.static": (0.54, 0.56)})
     assert linear_interval(fold, off) == pytest.approx((fold.gain + 0.01 * slope, fold.gain + 0.03 * slope))
+    middle, width = fold.gain + 0.02 * slope, 0.02 * abs(slope)
+    assert linear_moments(fold, off) == pytest.approx((middle, width / np.sqrt(12)), rel=1e-12)
+    assert linear_gains(fold, ["friction.static"], np.array([[0.55]])) == pytest.approx(middle, rel=1e-12)
 
 
 # Samples
@@ -286,7 +289,13 @@ def test_summary(servo, fold, eleven):
     wide = Uncertainty({"friction.stribeck_velocity": (0.016, 0.024)})
     corner = WorstCase(far, find_fold(far, "switch", options=QUICK), {"friction.stribeck_velocity": 0.016}, 1)
     text = summary(fold, wide, sample(servo, "switch", wide, 2, options=QUICK, fold=fold), corner).misleading
-    assert "the linear answer misleads: at the worst corner it gives 0.781" in text
+    assert "the linear answer misleads: at the worst corner it gives 0.781" in text and "its lower end" not in text
+    # Down to Fs = Fc, where there is no cycle: 0.647 - 0.09 times 7.4 is no gain.
+    broad = Uncertainty({"friction.static": (0.44, 0.531)})
+    nominal = WorstCase(servo, fold, {"friction.static": 0.53}, 1)
+    assert linear_range(fold, broad)[0] < 0
+    text = summary(fold, broad, sample(servo, "switch", broad, 1, options=QUICK, fold=fold), nominal).misleading
+    assert "its lower end is no gain (not positive)" in text
 
 
 # Bad input

@@ -225,3 +225,10 @@ def test_secant():
     calls.clear()
     assert math.isnan(secant(lambda x: line(x) * math.nan, 0.0, 1.0, tolerance=1e-13)[1]) and len(calls) == 2
     assert abs(secant(lambda x: x * x + 1, 0.0, 1.0, tolerance=1e-13)[1]) >= 1
+
+
+def test_secant_steps_go_on_to_the_tolerance():
+    """x^2: each step divides f by 2.6, the square of the golden ratio: they end in every range of that width."""
+    for tolerance in 10.0 ** np.arange(-12, -2):
+        f = secant(lambda x: x * x, 1.0, 0.9, tolerance=tolerance)[1]
+        assert tolerance / 3 < f <= tolerance

@@ -16,7 +16,7 @@ from casahunt.collocation.scheme import scheme
 from casahunt.hybrid.system import Event, Exit, Mode, System
 from casahunt.motion.interval_newton import newton_steps
 from casahunt.motion.march import MarchFailure, Segment, march
-from casahunt.motion.march_exits import locate
+from casahunt.motion.march_exits import end_of_flow, flow_to, locate
 from casahunt.motion.march_step import Foretold, Stepper
 from casahunt.motion.march_watch import TooLong, Watch, _first_beyond
 
@@ -81,6 +81,35 @@ def test_exits_of_a_closed_form():
     np.testing.assert_allclose(segment.end, [math.sin(1), math.cos(1), 1], rtol=1e-13)
     (segment,) = marched(falling, start=0.5, mode="clock", flow=flow)
     assert segment.event == "" and segment.duration == math.inf and segment.end[2] == 0.5
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e10, 1e-10])
+def test_of_two_exits_of_a_closed_form_the_first_is_taken(unit: float) -> None:
+    """In any unit: of a linear event rounding is left, however large."""
+    ramp = Mode("ramp", swing, flow=lambda x, T, p: x + unit / 0.7 * T)
+    for levels in ((1.3, 2.0), (2.0, 1.3), (2.0, -1.0, 1.3)):
+        exits = tuple(
+            Exit(Event(str(level), lambda x, T, p, at=level * unit: x[0] - at), +1, lambda x, p: "ramp", mark=True)
+            for level in levels
+        )
+        system = System("ramp", ("x",), {"ramp": ramp}, {"ramp": exits})
+        for start in np.linspace(-0.9, 0.9, 8):
+            x = np.full(1, start * unit)
+            (found,) = march(system, "ramp", x, NO_PARAMETERS, scale=np.full(1, unit), until=lambda s: True)
+            assert found.event == "1.3" and found.duration == pytest.approx((1.3 - start) * 0.7, rel=1e-13)
+
+
+def test_an_event_that_a_closed_form_does_not_change_is_no_exit() -> None:
+    """x[1] stays: no time is its end; one that is only nearly known stays as it is."""
+    still = Exit(Event("still", lambda x, T, p: x[1] - 5), +1, lambda x, p: "ramp")
+    ramp, x = Mode("ramp", swing, flow=lambda x, T, p: x + ca.vertcat(T, 0)), np.zeros(2)
+    assert end_of_flow(ramp, (still,), x, NO_PARAMETERS) is None
+    late = Exit(Event("late", lambda x, T, p: x[0] - 3), +1, lambda x, p: "ramp")
+    found = end_of_flow(ramp, (still, late), x, NO_PARAMETERS)
+    assert found is not None and found[:2] == (pytest.approx(3.0, rel=1e-13), late)
+    for way_out, duration in ((late, 3.0), (still, 2.9), (None, 2.9)):
+        T, end = flow_to(ramp, (still, late), way_out, x, 2.9, NO_PARAMETERS)
+        assert T == pytest.approx(duration, rel=1e-13) and end == pytest.approx([duration, 0.0])
 
 
 def test_what_is_no_number_is_no_exit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,6 +214,21 @@ def test_a_crossing_that_true_intervals_do_not_confirm_is_given_up_early() -> No
     watch = Watch((high,), None, counting)  # type: ignore[arg-type]
     stages = np.stack([4 * scheme(7, "radau").stages, np.ones(7)], axis=1).ravel()
     assert locate(watch, high, 0.5625, start, stages, 1.0) is None and counting.calls <= 4
+
+
+@pytest.mark.parametrize("look", [1, 2, 3, 9, 15, 16])
+def test_an_exit_is_located_by_few_intervals(look: int) -> None:
+    """x = tan t, between any two looks at its interval: Newton's method on true ones."""
+    counting, start, h = Counting(stepper_of(lambda x: 1 + x[0] ** 2, 1)), np.array([0.0]), 0.4
+    solved = counting(start, Foretold(start), h, 1e-20)
+    for part in (-0.5, 1e-6, 0.5, 1 - 1e-6, 1.5):  # of the way from the look before; beyond it the polynomial strays
+        time = h * (look - 1 + part) / 16
+        if not 0 < time < h:
+            continue
+        way_out = Exit(Event("out", lambda x, T, p, at=time: ca.atan(x[0]) - at), +1, lambda x, p: "swing")
+        watch, counting.calls = Watch((way_out,), None, counting), 0  # type: ignore[arg-type]
+        found = locate(watch, way_out, look / 16, start, solved.stages, h)
+        assert found is not None and found[0] == pytest.approx(time, abs=1e-13) and counting.calls <= 4
 
 
 @pytest.mark.parametrize(

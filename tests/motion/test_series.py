@@ -148,6 +148,19 @@ def test_of_a_step_that_is_wrong_most_of_what_is_right_is_kept(monkeypatch, righ
 HIGH = 50.0
 
 
+def test_a_step_is_right_where_its_polynomial_is_the_motion() -> None:
+    """x' = x, scaled: the Taylor polynomial of exp; not with a wrong coefficient, another rate or another length."""
+    of = series.series_of(lambda x, p, sign: x, 1.0, np.zeros(0), np.array([2.0]))
+    assert of is not None
+    h, theta = 0.1, 1e-12
+    C = np.array([[h**k / math.factorial(k)] for k in range(len(of(np.ones(1), h, h, h, theta).C[0]))])
+    assert march_series._is_right(of, C, h, theta) and march_series._right_part(of, C, h, theta) > 0.5
+    wrong = C.copy()
+    wrong[3] *= 1 + 1e-4
+    for other, length in ((wrong, h), (C * 2.0 ** np.arange(len(C))[:, None], h), (C, 1.01 * h)):
+        assert not march_series._is_right(of, other, length, theta)
+
+
 def way(width: float, to: float, at: float = 5.0) -> engine.System:
     """x' = 1 + a bump, up to a place."""
 

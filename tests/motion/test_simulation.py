@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from casahunt.errors import InputError, NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
+from casahunt.motion import simulation
+from casahunt.motion.segment import Segment
 from casahunt.motion.simulation import Motion, simulate
 from casahunt.orbits import find_cycle
 from problems import belt
@@ -96,6 +99,44 @@ def test_the_error_of_times_of_events(tol):
     assert motion.events[0].before[0] == pytest.approx(stop, abs=motion.error + 1e-11)
 
 
+GROWING = System(
+    "logistic growth", ("x",), {"low": 1e-2},
+    (Mode("grows", lambda x, p: {"x": x.x * (1 - x.x)},
+          ends=(Event("half", lambda x, p: x.x - 0.5, +1, to="grows", reset=lambda x, p: {"x": p.low}),)),),
+)  # fmt: skip
+"""1/x - 1 falls as exp(-t): from `low` to 1/2 in log(1/low - 1), and again."""
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-4, 1e-6])
+def test_the_error_of_what_is_not_linear(tol):
+    """No closed form solves it, as one does a linear field: states, and times of events, are off by what is said."""
+    motion = simulate(GROWING, x=1e-2, duration=4.0, tol=tol)
+    assert not motion.events
+    off = abs(motion.end["x"] - 1 / (1 + 99 * math.exp(-4)))
+    assert off <= motion.error * motion.end["x"] + 1e-15 and 1e-13 < motion.error < tol
+    motion = simulate(GROWING, x=1e-2, duration=20.0, tol=tol)
+    off = np.max(np.abs(times(motion) - math.log(99) * np.arange(1, 5)))
+    assert off <= 20.0 * motion.error + 1e-14 and 1e-13 < motion.error < tol
+
+
+def test_what_two_motions_differ_by():
+    """The times of events relative to the duration, or the states relative to their sizes, at any of the phases."""
+
+    def phase(duration, *end, event="stops"):
+        return Segment("slip", event, duration, np.array([0.0, 1.0]), np.zeros((1, 2)), np.array(end))
+
+    size, fine = np.array([1.0, 100.0]), [phase(1.0, 1.0, 50.0), phase(3.0, 0.5, 90.0)]
+    for other, error in (
+        (fine, 0.0),
+        ([phase(1.0, 1.0, 50.0), phase(3.0, 0.25, 90.0)], 0.25),
+        ([phase(1.0, 1.0, 75.0), phase(3.0, 0.5, 90.0)], 0.25),
+        ([phase(1.5, 1.0, 50.0), phase(2.5, 0.5, 90.0)], 0.125),  # the first event is late, the second is not
+        ([phase(1.0, 1.0, 50.0), phase(3.0, 0.5, 90.0, event="rests")], math.inf),
+        ([phase(1.0, 1.0, 50.0)], math.inf),
+    ):
+        assert simulation._difference(other, fine, size) == error
+
+
 def test_stick_slip():
     motion = simulate(belt.BELT, "slip", x=1.0, v=belt.VALUES[-1], duration=25.0)
     (slip, stop), period = belt.SLIPS[0.2], belt.TRUTH[0.2].period
@@ -141,6 +182,8 @@ def test_a_forced_system_that_starts_at_any_time():
     for begin in (0.0, 0.7, -20.0):
         motion = simulate(FORCED, duration=5.0, start=exact(begin))
         assert motion.end == pytest.approx(exact(begin + 5.0), abs=1e-12)
+        assert motion.scale[2] == 1.0  # the time, in turns, has no size
+        np.testing.assert_allclose(motion.scale[:2], [1 / 8, 3 / 8], rtol=1e-2)
 
 
 def test_a_stiff_mode():
@@ -233,9 +276,15 @@ def test_a_closed_form_is_tried_where_it_is_a_number_and_the_mode_holds():
     assert simulate(System("root", ("x",), {}, (up,)), x=0.01, duration=1.0).end["x"] == pytest.approx(1.21, rel=1e-12)
     stuck = Mode("up", flow=lambda x, t, p: {"x": x.x + 0.2 * t, "v": 0.2}, ends=high(1))
     assert simulate(System("stuck", ("x", "v"), {}, (stuck,)), x=0.0, v=3.0, duration=1.0).end["v"] == 0.2
-    wall = Mode("up", flow=lambda x, t, p: {"x": x.x + t + ca.fmax(x.x - 1, 0)}, holds=lambda x, p: 1 - x.x,
-                ends=high(1))  # fmt: skip
-    assert simulate(System("wall", ("x",), {}, (wall,)), x=0.0, duration=0.5).end["x"] == pytest.approx(0.5)
+    for start in (0.0, 0.98):  # beside the second one, and a little later, the mode does not hold any more
+        wall = Mode("up", lambda x, p: {"x": 1 + ca.fmax(x.x - 1, 0)}, lambda x, t, p: {"x": x.x + t},
+                    holds=lambda x, p: 1 - x.x, ends=high(1))  # fmt: skip
+        motion = simulate(System("wall", ("x",), {}, (wall,)), x=start, duration=0.01)
+        assert motion.end["x"] == pytest.approx(start + 0.01)
+        free = replace(wall, holds=None)
+        if start:
+            with pytest.raises(InputError, match="^mode 'up': its flow contradicts its field"):
+                simulate(System("free", ("x",), {}, (free,)), x=start, duration=0.01)
 
 
 def table(how: str) -> System:

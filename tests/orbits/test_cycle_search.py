@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -14,8 +15,12 @@ from casahunt.collocation.admissibility import judge
 from casahunt.errors import InputError, NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
+from casahunt.motion.segment import Segment
 from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.closure import Closure
+from casahunt.orbits.cycle_search import REPEATED, _Search
 from casahunt.orbits.orbit import Orbit, unknowns_of
+from casahunt.orbits.recurrence import Recurrence, loop_distance
 from problems import rossler
 
 START = {"x": 2.0, "v": 0.0}
@@ -205,11 +210,40 @@ def test_a_forced_linear_oscillator():
     orbit = find_cycle(system, x=0.0, v=0.0, t=0.3, tol=1e-10)
     period = 2 * math.pi / 1.5
     assert orbit.period == pytest.approx(period, rel=1e-13)
+    assert orbit.repeats == 2  # x -> -x, half a turn later
+    _, states = orbit.sample(4)  # the other half by the closure: S^-1 (x + c), the time half a turn on
+    half = states.shape[1] // 2
+    np.testing.assert_allclose(states[:2, half:], -states[:2, : half + 1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(states[2, half:] - states[2, : half + 1], 0.5, rtol=1e-9)
     amplitude = 1 / math.hypot(1 - 1.5**2, 0.2 * 1.5)
     extrema = orbit.extrema("x")
     assert extrema.high.value == pytest.approx(amplitude, rel=1e-9) == -extrema.low.value
     others = sorted(orbit.multipliers.full, key=lambda m: abs(m - 1))[1:]
     assert [abs(m) for m in others] == pytest.approx([math.exp(-0.2 * period / 2)] * 2, rel=1e-8)
+
+
+def test_how_far_a_loop_is_from_the_one_before():
+    """Half a turn later mirrored, a whole turn later not: what is left are the distances put in, by size."""
+    free = Mode("free", lambda x, p: {"x": x.v, "v": ca.cos(x.t) - x.x})
+    system = System("forced", ("x", "v"), {}, (free,), forcing_period=lambda p: 2 * math.pi)
+
+    def ends(*states):
+        return [Segment("free", "", 1.0, np.array([0.0, 1.0]), np.zeros((1, 3)), np.array(x)) for x in states]
+
+    scale = np.array([2.0, 5.0, 1.0])
+    for S, shift, repeats, states in (
+        (np.diag([-1.0, -1.0, 1.0]), [0.0, 0.0, 0.5], 2, ([1.0, -3.0, 0.3], [-1.0, 3.0, 0.8])),
+        (np.eye(3), [0.0, 0.0, 1.0], 1, ([1.0, -3.0, 0.3], [1.0, -3.0, 1.3])),
+    ):
+        r = Recurrence(1, Closure.of(S, np.array(shift), repeats), 0.0)
+        assert loop_distance(system, ends(*states), r, scale) == pytest.approx(0.0, abs=1e-15)
+        for entry, off, distance in ((0, 0.02, 0.01), (1, -0.2, 0.04), (2, 0.2, 0.2)):
+            later = np.array(states[1])
+            later[entry] += off
+            assert loop_distance(system, ends(states[0], later), r, scale) == pytest.approx(distance)
+            watched = SimpleNamespace(system=system, segments=ends(states[0], later), scale=scale)
+            assert _Search.repeated(watched, r) is (distance < REPEATED)
+        assert loop_distance(system, ends(states[0]), r, scale) == math.inf
 
 
 def test_a_ball_on_a_shaking_table():
@@ -448,6 +482,16 @@ def test_conditions_that_are_not_mirrored_are_no_symmetry():
 
     for low, repeats in ((3.0, 2), (2.5, 1)):
         orbit = find_cycle(halves(low), "down", x=2.0, v=0.0, tol=1e-10)
+        assert orbit.repeats == repeats
+        assert_period(orbit, VAN_DER_POL[0.0][0])
+
+
+def test_an_event_that_is_crossed_either_way_is_mirrored():
+    """v = 0 of van der Pol, rising or falling: the one is the image of the other."""
+    field = lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x}  # noqa: E731
+    for scalar, repeats in ((lambda x, p: x.v, 2), (lambda x, p: x.v + 0.1 * x.v**2, 1)):
+        either = Mode("smooth", field, ends=(Event("turns", scalar, 0, to="smooth"),))
+        orbit = find_cycle(System("either", ("x", "v"), {}, (either,)), x=2.0, v=0.0, tol=1e-10)
         assert orbit.repeats == repeats
         assert_period(orbit, VAN_DER_POL[0.0][0])
 

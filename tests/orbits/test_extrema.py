@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import find_cycle
-from casahunt.orbits.orbit import Orbit
+from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.orbit import Orbit, unknowns_of
+from casahunt.orbits.passage import passed, turning_values
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 
@@ -24,7 +26,8 @@ def assert_extreme(found, value: float, *, size: float = 1.0) -> None:
 # A circle -------------------------------------------------------------------------------------------------------------
 
 
-def circle(tol: float, rate: float = 1.0) -> Orbit:
+@cache
+def circle(tol: float, rate: float = 1.0, degree: int | None = None) -> Orbit:
     """The unit circle, turned about (0.3, 0) so that nothing is symmetric: x from -0.7 to 1.3, cut anywhere."""
 
     def field(x, p):
@@ -33,7 +36,7 @@ def circle(tol: float, rate: float = 1.0) -> Orbit:
         return {"x": grows * u - p.omega * x.y, "y": grows * x.y + p.omega * u}
 
     system = System("circle", ("x", "y"), {"omega": 1.3, "off": 0.3, "rate": rate}, (Mode("smooth", field),))
-    return find_cycle(system, x=1.0, y=0.0, tol=tol)
+    return find_cycle(system, x=1.0, y=0.0, options=Options(tol=tol, degree=degree))
 
 
 @pytest.mark.parametrize("tol", TOLERANCES)
@@ -61,6 +64,30 @@ def test_a_circle_that_forgets_its_errors(tol):
     assert_extreme(y.high, 1.0)
     ahead = orbit.extrema(lambda x, p: x.x + x.y)
     assert_extreme(ahead.high, 0.3 + math.sqrt(2))
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_the_error_of_the_last_step_is_that_of_its_length(degree):
+    """At eleven places of their intervals, each (s/h)^2d of what the whole interval adds: the estimate is the error."""
+    orbit = circle(1e-5, rate=30.0, degree=degree)
+    for angle in np.arange(0.1, 2 * math.pi, 0.6):
+        ahead = orbit.extrema(lambda x, p, a=angle: (x.x - p.off) * math.cos(a) + x.y * math.sin(a)).high
+        assert ahead.error == pytest.approx(abs(ahead.value - 1), rel=0.3) and ahead.error > 1e-9
+
+
+@pytest.mark.parametrize("angle", [0.5, 2.0, 4.0, 5.5])
+def test_what_is_passed_between_two_looks(angle):
+    """One direction turns at 1: a level 1e-9 below the top is passed, one above it is not."""
+    t, u, setting = unknowns_of(circle(1e-10))
+    ahead = lambda x, p: (x[0] - 0.3) * math.cos(angle) + x[1] * math.sin(angle)  # noqa: E731
+    here, other = (1, 0) if angle < math.pi else (0, 1)  # the turn begins at the angle pi, and is cut at 0
+    assert t.phases == 2
+    assert turning_values(t, u, setting, ahead, here, +1) == pytest.approx([1.0], abs=1e-11)
+    assert turning_values(t, u, setting, ahead, other, -1) == pytest.approx([-1.0], abs=1e-11)
+    for level, slack, expected in ((0.99, 0, True), (1 - 1e-9, 0, True), (1 - 1e-9, 1e-8, False), (1 + 1e-9, 0, False)):
+        beside = lambda x, p, level=level: ahead(x, p) - level  # noqa: E731
+        assert passed(t, u, setting, beside, here, +1, slack=slack) is expected
+        assert not passed(t, u, setting, beside, other, +1, slack=slack)
 
 
 def test_an_expression_that_is_constant():

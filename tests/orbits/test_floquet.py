@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 
@@ -65,6 +66,31 @@ def test_sign_and_size_at_the_largest_multiplier(orbit):
         assert found.leading.real > 0
         assert found.log10_leading == pytest.approx(np.log10(row["mu"]), abs=1e-6)
         assert found.trivial_error < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("trivial", "fine", "coarse", "error", "floor"),
+    [
+        (1.0, 0.3, 0.3 + 1e-6, 1e-7, 0.0),  # a tenth of what two meshes differ by
+        (1.0, 0.3, 0.3 + 1e-3, 1e-4, 0.0),
+        (1.0, 20.0, 20.0 + 4e-3, 2e-5, 0.0),  # relative to a multiplier above one
+        (1 + 1e-3, 0.3, 0.3, 1e-3, 0.0),  # the shift in time is off: no other is known better
+        (1 + 1e-3, 0.3, 0.3 + 1e-6, 1e-3, 0.0),
+        (1.0, 0.3, 0.6, 0.6, 0.6),  # nothing alike: a bound below one
+        (1.0, 0.6, -0.3, 0.6, 0.6),
+        (1.0, 0.3, 3.0, math.inf, 3.0),  # and nothing is known above it
+        (1.0, 3.0, 0.3, math.inf, 3.0),
+    ],
+)
+def test_what_two_meshes_say_of_a_multiplier(trivial, fine, coarse, error, floor):
+    """The map diag(trivial, fine), whose flow is along the first state."""
+    flow = np.array([[1.0, 0.0], [1.0, 0.0]])
+    alone = floquet.chain_multipliers(map_chain.MapChain(np.diag([trivial, fine])[None], flow, np.zeros(1)), 1)
+    assert alone.error == math.inf and not alone.trusted  # of one mesh
+    found = floquet.compared(alone, np.array([coarse]))
+    assert found.leading == pytest.approx(fine) and found.trivial_error == pytest.approx(trivial - 1, abs=1e-14)
+    assert found.error == pytest.approx(error, rel=1e-6) and found.trusted == (error < floquet.TRUSTED)
+    assert found.floor[0] == 0 and found.leading_floor == pytest.approx(floor)
 
 
 @pytest.mark.parametrize("branch", ["stable", "unstable"])

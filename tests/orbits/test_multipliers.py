@@ -19,7 +19,7 @@ from casahunt.collocation.newton import newton
 from casahunt.collocation.scheme import scheme
 from casahunt.continuation.walk import walk
 from casahunt.hybrid.language import Event, Mode, System
-from casahunt.orbits import Options, Orbit, find_cycle, floquet, map_chain, multiplier_mesh
+from casahunt.orbits import Options, Orbit, find_cycle, floquet, graded, map_chain, multiplier_mesh
 from casahunt.orbits.graded import _eigenvalues, _resolved, spectrum
 from casahunt.orbits.multiplier_mesh import refined_multipliers
 from casahunt.orbits.orbit import unknowns_of
@@ -173,6 +173,17 @@ def test_right_or_not_trusted(monkeypatch, more):
     off = abs(m.leading / TRUTH - 1)
     assert off < 10 * m.error and (off < 1e-5 or not m.trusted)
     assert more or not m.trusted
+
+
+@pytest.mark.parametrize(
+    ("now", "before", "same"),
+    [
+        ([2.0, 1e-3], [2.0, 1e-3], True), ([2.0, 1e-3], [2.0, 1.001e-3], False), ([2.0, 1e-3], [2.1, 1e-3], False),
+        ([2.0, 1e-320], [2.0, 1e-3], True),  # what is zero for every purpose may be any zero
+    ],
+)  # fmt: skip
+def test_rounds_go_on_until_the_moduli_stay(now, before, same):
+    assert graded._same(now, before) is same
 
 
 # The bouncing ball ---------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import pytest
+from peer_support import needs
 
 from scripts.race import gallery, precision
 from scripts.race.entries import entries
@@ -46,7 +47,7 @@ def test_solve_bvp(name, factor):
 @pytest.mark.parametrize("factor", [None, gallery.NEIGHBOUR], ids=["off", "beside"])
 @pytest.mark.parametrize("name", BOTH)
 def test_heyoka(name, factor):
-    pytest.importorskip("heyoka")
+    needs("heyoka")
     entry = entries()[name]()
     first, again = errors(gallery.taylor_tasks(entry, factor, (2.2e-16,)), entry)
     assert first < 1e-11 and again < 1e-11  # what double precision leaves of twenty digits

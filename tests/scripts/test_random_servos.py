@@ -9,6 +9,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from peer_support import needs
 
 from casahunt import NoOrbit, Options, Servo, Status, find_orbit
 from problems.table1 import REFERENCE
@@ -47,7 +48,7 @@ def test_the_fold():
 
 @pytest.mark.parametrize(("branch", "place"), [("stable", 1), ("stable", 4), ("unstable", 0)])
 def test_the_lugre_engine_gives_the_reference_rows(branch, place):
-    pytest.importorskip("heyoka")
+    needs("heyoka")
     from scripts.peers import lugre_digits
 
     row = REFERENCE["lugre"][branch][place]
@@ -63,7 +64,7 @@ def test_the_lugre_engine_gives_the_reference_rows(branch, place):
 @pytest.mark.slow
 def test_quadruple_precision_judges_multipliers_that_extended_precision_cannot():
     """A multiplier of 6e8: the rounding of the one engine is 10 % of its answer, that of the other 2e-23."""
-    pytest.importorskip("heyoka")
+    needs("heyoka")
     servo = Servo(inertia=0.084591, motor_gain=8.1634).replace(**{
         "controller.integral_time": 0.083489, "controller.lead_time": 0.020825, "friction.static": 2.3315,
         "friction.coulomb": 1.1523, "friction.stribeck_velocity": 0.017676, "friction.viscous": 0.016928,
@@ -81,7 +82,7 @@ def test_quadruple_precision_judges_multipliers_that_extended_precision_cannot()
 @pytest.mark.parametrize(("gain", "a"), [(0.1, 0.02), (0.4, 0.000963095232), (0.6, 0.05), (0.005, 0.8)])
 def test_extended_precision_gives_the_map_of_the_decimals(gain, a):
     """Two integrators of one map, in a motion that reverses without sticking, and at a multiplier of 1e5."""
-    pytest.importorskip("heyoka")
+    needs("heyoka")
     from scripts.peers.switch_long import LongMap
 
     fast, exact = LongMap(Servo(), gain).half(a), switch_digits.SwitchMap(Servo(), gain, 24).half(a)
@@ -199,7 +200,7 @@ def test_a_controller_by_gains_has_the_map_of_the_same_one_by_times():
 
 def test_servos_by_gains(monkeypatch, capsys):
     """Every third has complex zeros; one of those is asked and checked."""
-    pytest.importorskip("heyoka")  # decimal arithmetic takes a minute
+    needs("heyoka")  # decimal arithmetic takes a minute
     drawn = [random_servos.draw(11, number, "pid") for number in range(200)]
     for key, (low, high) in random_servos.CONTROLLERS["pid"].items():
         values = np.array([p[key] for p in drawn])

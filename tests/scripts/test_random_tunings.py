@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from peer_support import needs
 
 from casahunt import Servo
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
 from problems import table1
-
-pytest.importorskip("control")
-pytest.importorskip("heyoka")
-
 from scripts import tuning
 from scripts.peers.stick_map import Hunts, largest_ratio, row_of, stick_ratio
 from scripts.peers.switch_digits import SwitchMap
+
+needs("control")
+needs("heyoka")
 
 FOLD = table1.REFERENCE["switch"]["fold"]["K"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import pytest
+from peer_support import needs
 
 from problems import table1
 from scripts.race import scaling, taylor
@@ -17,7 +18,7 @@ RIGHT = 1e-9
 @pytest.mark.parametrize("gain", taylor.ALONG)
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_stable_cycles_from_nothing(model, gain):
-    pytest.importorskip("scripts.peers.servo_heyoka")
+    needs("scripts.peers.servo_heyoka")
     error = taylor._asked("orbit-stable", model, gain)
     from scripts.peers import servo_heyoka as peer
 
@@ -28,7 +29,7 @@ def test_stable_cycles_from_nothing(model, gain):
 
 @pytest.mark.slow
 def test_the_unstable_cycle_and_the_fold():
-    pytest.importorskip("scripts.peers.servo_heyoka")
+    needs("scripts.peers.servo_heyoka")
     for scene in ("orbit-unstable", "fold"):
         rows = taylor.taylor_rows(scene, "switch", 1)
         timed = {r.setting: r for r in rows if r.method == taylor.METHOD}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from casahunt import Options, Servo, find_orbit
 from casahunt.errors import InputError
+from casahunt.servo import attraction as rests_or_hunts
 from casahunt.servo.attraction import attraction, first_stick, swing
 from problems import table1
 from problems.taylor import Flow, _root, _step, _value, switch_half_cycle
@@ -213,6 +215,35 @@ def test_the_trapping_sets_are_shown_and_end_at_the_unstable_cycle():
     for a in np.linspace(low * 1.001, high * 0.999, 5):
         P = switch_half_cycle(SERVO, 0.04, float(a))[0]
         assert abs(P - stable.amplitude) < abs(a - stable.amplitude)
+
+
+def mapped(monkeypatch, P) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """Cycles with the amplitudes 1 (unstable) and 2 (stable) [rad], and P in the place of the event map."""
+    monkeypatch.setattr(rests_or_hunts, "swing", lambda servo, gain, a: P(a))
+    return tuple(SimpleNamespace(servo=SERVO, gain=0.1, amplitude=a) for a in (1.0, 2.0))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(("bend", "reach"), [(0.5, 1.0), (1.0, math.sqrt(0.5)), (32.0, 0.125)])
+def test_the_interval_of_hunting_is_as_wide_as_motions_show(monkeypatch, bend, reach):
+    """|P - 2| = |d|/2 + bend |d|^3, d = a - 2, is less than |d| up to |d| = sqrt(1/(2 bend)): to either side."""
+    P = lambda a: 2 - (a - 2) / 2 - bend * (a - 2) ** 3  # noqa: E731
+    low, high = rests_or_hunts._hunting(*mapped(monkeypatch, P))
+    for d in (2 - low, high - 2):
+        assert 0.95 * reach < d <= reach and abs(P(2 + d) - 2) < d
+    assert rests_or_hunts._hunting(*mapped(monkeypatch, lambda a: 2 + 1.01 * (a - 2))) == (2, 2)
+    above = lambda a: np.where(a > 2.25, 3.0, 2.0)  # noqa: E731  # P(a) is no nearer there
+    low, high = rests_or_hunts._hunting(*mapped(monkeypatch, above))
+    assert 0.24 < 2 - low <= 0.25 and high - 2 == pytest.approx(2 - low, rel=1e-12)
+
+
+@pytest.mark.parametrize("border", [0.9, 0.3])
+def test_rest_is_shown_up_to_where_a_motion_grows(monkeypatch, border):
+    """P(a)/a = (1 + a/border)/2 is less than 1 below the border; the last motion that shrinks counts."""
+    unstable, _ = mapped(monkeypatch, lambda a: a * (1 + a / border) / 2)
+    found = rests_or_hunts._resting(unstable)
+    assert 0.9 * border < found < border
+    assert rests_or_hunts._resting(mapped(monkeypatch, lambda a: 0.9 * a)[0]) == 1
+    assert rests_or_hunts._resting(mapped(monkeypatch, lambda a: 1.1 * a)[0]) == 0
 
 
 @pytest.mark.slow

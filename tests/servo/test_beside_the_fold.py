@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 
 import pytest
+from peer_support import needs
 
 from casahunt import Options, find_fold, find_orbit
 from casahunt.servo import cold_start
@@ -33,7 +34,7 @@ def motions(monkeypatch):
 @pytest.mark.parametrize("gain", [0.58, 0.6, 0.615, 0.619])
 def test_one_motion_from_outside_leads_to_the_stable_cycle(gain, motions):
     """The truth is heyoka's, whose motions share nothing with the program."""
-    peer = pytest.importorskip("scripts.peers.servo_heyoka")
+    peer = needs("scripts.peers.servo_heyoka")
     orbit = find_orbit(table1.servo(), "lugre", gain, options=Options(tol=1e-8))
     truth = peer.LugreTaylor(1e-12).cycle(table1.servo(), gain)
     assert orbit.period == pytest.approx(truth.period, rel=1e-7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from casahunt.motion.march_watch import Watch
 from casahunt.servo.cycles import automaton
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map import fold as fold_module
+from casahunt.servo.event_map.cubics import cubic_is_good, nothing_between, one_sided
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.fold import map_fold
 from casahunt.servo.event_map.half_cycle import half_cycle
-from casahunt.servo.event_map.scan import _fixed_point
+from casahunt.servo.event_map.scan import Scan, _fixed_point
 from casahunt.servo.event_map.slopes import MapPoint, map_at, map_error, rounding
 from problems import table1
 from problems.taylor import switch_half_cycle
@@ -80,6 +82,65 @@ def test_a_rising_map_and_no_cycle_above_the_fold():
     assert len(near.fixed) == 2 and near.fixed[0].multiplier > 1 > near.fixed[1].multiplier
     # Square root law: amplitudes a* (1 -+ O(sqrt(1e-6))).
     assert near.fixed[0].amplitude < fold["amplitude"] < near.fixed[1].amplitude
+
+
+def on(y: np.polynomial.Polynomial, t: float, off: float = 0.0) -> MapPoint:
+    """The map P(a)/a - 1 = y(log2 a), at a = 2^t."""
+    a, rate = 2.0**t, y.deriv()(t) / math.log(2)
+    return MapPoint(a, a * (1 + y(t) + off), 1 + y(t) + rate, 0.0, 1.0, 0.0, a, 1)
+
+
+@pytest.mark.parametrize(
+    ("y", "off", "nothing"),
+    [
+        ([-0.5], 0.0, True), ([-0.5, 0.3, 0.1, -0.2], 0.0, True), ([0.2, 0.1], 0.0, True),
+        ([-0.5], 0.12, True), ([-0.5], 0.15, False),  # a hundredth, and a quarter of the distance from zero
+        ([-0.5, 1.0], 0.0, False), ([-0.5, 2.0, -1.7], 0.0, False),  # zero beyond the middle; zero twice
+        ([-0.5], 0.6, False), ([-0.5], math.nan, False),
+        ([-1e-4], 0.0, True), ([-1e-4, 5e-5], 0.0, True), ([-9e-6, 6e-5, -1e-4], 0.0, False),  # -1e-4 (t - 0.3)^2
+    ],
+)  # fmt: skip
+def test_that_there_is_nothing_between_two_motions(y, off, nothing):
+    """Cubics along log a are the map itself: but for what the motion half-way is off, of which nobody knows."""
+    y = np.polynomial.Polynomial(y)
+    assert nothing_between(on(y, 0.0), on(y, 0.5, off), on(y, 1.0)) is nothing
+    assert not nothing_between(on(y, 0.0), on(y, 0.5, -2 * y(0.5)), on(y, 1.0))  # the sign changes, and back
+
+
+def test_one_side_is_kept_with_room_to_spare():
+    for y, one in (
+        ([-1e-4], True), ([-1e-4, 1e-5], True), ([-9e-6, 6e-5, -1e-4], False), ([-1e-4, 1.9e-4], False),
+        ([-1e-4, 9.4e-5], True), ([-1e-4, 9.7e-5], False),
+    ):  # fmt: skip
+        y = np.polynomial.Polynomial(y)
+        assert one_sided(*(on(y, t) for t in (0.0, 0.5, 1.0))) is one
+
+
+@pytest.mark.parametrize(("slope", "good"), [(0.1, False), (400.0, False), (600.0, True), (-600.0, True)])
+def test_a_step_that_slopes_do_not_explain_is_a_jump(slope, good):
+    """P rises by 1 over 1e-3: a slope of 1000 explains all of it."""
+    left, right = (MapPoint(a, P, slope, 0.0, 1.0, 0.0, a, 1) for a, P in ((1.0, 0.2), (1.001, 1.2)))
+    assert cubic_is_good(left, right) is good
+
+
+@pytest.mark.parametrize(
+    ("excess", "slope", "width", "steep"),
+    [
+        (1e-9, 2.0, 1e-14, False), (1e-9, 1e8, 1e-14, True), (1e-9, -1e8, 1e-14, True), (1e-3, 1e8, 1e-14, False),
+        (1e-9, 2.0, 1e-8, True), (1e-15, 1.0, 0.0, True), (1e-13, 1.0, 0.0, False),
+    ],
+)  # fmt: skip
+def test_what_is_left_at_a_fixed_point_is_rounding_times_the_slope(excess, slope, width, steep):
+    """Of a = 1 rad, which is known to 2e-16: 8 times that, and the bracket's width, are allowed for."""
+    best = MapPoint(1.0, 1.0 + excess, slope, 0.0, 1.0, 0.0, 1.0, 1)
+    state = module._Scan(Servo(), 0.3)
+    assert rounding(state.servo, state.gain, 1.0) == np.finfo(float).eps
+    assert module._steep_not_jump(state, best, width) is steep
+
+
+@pytest.mark.parametrize(("failed", "conclusive"), [(0, True), (20, True), (21, False), (100, False)])
+def test_a_scan_of_which_too_much_failed_shows_nothing(failed, conclusive):
+    assert Scan(1e-4, 1.0, 0.5, 0.1, None, None, (0.1,) * failed, 100).conclusive is conclusive
 
 
 def test_jumps_are_not_fixed_points():

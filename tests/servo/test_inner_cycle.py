@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,6 +36,14 @@ def inner(gain: float, servo: Servo | None = None):
     servo = servo or Servo()
     outer = near_typical(servo, gain, close=0.3)
     return inner_cycle.inner_cycle(servo, gain, outer.fixed, outer.moving, ACCURATE)
+
+
+@pytest.mark.parametrize(("part", "vanished"), [(0.9e-6, True), (1.1e-6, False), (1.0, False)])
+def test_an_amplitude_that_counts_as_none(part, vanished):
+    """A millionth of Fs/kp, where the proportional torque is static friction."""
+    kp, _, _ = Servo().torque_gains(0.3)
+    orbit = SimpleNamespace(servo=Servo(), gain=0.3, amplitude=part * Servo().friction.static / kp)
+    assert orbits._vanished(orbit) == vanished
 
 
 @pytest.mark.parametrize(("servo", "gain"), [

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from casahunt import Servo, cli, simulate
-from casahunt.servo.simulation import prospect
+from casahunt.servo.simulation import prospect, verdict
 from casahunt.servo.simulation.prospect import cycle_near, escapes, settles
-from casahunt.servo.simulation.swings import limit_of, limit_of_sides
+from casahunt.servo.simulation.swings import ABOVE, limit_of, limit_of_sides
 from casahunt.servo.simulation.verdict import SWINGS, judge
 from problems import taylor
 from scripts import verdicts
@@ -72,6 +72,12 @@ def test_a_lopsided_cycle_converges_side_by_side():
     assert limit_of(A, 1e-12) is None
     limit, uncertain, ratio = limit_of_sides(A, 1e-12)
     assert abs(limit - 2) <= uncertain and ratio == pytest.approx(0.49, abs=1e-3)
+
+
+@pytest.mark.parametrize(("spread", "agree"), [(0.0, True), (0.99, True), (1.01, False), (100.0, False)])
+def test_swings_agree_to_what_can_be_read(spread, agree):
+    swings = np.array([1.0, 1.0 - spread * ABOVE * 1e-9, 1.0])
+    assert verdict._agree(swings, 1e-9) is agree
 
 
 # What lies ahead: against the Taylor engine and computed cycles ------------------------------------------------
@@ -249,12 +255,58 @@ def test_the_verdict_names_what_it_was_judged_from():
     assert f"{v.limit:.8g}" in v.sentence
 
 
+def known_to(found, error: float) -> SimpleNamespace:
+    """A motion as it is, its position known to an error [rad]."""
+    names = "model", "servo", "gain", "regularised", "times", "states", "modes", "ended", "shape", "dense", "torque"
+    return SimpleNamespace(**{name: getattr(found, name) for name in names}, state_errors=np.full(3, error))
+
+
 def test_motions_that_are_not_known_are_not_judged():
-    found = simulate(TABLE_1, "switch", 0.04)
-    unknown = SimpleNamespace(**{name: getattr(found, name) for name in (
-        "model", "servo", "gain", "regularised", "times", "states", "modes", "ended", "shape", "dense", "torque"
-    )}, state_errors=np.full(3, np.inf))  # fmt: skip
-    assert judge(unknown).kind == "undecided"
+    assert judge(known_to(simulate(TABLE_1, "switch", 0.04), np.inf)).kind == "undecided"
+
+
+BORDER = 0.01
+"""Of the maps below: stick positions up to it [rad] are followed by smaller ones."""
+
+
+def map_made_by_hand(monkeypatch, q, slope) -> None:
+    """P(b) = b q(b/BORDER), with dP/db given, in the place of the Switch servo's."""
+    made = lambda servo, gain, b: SimpleNamespace(position=b * q(b / BORDER), slope=slope(b / BORDER))  # noqa: E731
+    for module in (prospect, verdict):
+        monkeypatch.setattr(module, "map_at", made)
+
+
+def stuck(model, at: float, **how):
+    """A servo stuck so many BORDERs beside its set point, far from breaking away."""
+    return simulate(TABLE_1, model, 0.3, time=0.05, set_point=0.0, position=-at * BORDER, **how)
+
+
+@pytest.mark.parametrize(("at", "error", "kind"), [(0.9, 0.05, "decaying"), (0.9, 0.15, "undecided")])
+def test_what_may_lie_beyond_the_border_does_not_settle(monkeypatch, at, error, kind):
+    """P(b) = b^3/BORDER^2: the farthest place where the servo may be stuck decides."""
+    map_made_by_hand(monkeypatch, lambda u: u**2, lambda u: 3 * u**2)
+    assert judge(known_to(stuck("switch", at), error * BORDER)).kind == kind
+
+
+@pytest.mark.parametrize(("error", "kind"), [(5e-3, "decaying"), (0.015, "undecided")])
+def test_what_may_lie_beyond_the_border_a_swing_later_does_not_settle(monkeypatch, error, kind):
+    """q = 1 + 0.4 (u - 1) (3 - u): from 3.69 the next stick is at 0.95, farther by 4.7 times what 3.69 is known to."""
+    q, slope = lambda u: 1 + 0.4 * (u - 1) * (3 - u), lambda u: 1 + 0.4 * (-3 * u**2 + 8 * u - 3)
+    assert q(3.69) * 3.69 == pytest.approx(0.95, abs=1e-3) and slope(3.69) == pytest.approx(-4.7, abs=0.05)
+    map_made_by_hand(monkeypatch, q, slope)
+    found = judge(known_to(stuck("switch", 3.69), error * BORDER))
+    assert found.kind == kind and ("1 swings later" in found.sentence) == (kind == "decaying")
+
+
+@pytest.mark.parametrize("how", ["lugre", "band"])
+@pytest.mark.parametrize(("error", "kind"), [(0.05, "decaying"), (0.15, "undecided")])
+def test_what_may_lie_beyond_the_border_does_not_settle_in_other_models(monkeypatch, how, error, kind):
+    """The same, P(b)/b = (b/BORDER)^2, where no motion carries it on."""
+    monkeypatch.setattr(verdict, "_carried_on", lambda motion: None)
+    monkeypatch.setattr(prospect, "half_cycle", lambda model, servo, gain, b: SimpleNamespace(ratio=(b / BORDER) ** 2))
+    monkeypatch.setattr(prospect, "_band_position", lambda servo, gain, b: b**3 / BORDER**2)
+    motion = stuck("lugre", 0.9) if how == "lugre" else stuck("switch", 0.9, regularised=True)
+    assert judge(known_to(motion, error * BORDER)).kind == kind
 
 
 def test_command_prints_the_swings(capsys):

@@ -16,6 +16,7 @@ import pytest
 
 import casahunt
 from casahunt.cli import main
+from casahunt.views.evidence import page as evidence
 from casahunt.views.evidence.page import page, value_at
 from casahunt.views.evidence.record import made as made_of
 from casahunt.views.glossary import GLOSSARY, words_in
@@ -116,6 +117,34 @@ def test_what_is_not_verified_stands_on_the_page(record):
     check |= {"result": "speaks against it", "against": ["a loop is unstable"]}
     shown = page(record | {"verification": check}, {})
     assert "The verification speaks against it" in shown and "a loop is unstable" in shown
+
+
+WRONG = '<b onclick="x">A & B'
+
+
+def hostile(value, key=""):
+    """A record whose texts, and names of elasticities, each hold HTML; but for the texts that the page chooses by."""
+    if isinstance(value, dict):
+        end = WRONG if key == "elasticities" else ""
+        return {name + end: hostile(entry, name) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [hostile(entry, key) for entry in value]
+    return value + WRONG if isinstance(value, str) and key not in ("result", "verdict", "binding") else value
+
+
+def test_no_text_is_taken_for_html(record, monkeypatch):
+    """Whatever stands in a text: a servo file's name, what was set, a reason, a caption, an explanation."""
+    pictures = dict.fromkeys(evidence.CAPTIONS, b"")
+    check = record["verification"] | {"against": ["a loop"], "unverified": ["a task"]}
+    made = made_of("my servo.toml", ["friction.static=0.55"])
+    plain = record | {"verification": check, "made": made}
+    before = page(plain, pictures)
+    for texts, name in [(evidence.CAPTIONS, "diagram"), (GLOSSARY, "fold"), (GLOSSARY, "event map")]:
+        monkeypatch.setitem(texts, name, texts[name] + WRONG)
+    after = page(hostile(plain), pictures)
+    tags = [re.findall(r"<(/?\w+)", text) for text in (before, after)]
+    assert tags[0] == tags[1] and after.count("A &amp; B") > 60
+    assert WRONG not in after and 'onclick="' not in after and "A & B" not in after
 
 
 def test_nothing_comes_from_elsewhere(text, reader):

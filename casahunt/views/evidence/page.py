@@ -99,10 +99,10 @@ class _Page:
         """The number at `key`, shown in the given form; a dash where there is none."""
         value = value_at(self.record, key)
         if value is None:
-            return f'<span data-key="{key}">\N{EN DASH}</span>'
+            return f"<span {_keyed(key)}>\N{EN DASH}</span>"
         shown = format(value * factor, form).replace("-", "\N{MINUS SIGN}")
         times = f' data-factor="{factor:g}"' if factor != 1 else ""
-        return f'<data data-key="{html.escape(key)}" data-form="{form}"{times} value="{value!r}">{shown}</data>'
+        return f'<data {_keyed(key)} data-form="{form}"{times} value="{value!r}">{shown}</data>'
 
     def known(self, key: str, unit: str, error: float, most: int = 8) -> str:
         """As `with_unit`, to the digits that the relative error vouches for."""
@@ -117,12 +117,17 @@ class _Page:
 
     def text(self, key: str) -> str:
         """The text at `key`."""
-        return f'<span data-key="{html.escape(key)}">{html.escape(str(value_at(self.record, key)))}</span>'
+        return f"<span {_keyed(key)}>{html.escape(str(value_at(self.record, key)))}</span>"
 
     def verdict(self, key: str, good: str, bad: str) -> str:
         """One of two phrases."""
         ok = bool(value_at(self.record, key))
         return f'<span class="{"good" if ok else "bad"}">{good if ok else bad}</span>'
+
+
+def _keyed(key: str) -> str:
+    """The attribute that says where in the record a number or a text stands."""
+    return f'data-key="{html.escape(key)}"'
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:

@@ -1,0 +1,47 @@
+"""What is believed of two cycles next to each other, and where it is not; cycles made by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from casahunt.continuation import behind_grazing, branch
+
+
+def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):
+    """A cycle of two states with these extremes."""
+    states = np.array([[x[0], x[1], 0.0], [v[0], v[1], 1.0]])
+    return SimpleNamespace(period=period, problem=None, scale=np.ones(2), sample=lambda: (np.zeros(3), states))
+
+
+@pytest.mark.parametrize(
+    ("other", "alike"),
+    [
+        ({}, True), ({"period": 2.09}, True), ({"period": 2.11}, False), ({"period": 1.89}, False),
+        ({"x": (1.09, -1.09)}, True), ({"x": (1.11, -1.0)}, False), ({"x": (1.0, -0.89)}, False),
+        ({"v": (3.14, 0.14)}, True), ({"v": (3.0, 0.16)}, False), ({"v": (-3.0, 0.0)}, False),
+    ],
+)  # fmt: skip
+def test_a_cycle_behind_a_grazing_is_nearly_the_same(other, alike):
+    """A twentieth of the period, and of the range of every state; all else is another branch."""
+    assert behind_grazing._alike(sampled(), sampled(**other)) is alike
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same", "shrinks"),
+    [
+        ((4.0, 5.0), (1e-6, 5.0), True, True), ((4.0, 5.0), (3.9, 5.0), True, False),
+        ((1e-6, 5.0), (1e-7, 5.0), True, False), ((4.0, 5.0), (5.0, 1e-6), True, False),
+        ((4.0, 5.0), (1e-6, 5.0), False, False),
+    ],
+)  # fmt: skip
+def test_a_first_phase_that_has_become_short(monkeypatch, before, after, same, shrinks):
+    monkeypatch.setattr(branch, "Family", SimpleNamespace)
+
+    def orbit(durations, signature):
+        arcs = [SimpleNamespace(duration=duration) for duration in durations]
+        return SimpleNamespace(arcs=arcs, problem=SimpleNamespace(), signature=signature)
+
+    assert branch._first_shrinks(orbit(before, "phases"), orbit(after, "phases" if same else "others")) is shrinks
