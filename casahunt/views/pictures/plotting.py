@@ -146,7 +146,7 @@ def _laid_out(figure: Figure, dpi: float) -> Iterator[None]:
 
 def figure_of(drawn: Any) -> Figure:
     """The figure that axes, or an array of them, stand in; a figure's own is itself."""
-    return drawn if isinstance(drawn, Figure) else np.ravel(np.asarray(drawn, dtype=object))[0].get_figure(root=True)
+    return drawn if isinstance(drawn, Figure) else np.ravel(np.asarray(drawn, dtype=object))[0].figure.canvas.figure
 
 
 def at_least_one(what: str, items: Sequence[Any]) -> None:
