@@ -22,15 +22,15 @@ from casahunt import Servo, find_orbit, load, load_branch, load_orbit, load_unce
 from casahunt.design.record import file as record_file
 from casahunt.errors import InputError
 from casahunt.files import bounded
-from casahunt.orbits import archive
+from casahunt.orbits import packed
 from casahunt.servo import servo as servo_file
 
 READERS: dict[str, tuple[Callable[[Any], object], float]] = {
     "servo": (load, servo_file.LARGEST_TOML),
     "uncertainty": (lambda path: load_uncertainty(path, Servo()), servo_file.LARGEST_TOML),
     "record": (read_record, record_file.LARGEST_RECORD),
-    "orbit": (load_orbit, sum(archive.LARGEST.values()) + archive.FRAME),
-    "branch": (load_branch, sum(archive.LARGEST.values()) + archive.FRAME),
+    "orbit": (load_orbit, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME),
+    "branch": (load_branch, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME),
 }
 
 
@@ -128,7 +128,7 @@ def test_a_pipe_without_an_end_ends(piped):
 MOST = 100_000  # of the numbers; of the metadata it is what it is
 
 
-def packed(path: Path, count: int, method: int, says: int | None = None) -> None:
+def pack(path: Path, count: int, method: int, says: int | None = None) -> None:
     """An archive of zeros; `says`: the bytes of the numbers that its directory states."""
     metadata, numbers = io.BytesIO(), io.BytesIO()
     text = json.dumps({"schema": "casahunt", "version": 1, "kind": "orbit"}).encode()
@@ -157,9 +157,9 @@ def packed(path: Path, count: int, method: int, says: int | None = None) -> None
 )
 def test_an_archive_is_not_unpacked_to_its_size(tmp_path, monkeypatch, method, says, said):
     """40 MB from a file of 40 kB; the memory that is taken is that of the limit."""
-    monkeypatch.setitem(archive.LARGEST, "numbers", MOST)
+    monkeypatch.setitem(packed.LARGEST_ARRAYS, "numbers", MOST)
     path = tmp_path / "a.npz"
-    packed(path, 5_000_000, method, says)
+    pack(path, 5_000_000, method, says)
     assert path.stat().st_size < MOST
     with unread(20 * MOST), pytest.raises(InputError, match=said):
         load_orbit(path)
@@ -174,7 +174,7 @@ def test_numpys_own_way_to_pack_is_read(tmp_path):
 
 @pytest.mark.parametrize("what", ["metadata", "numbers"])
 def test_nothing_is_written_that_could_not_be_read(tmp_path, monkeypatch, what):
-    monkeypatch.setitem(archive.LARGEST, what, 100)
+    monkeypatch.setitem(packed.LARGEST_ARRAYS, what, 100)
     with pytest.raises(InputError, match=f"a.npz': its {what} take more than 0 MB"):
         save_orbit(find_orbit(Servo(), "switch", 0.1), tmp_path / "a.npz")
     assert not list(tmp_path.iterdir())

@@ -8,9 +8,7 @@ with a damaged or foreign file.  Who knows the problem poses it again from its d
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -24,6 +22,7 @@ from ..errors import InputError, Status
 from ..files import bounded, whole
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle
+from . import packed
 from .orbit import Arc, Orbit
 
 Array = np.ndarray
@@ -35,11 +34,7 @@ SCHEMA = "casahunt"
 VERSION = 1
 SIGN = f'{{"schema": "{SCHEMA}"'.encode()
 """How the metadata begin: near the beginning of the file, which is not packed."""
-LARGEST = {"metadata": 3e7, "numbers": 2e8}
-"""Bytes that a file may hold: of 6000 cycles of four states at the least tolerance, six times the longest curve that
-the command line computes.  Reading takes three times as much memory, and metadata made for it 25 times theirs."""
-FRAME = 1e4
-"""Bytes around an array at most: names, checksums, its type and shape."""
+
 
 Said = dict[Orbit, tuple[int, str, Array]]
 """Orbits as they were written before: where their numbers stood, their record as JSON text, their numbers."""
@@ -190,7 +185,7 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
 
     Raises
     ------
-    InputError : there can be no file at `path`, NaN or infinity is to be written, or more than `LARGEST`.
+    InputError : there can be no file at `path`, NaN or infinity is to be written, or more than can be read.
     OSError : the disk is full.
     """
     path = Path(path)
@@ -211,8 +206,8 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
     if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     for what, array in (("metadata", text), ("numbers", numbers)):
-        if array.nbytes > LARGEST[what]:  # nobody could read them
-            raise InputError(f"cannot write {str(path)!r}: its {what} take more than {LARGEST[what] / 1e6:.0f} MB")
+        if array.nbytes > (most := packed.LARGEST_ARRAYS[what]):  # nobody could read them
+            raise InputError(f"cannot write {str(path)!r}: its {what} take more than {most / 1e6:.0f} MB")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
     with whole(path) as stream:
@@ -287,19 +282,11 @@ def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     InputError : no such file, none of this schema, version and kind, or damaged.
     """
     name = repr(str(path))
-    found = bounded(path, name, sum(LARGEST.values()) + FRAME)
-    if not found.startswith(b"PK"):  # every npz file is a zip file, and every zip file begins so
-        raise InputError(f"{name} is no npz file")
-    try:
-        with zipfile.ZipFile(io.BytesIO(found)) as archive:
-            if not {"metadata.npy", "numbers.npy"} <= set(archive.namelist()):
-                raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
-            text = _array(archive, "metadata", np.uint8).tobytes()
-            numbers = _array(archive, "numbers", np.float64)
-    except InputError:
-        raise
-    except Exception as error:  # whatever zipfile, zlib and numpy make of bytes that are not as they were written
-        raise InputError(f"{name} is damaged: {str(error) or 'it ends too early'}") from None
+    found = bounded(path, name, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME)
+    arrays = packed.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
+    if arrays is None:
+        raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
+    text, numbers = arrays["metadata"].tobytes(), arrays["numbers"]
     try:
         metadata = json.loads(text, parse_constant=_not_a_number)
     except (ValueError, RecursionError):
@@ -314,21 +301,6 @@ def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     if not np.isfinite(numbers).all():
         raise InputError(f"{name} is damaged: it holds NaN or infinity")
     return metadata, numbers
-
-
-def _array(archive: zipfile.ZipFile, name: str, dtype: type) -> Array:
-    """One array of the file, its size looked at before it is unpacked, its checksum verified before numpy sees it."""
-    entry, most = archive.getinfo(f"{name}.npy"), LARGEST[name] + FRAME
-    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # numpy's; others unpack without a bound
-        raise ValueError(f"{name} is packed as numpy packs nothing")
-    if entry.file_size > most:
-        raise ValueError(f"{name} would take {entry.file_size / 1e6:.0f} MB, and may take {LARGEST[name] / 1e6:.0f}")
-    with archive.open(entry) as stream:
-        unpacked = stream.read(entry.file_size + 1)  # the size that is stated, whatever follows
-    array = np.lib.format.read_array(io.BytesIO(unpacked), allow_pickle=False)
-    if array.ndim != 1 or array.dtype != dtype:
-        raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
-    return array
 
 
 def _not_a_number(text: str) -> float:

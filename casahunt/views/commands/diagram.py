@@ -77,7 +77,8 @@ def run(options: argparse.Namespace) -> int:
     with folder(options.out, results) as out:
         there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}
         # What an earlier run has left makes room when this one has its first point, and not before.
-        stale = {name: sign for name, sign in results.items() if not there.get(Path(name).stem, ([], ""))[0]}
+        taken_up = [model for model in models if there[model][0]]
+        stale = {name: sign for name, sign in results.items() if Path(name).stem not in taken_up}
         found = _Found(task, out, there, stale, progress(options.quiet))
         try:
             for model in models:
