@@ -115,7 +115,7 @@ def largest_swing(servo: Servo, gain: float) -> float:
 
 @pytest.mark.slow
 def test_the_story_s_numbers_by_another_engine():
-    """0.8007 is the fold of its worst servo, by Taylor series; no corner of the set has a larger one; 10 % above, 0.8808."""
+    """0.8007 is the fold of its worst servo, by Taylor series; no corner has a larger one; 10 % above it, 0.8808."""
     words, servo = shlex.split(STORY.partition("#")[0]), Servo()
     uncertainty = load_uncertainty(ROOT / words[words.index("--uncertainty") + 1], servo)
     corners = [
@@ -166,7 +166,7 @@ def parser_default(command: str, option: str) -> str:
 
 
 def test_the_first_command_is_what_a_fresh_machine_does():
-    """.ci/run does the same, by the installed package; and the comments promise numbers that test_commands looks for."""
+    """.ci/run does the same, by the installed package; the comments promise numbers that test_commands looks for."""
     assert blocks("sh")[0].endswith("pip install . && casahunt diagram\n")
     steps = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert "python -m pip install --quiet .\n" in steps and "        casahunt diagram --quiet\n" in steps
