@@ -40,6 +40,20 @@ def tests(session: nox.Session) -> None:
     session.run("python", "-m", "pytest", *session.posargs)
 
 
+@nox.session(python=PYTHONS[0])  # the youngest Pythons have no numpy that old
+def floors(session: nox.Session) -> None:
+    """The README's first command, and the tests of commands and files, with the oldest versions that are allowed."""
+    work = Path(session.create_tmp())
+    lowest = work / "floors.txt"
+    lowest.write_text(str(session.run("python", ".ci/floors.py", silent=True)), encoding="utf-8")
+    session.install("-c", str(lowest), ".", "pytest", "pytest-xdist", "scipy", "pandas")
+    session.env.update({"MPLBACKEND": "Agg", "MPLCONFIGDIR": str(work)})
+    with session.chdir(work):
+        session.run("casahunt", "diagram", "--quiet")
+    files = ("tests/views", "tests/test_results.py", "tests/test_files.py", "tests/test_sizes.py")
+    session.run("python", "-m", "pytest", "-W", "ignore::DeprecationWarning", *files)
+
+
 @nox.session(default=False)
 def slow(session: nox.Session) -> None:
     """The tests that take longer."""

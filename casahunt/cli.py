@@ -25,6 +25,7 @@ from .checks import known
 from .errors import InputError, NoOrbit
 from .views.commands.arguments import Parser
 from .views.commands.console import Outputs, complain, explain_complaints, own_process, progress, say
+from .views.commands.written import keep_inputs
 
 COMMANDS = (
     "orbit",
@@ -115,6 +116,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         name, stream = options.command, progress(options.quiet)
         tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
+        keep_inputs(options)
         with Outputs() as options.outputs, effort.watched(tell, limit=limit):
             return _module(name).run(options)
     except InputError as error:

@@ -32,6 +32,8 @@ from .tables import table
 
 Columns = Mapping[str, Sequence[Any] | np.ndarray]
 """A table: its columns by name, all of one length."""
+MAKER = "casahunt"
+"""What files that name their program name."""
 JSON_SPACES = 1
 """Indentation of a JSON file."""
 

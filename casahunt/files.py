@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and one run at a time writes into a folder.
+"""Files appear whole or not at all, none is read beyond a limit, and one run at a time writes into a folder.
 
 A file is written beside its place, without a name where the system knows such files, else under one that nobody reads;
 it is brought to the disk, and takes its name at the end: who opens the file finds the old one or the new one, whatever
@@ -15,6 +15,7 @@ import io
 import os
 import secrets
 import shutil
+import stat
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -28,9 +29,49 @@ _NO_PLACE = (
 )  # fmt: skip
 """Errors of a path that was wrong from the start; all others came on the way, as a full disk does."""
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+_ANYBODY_WRITES = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
+"""Of these a file has none that its owner protects, which the system does not tell its administrator."""
 _HANDLES = "/proc/self/fd"
 LOCK = ".casahunt-lock"
 """The file that locks a folder where the system has no lock for it."""
+
+
+def bounded(path: str | Path, what: str, most: float) -> bytes:
+    """All of a file, or of a pipe, looked at before it is read: it may be a device without an end.
+
+    Parameters
+    ----------
+    path
+        the file.
+    what
+        the beginning of a refusal: what the file is.
+    most
+        bytes that it may hold.
+
+    Returns
+    -------
+    Its bytes.
+
+    Raises
+    ------
+    InputError : no such file, not readable, neither a file nor a pipe (nor a terminal), or too large.
+    """
+    try:
+        with open(path, "rb") as stream:
+            found = os.fstat(stream.fileno())
+            device = stat.S_ISBLK(found.st_mode) or (stat.S_ISCHR(found.st_mode) and not stream.isatty())
+            read = b"" if device or found.st_size > most else stream.read(found.st_size + 1)
+            if len(read) > found.st_size:  # a pipe has no size
+                read += stream.read(int(most) + 1 - len(read))
+    except FileNotFoundError:
+        raise InputError(f"{what}: no such file") from None
+    except (OSError, ValueError) as error:  # a name with a NUL, the second
+        raise InputError(f"{what}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if device:
+        raise InputError(f"{what}: must be a file or a pipe, but is a device")
+    if max(found.st_size, len(read)) > most:
+        raise InputError(f"{what}: must not be larger than {most / 1e6:g} MB")
+    return read
 
 
 @contextmanager
@@ -52,7 +93,7 @@ def whole(path: str | Path) -> Iterator[IO[bytes]]:
             with target.open("wb") as stream:
                 yield stream
             return
-        if target.exists() and not os.access(target, os.W_OK):  # renaming would not ask
+        if protected(target):  # renaming would not ask
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         draft = _Draft(path, target)
         try:
@@ -176,10 +217,23 @@ def _said(path: str | Path, error: OSError) -> Exception:
     return OSError(error.errno or errno.EIO, f"{str(path)!r}: {what}")
 
 
+def protected(path: Path) -> bool:
+    """Whether what stands at a path may not be written: not by us, or, as its owner has said, by nobody."""
+    return path.exists() and not (os.access(path, os.W_OK) and path.stat().st_mode & _ANYBODY_WRITES)
+
+
 def set_aside(paths: Iterable[Path]) -> dict[Path, Path]:
-    """Rename the files that exist to NAME.old (.old2, ... where that is taken); returns where each has gone."""
-    moved: dict[Path, Path] = {}
-    for path in paths:
+    """Rename the files that exist to NAME.old (.old2, ... where that is taken); returns where each has gone.
+
+    Raises
+    ------
+    InputError : one of them is protected; none has gone then.
+    """
+    found, moved = list(paths), {}
+    for path in found:
+        if protected(path):
+            raise _said(path, PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
+    for path in found:
         if path.is_file():
             number = 1
             while os.path.lexists(aside := path.with_name(f"{path.name}.old{number if number > 1 else ''}")):

@@ -24,6 +24,7 @@ from contextlib import contextmanager, suppress
 
 AGAIN = 0.05  # s; longer than an exception needs from where it is raised to the first handler
 LIMIT = 0.7  # s from the signal to the end: what is left of a second is for a busy machine
+CLEARING = 0.1  # s of that second for what is to be cleared up by force; it takes milliseconds
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
@@ -90,7 +91,7 @@ def leave() -> int:
     """
     code = _code()
     if _State.installed:
-        _end_children()
+        _clear_up()
         for stream in (sys.stdout, sys.stderr):
             with suppress(Exception):
                 stream.flush()
@@ -98,13 +99,25 @@ def leave() -> int:
     return code
 
 
-def _end_children() -> None:
-    """End the worker processes, which may still be importing and see nothing of what becomes of this one."""
-    process = sys.modules.get("multiprocessing.process")
+def _clear_up() -> None:
+    """End the worker processes, and give back the semaphores that they shared.
+
+    The processes may still be importing and see nothing of what becomes of this one.  The semaphores have names in the
+    system, which destructors remove; a process that ends at once runs none, and multiprocessing's resource tracker
+    would remove them in its place and complain of a leak.
+    """
+    process, synchronize, util = (
+        sys.modules.get(f"multiprocessing.{name}") for name in ("process", "synchronize", "util")
+    )
     if process is not None:
         with suppress(Exception):
             for child in process.active_children():
                 child.kill()
+    if synchronize is not None and util is not None:
+        with suppress(Exception):
+            for finalizer in list(util._finalizer_registry.values()):
+                if finalizer._callback == synchronize.SemLock._cleanup:
+                    finalizer()
 
 
 def _code() -> int:
@@ -155,7 +168,15 @@ def _insist(number: int) -> None:
         else:
             _thread.interrupt_main(signal.Signals(number))
     _say_so()
-    _end_children()
+    cleared = _thread.allocate_lock()
+    cleared.acquire()
+
+    def clear() -> None:
+        _clear_up()
+        cleared.release()
+
+    _thread.start_new_thread(clear, ())  # the main thread, wherever it is, may hold a lock that is needed there
+    cleared.acquire(timeout=CLEARING)
     os._exit(_code())
 
 

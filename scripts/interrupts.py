@@ -160,7 +160,7 @@ def said(text: str, kind: str) -> list[str]:
     """Complaints about what stands on standard error."""
     if kind == "kill":
         return []
-    found = [f"{word!r} on standard error" for word in ("Traceback", "Exception ignored") if word in text]
+    found = [f"{word!r} on standard error" for word in ("Traceback", "Exception ignored", "leaked") if word in text]
     if text.count("terminated" if kind == "term" else "interrupted") != 1:
         found.append(f"not said once: {text[-300:]!r}")
     return found

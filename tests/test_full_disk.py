@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from file_support import ROOT, cheap_tuning, contents, full_disk, posix, run
+from file_support import ROOT, cheap_tuning, contents, full_disk, posix, results, run
 from matplotlib.figure import Figure
 
 import casahunt
@@ -33,8 +33,9 @@ def test_a_full_disk_says_so_and_leaves_what_was_there(capsys, tmp_path, monkeyp
     words, names = WRITERS[what]
     cheap_tuning(monkeypatch)
     monkeypatch.chdir(tmp_path)
+    old = {name: results().get(name, b"old") for name in names}
     for name in names:
-        Path(name).write_text("old")
+        Path(name).write_bytes(old[name])
     with monkeypatch.context() as patch:
         full_disk(patch)
         code, out, err = run(capsys, *words, "--quiet", "--json")
@@ -42,9 +43,9 @@ def test_a_full_disk_says_so_and_leaves_what_was_there(capsys, tmp_path, monkeyp
     assert code == 1 and err.count("\n") == 1
     assert out == "" if what == "points" else isinstance(json.loads(out), dict)
     assert "could not be written" in err and "the disk is full" in err
-    assert contents(tmp_path) == {name: b"old" for name in names}
+    assert contents(tmp_path) == old
     assert run(capsys, *words, "--quiet", "--json")[0] == 0
-    assert set(contents(tmp_path)) == set(names) and b"old" not in contents(tmp_path).values()
+    assert set(contents(tmp_path)) == set(names) and not set(contents(tmp_path).values()) & set(old.values())
 
 
 @pytest.mark.parametrize("full", [[0], [1], [0, 1]])
@@ -134,11 +135,12 @@ def test_a_full_disk_leaves_the_old_picture(tmp_path, monkeypatch, suffix):
 
 def test_a_full_disk_ends_a_diagram(capsys, tmp_path, monkeypatch):
     """What was there stays, under another name where the new run had begun."""
-    (tmp_path / "switch.csv").write_text("old")
+    old = results("switch")["switch.csv"]
+    (tmp_path / "switch.csv").write_bytes(old)
     full_disk(monkeypatch)
     code, out, err = run(capsys, "diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet")
     assert (code, out) == (1, "") and "the disk is full" in err and "Traceback" not in err
-    assert list(contents(tmp_path).values()) == [b"old"]
+    assert list(contents(tmp_path).values()) == [old]
 
 
 def test_nobody_else_writes_files():

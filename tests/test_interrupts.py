@@ -114,6 +114,27 @@ def test_terminated():
     assert on_the_command_line("def work(options): wait()", signal.SIGTERM) == (143, "", "casahunt loop: terminated\n")
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("by_thread", [False, True])
+def test_worker_processes_leave_nothing(number, by_thread):
+    """No process, and no semaphore for multiprocessing's resource tracker, which would complain on standard error."""
+    work = f"""
+        import multiprocessing
+        from concurrent.futures import ProcessPoolExecutor
+
+        def work(options):
+            spawn = multiprocessing.get_context("spawn")
+            pool = ProcessPoolExecutor(2, mp_context=spawn, initializer=interrupts.serve)
+            pool.submit(time.sleep, 120)
+            try:
+                wait()
+            finally:
+                {"wait()" if by_thread else "pool.shutdown(wait=False, cancel_futures=True)"}
+        """
+    said = f"casahunt{'' if by_thread else ' loop'}: {'interrupted' if number == signal.SIGINT else 'terminated'}\n"
+    assert on_the_command_line(work, number) == (128 + number, "", said)
+
+
 def test_cleaning_up_is_not_interrupted():
     """Neither by the second signal nor by those that make sure that the first one arrives."""
     work = """

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from file_support import cheap_tuning, contents, run
+from file_support import cheap_tuning, contents, results, run
 
 from casahunt import files
-from casahunt.views.commands import diagram as command_diagram
-from casahunt.views.commands import tune as command_tune
 from casahunt.views.commands.console import folder
 
 
@@ -27,9 +25,8 @@ from casahunt.views.commands.console import folder
 def test_a_run_that_writes_nothing_touches_nothing(capsys, tmp_path, words, code):
     keep = tmp_path / "keep"
     keep.mkdir()
-    models = [f"{model}{end}" for model in ("switch", "lugre") for end in (".csv", ".npz")]
-    for name in (*command_tune.FILES, *command_diagram.PICTURES, *models, "notes.txt"):
-        (keep / name).write_text("mine")
+    for name, content in {**results("switch", "lugre"), "notes.txt": b"mine"}.items():
+        (keep / name).write_bytes(content)
     before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in keep.iterdir()}
     assert run(capsys, *words, "--out", keep, "--quiet")[:2] == (code, "")
     assert {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in keep.iterdir()} == before
@@ -50,7 +47,7 @@ def lock(request, monkeypatch):
 def test_a_second_run_is_refused(capsys, tmp_path, monkeypatch, words, lock):
     cheap_tuning(monkeypatch)
     out = tmp_path / "out"
-    with folder(str(out), []):
+    with folder(str(out), {}):
         (out / "switch.csv").write_text("of the first run")
         before = contents(out)
         code, text, err = run(capsys, *words, "--out", out, "--quiet")
@@ -65,7 +62,7 @@ def test_the_folder_is_free_again(tmp_path, trouble, lock):
     out = tmp_path / "new" / "out"
     for _ in range(2):
         try:
-            with folder(str(out), []):
+            with folder(str(out), {}):
                 assert out.is_dir()
                 if trouble:
                     raise trouble

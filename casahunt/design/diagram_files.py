@@ -16,7 +16,7 @@ from ..continuation.special_points import SpecialPoint
 from ..errors import InputError
 from ..files import together, whole_text
 from ..orbits.adapt import Options
-from ..orbits.archive import Said
+from ..orbits.archive import SIGN, Said
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
@@ -25,6 +25,8 @@ from ..servo.servo import Servo
 from ..tables import table
 from .diagram import DiagramPoint
 
+SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": SIGN}
+"""What stands in a table and in an archive of a diagram, and in no other file."""
 INTERRUPTED = "interrupted"
 """Why a branch ends that is not at its end."""
 

@@ -22,6 +22,7 @@ rows.py      an ensemble as a table
 fold_side.py on which side of a fold a cycle lies
 ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
+packed.py    arrays of a file, unpacked within limits
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it
 closure.py   how a cycle of a user's system closes, and where it is cut

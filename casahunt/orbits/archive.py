@@ -8,9 +8,7 @@ with a damaged or foreign file.  Who knows the problem poses it again from its d
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -21,9 +19,10 @@ import numpy as np
 
 from ..collocation.scheme import scheme
 from ..errors import InputError, Status
-from ..files import whole
+from ..files import bounded, whole
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle
+from . import packed
 from .orbit import Arc, Orbit
 
 Array = np.ndarray
@@ -33,6 +32,8 @@ Pose = Callable[[Mapping[str, Any]], Problem]
 
 SCHEMA = "casahunt"
 VERSION = 1
+SIGN = f'{{"schema": "{SCHEMA}"'.encode()
+"""How the metadata begin: near the beginning of the file, which is not packed."""
 
 
 Said = dict[Orbit, tuple[int, str, Array]]
@@ -184,7 +185,7 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
 
     Raises
     ------
-    InputError : there can be no file at `path`, or NaN or infinity is to be written.
+    InputError : there can be no file at `path`, NaN or infinity is to be written, or more than can be read.
     OSError : the disk is full.
     """
     path = Path(path)
@@ -204,6 +205,9 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
     text = np.frombuffer(("{" + ", ".join(entries) + "}").encode(), dtype=np.uint8)
     if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
+    for what, array in (("metadata", text), ("numbers", numbers)):
+        if array.nbytes > (most := packed.LARGEST_ARRAYS[what]):  # nobody could read them
+            raise InputError(f"cannot write {str(path)!r}: its {what} take more than {most / 1e6:.0f} MB")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
     with whole(path) as stream:
@@ -278,24 +282,11 @@ def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     InputError : no such file, none of this schema, version and kind, or damaged.
     """
     name = repr(str(path))
-    try:
-        content = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{name}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{name} cannot be read: {error.strerror or error}") from None
-    if not content.startswith(b"PK"):  # every npz file is a zip file, and every zip file begins so
-        raise InputError(f"{name} is no npz file")
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            if not {"metadata.npy", "numbers.npy"} <= set(archive.namelist()):
-                raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
-            text = _array(archive, "metadata", np.uint8).tobytes()
-            numbers = _array(archive, "numbers", np.float64)
-    except InputError:
-        raise
-    except Exception as error:  # whatever zipfile, zlib and numpy make of bytes that are not as they were written
-        raise InputError(f"{name} is damaged: {str(error) or 'it ends too early'}") from None
+    found = bounded(path, name, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME)
+    arrays = packed.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
+    if arrays is None:
+        raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
+    text, numbers = arrays["metadata"].tobytes(), arrays["numbers"]
     try:
         metadata = json.loads(text, parse_constant=_not_a_number)
     except (ValueError, RecursionError):
@@ -310,14 +301,6 @@ def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     if not np.isfinite(numbers).all():
         raise InputError(f"{name} is damaged: it holds NaN or infinity")
     return metadata, numbers
-
-
-def _array(archive: zipfile.ZipFile, name: str, dtype: type) -> Array:
-    """One array of the file, its checksum verified before numpy sees it."""
-    array = np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
-    if array.ndim != 1 or array.dtype != dtype:
-        raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
-    return array
 
 
 def _not_a_number(text: str) -> float:

@@ -24,6 +24,7 @@ import numpy as np
 
 from ..checks import floated, known, number, of_kind, quoted, require, sensible
 from ..errors import InputError
+from ..files import bounded
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .friction import Friction
 
@@ -50,6 +51,9 @@ PID_PARAMETERS = (
     "gain",
 )
 """The same for a controller by gains."""
+LARGEST_TOML = 5e4
+"""Bytes of a TOML file: ten times a covariance of all parameters with all digits.  Python's parser takes 20 s for the
+worst text of this size, one name of 25000 parts, and four times as long for one of twice the size."""
 STICK_BAND = ("friction.stick_band", "friction.stick_rate")
 """Entries behind those of the servo where its stick has a band (stick_band.py)."""
 
@@ -200,21 +204,17 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
 
     Raises
     ------
-    InputError : no such file, not readable, or not valid TOML.
+    InputError : no such file, not readable, too large, or not valid TOML.
     """
+    text = bounded(path, what, LARGEST_TOML)
     try:
-        with Path(path).open("rb") as stream:
-            return tomllib.load(stream)
-    except FileNotFoundError:
-        raise InputError(f"{what}: no such file") from None
+        return tomllib.loads(text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{what}: not valid TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{what}: cannot be read: its brackets are nested too deeply") from None
     except ValueError:  # Python's limit for the digits of an integer
         raise InputError(f"{what}: cannot be read: it holds a number of too many digits") from None
-    except OSError as error:
-        raise InputError(f"{what}: cannot be read: {error.strerror}") from None
 
 
 def load(path: str | Path) -> Servo:

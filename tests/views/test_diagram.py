@@ -101,8 +101,11 @@ def test_diagram_as_it_is_asked_for(tmp_path):
 
 def test_earlier_results_are_replaced(capsys, tmp_path):
     """By new ones of the same name, and not before those are there: without a cycle nothing is touched."""
-    for name in (*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv", "notes.txt"):
-        (tmp_path / name).write_text("old")
+    old = dict.fromkeys(command_diagram.PICTURES, command_diagram.PICTURE_SIGN) | {"notes.txt": b"mine"}
+    old |= {f"{model}{end}": sign for model in ("switch", "lugre") for end, sign in command_diagram.SIGNS.items()}
+    del old["lugre.npz"]
+    for name, content in old.items():
+        (tmp_path / name).write_bytes(content)
     before = contents(tmp_path)
     code, out, err = run(capsys, "diagram", "--model", "switch", "--from", 0.8, "--out", tmp_path)
     assert (code, out) == (1, "")
@@ -115,7 +118,7 @@ def test_earlier_results_are_replaced(capsys, tmp_path):
     assert "lugre.csv.old is of an earlier run" in left
     after = contents(tmp_path)
     assert set(after) == {*command_diagram.PICTURES, "switch.csv", "switch.npz", "lugre.csv.old", "notes.txt"}
-    assert {name for name, content in after.items() if content == b"old"} == {"lugre.csv.old", "notes.txt"}
+    assert {name for name, content in after.items() if content in old.values()} == {"lugre.csv.old", "notes.txt"}
 
 
 def walk_that_ends(with_what):

@@ -185,13 +185,6 @@ def test_the_samples_are_those_of_the_quantiles(capsys, tmp_path):
     assert (gains[0], gains[1], gains[2]) == (quantiles["min"], quantiles["50%"], quantiles["max"])
 
 
-def test_the_record_that_is_read_is_not_written_over(capsys, record):
-    before = record.read_bytes()
-    code, out, err = run(capsys, "record", record, "--csv", record)
-    assert (code, out) == (2, "") and "must be another file than the one that is read" in err
-    assert record.read_bytes() == before
-
-
 # The parts ------------------------------------------------------------------------------------------------------
 
 

@@ -134,7 +134,6 @@ def test_wrong_input(capsys, tmp_path, monkeypatch, words, parts):
         (tmp_path / name).write_bytes(content)
     for name in ("folder.png", "folder.npz", "taken", "taken/switch.csv"):
         (tmp_path / name).mkdir()
-    (tmp_path / "taken" / "diagram.png").write_text("old")
     before = contents(tmp_path)
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *words)

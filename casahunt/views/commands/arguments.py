@@ -9,15 +9,18 @@ import argparse
 import math
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
 from ...checks import known, quoted, sensible, shortened
 from ...errors import InputError
+from ...files import protected
 from ...orbits.options import SOLVERS, TOLERANCE_RANGE
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, load, with_overrides
 from .printed import LINE_WIDTH, folded, meanings
+from .written import Signs
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """Formats that --plot writes."""
@@ -231,29 +234,25 @@ def add_csv(command: Parser, what: str) -> None:
     command.add_argument("--csv", metavar="F.csv", help=f"write {what}, with all digits")
 
 
-def csv_of(options: argparse.Namespace, *others: str | None) -> Path | None:
-    """The file of --csv, checked before anything is computed.
+def csv_of(options: argparse.Namespace) -> Path | None:
+    """The file of --csv."""
+    return writable("csv", options.csv, (".csv",))
+
+
+def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **keywords: Any) -> None:
+    """The folder of a command that writes several files.
 
     Parameters
     ----------
-    options
-        the parsed command line.
-    *others
-        files that the command reads, which must not be written over.
-
-    Returns
-    -------
-    The file; None where none is wanted.
-
-    Raises
-    ------
-    InputError : it cannot be written, or is one of the others.
+    command
+        parser of the command.
+    results
+        from the parsed command line to what is written there.
+    **keywords
+        of `add_argument`.
     """
-    table = writable("csv", options.csv, (".csv",))
-    for other in others:
-        if table and other and table.exists() and Path(other).exists() and table.samefile(other):
-            raise InputError(f"csv = {options.csv!r}: must be another file than the one that is read")
-    return table
+    command.add_argument("--out", **{"metavar": "DIR"} | keywords)
+    command.set_defaults(results=results)
 
 
 def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
@@ -286,8 +285,7 @@ def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | No
             raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
     except OSError as error:
         raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
-    present = target.exists()
-    renamed = target.is_file() or not present  # a device or a pipe is written straight
-    if not all(os.access(p, os.W_OK) for p in (*([target] if present else []), *([target.parent] if renamed else []))):
+    renamed = target.is_file() or not target.exists()  # a device or a pipe is written straight
+    if protected(target) or (renamed and not os.access(target.parent, os.W_OK)):
         raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
     return target

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -19,6 +19,7 @@ from ...errors import InputError
 from ...files import alone_in, unmake
 from ...servo.problem import HuntingOrbit
 from .printed import folded, meanings
+from .written import Signs, keep_others
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
@@ -238,7 +239,7 @@ def explain_complaints(*, aloud: bool) -> None:
 
 
 @contextmanager
-def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
+def folder(path: str, results: Signs) -> Iterator[Path]:
     """The output folder for one run alone, made where it does not exist and unmade where nothing is written into it.
 
     What is in it already stays until something new of the same name takes its place.
@@ -247,8 +248,8 @@ def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
     ----------
     path
         the folder.
-    files
-        names of what will be written into it.
+    results
+        what will be written into it.
 
     Yields
     ------
@@ -256,7 +257,8 @@ def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
 
     Raises
     ------
-    InputError : it cannot be made or written into, or another run is writing into it.
+    InputError : it cannot be made or written into, holds what casahunt has not written, or another run is writing into
+        it.
     """
     complaint = f"out = {path!r}: the folder cannot be "
     if not path:
@@ -273,13 +275,11 @@ def folder(path: str, files: Iterable[str]) -> Iterator[Path]:
             raise InputError(f"{complaint}made ({error.strerror})") from None
         if not os.access(out, os.W_OK | os.X_OK):
             raise InputError(f"{complaint}written into (no permission)")
-        for name in files:
-            if (out / name).is_dir():
-                raise InputError(f"{complaint}written into ({name} is a folder)")
     except BaseException:
         unmake(made)
         raise
     with alone_in(out, made):
+        keep_others(path, results)
         yield out
 
 

@@ -14,19 +14,23 @@ from typing import IO, Any
 from ... import effort
 from ...continuation.special_points import FOLD, Missed
 from ...design.diagram import DEFAULT_START, DiagramPoint, diagram
-from ...design.diagram_files import INTERRUPTED, Task, Words, begun, keep
+from ...design.diagram_files import INTERRUPTED, SIGNS, Task, Words, begun, keep
 from ...errors import NoOrbit
+from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
 from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from ...servo.hunting import Model
-from .arguments import add_common, add_solver, finite, models_of, positive, servo_of, solver_of
+from .arguments import add_common, add_out, add_solver, finite, models_of, positive, servo_of, solver_of
 from .console import complain, folder, of_this, progress, progress_line, say
 from .printed import show
+from .written import keep_others
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
 """What `casahunt diagram` draws."""
+PICTURE_SIGN = f"Software\0{MAKER}".encode()
+"""What stands in each of them: its entry Software."""
 
 
 def add(commands: Any) -> None:
@@ -44,10 +48,16 @@ def add(commands: Any) -> None:
         "--natural", action="store_true",
         help="natural continuation in the gain instead of pseudo-arclength: it ends at the fold",
     )  # fmt: skip
-    picture.add_argument("--out", default="casahunt-diagram", metavar="DIR", help="folder to write into")
+    add_out(picture, _results, default="casahunt-diagram", help="folder to write into")
     picture.add_argument(
         "--resume", action="store_true", help="go on behind the points that an interrupted run has left in the folder"
     )
+
+
+def _results(options: argparse.Namespace) -> dict[str, bytes]:
+    """The files that are written into --out, and what stands in each."""
+    tables = {f"{model}{end}": sign for model in models_of(options) for end, sign in SIGNS.items()}
+    return dict.fromkeys(PICTURES, PICTURE_SIGN) | tables
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,11 +73,12 @@ def run(options: argparse.Namespace) -> int:
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     task = Task(servo_of(options), start, how, options.natural)
     began = time.perf_counter()
-    files = {model: [f"{model}.csv", f"{model}.npz"] for model in models}
-    with folder(options.out, [*PICTURES, *sum(files.values(), [])]) as out:
+    results = _results(options)
+    with folder(options.out, results) as out:
         there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}
         # What an earlier run has left makes room when this one has its first point, and not before.
-        stale = [out / name for name in (*PICTURES, *sum((files[m] for m in models if not there[m][0]), []))]
+        taken_up = [model for model in models if there[model][0]]
+        stale = {name: sign for name, sign in results.items() if Path(name).stem not in taken_up}
         found = _Found(task, out, there, stale, progress(options.quiet))
         try:
             for model in models:
@@ -112,7 +123,8 @@ class _Found:
     out: Path
     there: dict[Model, tuple[list[DiagramPoint], str]]
     """By model: the points that an earlier run has left, and why it ended."""
-    stale: list[Path]
+    stale: dict[str, bytes]
+    """Files that an earlier run may have left, and what stands in each."""
     stream: IO[str] | None
     branches: list[Branch] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
@@ -125,7 +137,8 @@ class _Found:
 
     def make_room(self) -> None:
         """Set aside what an earlier run has left."""
-        self.moved.update(set_aside(self.stale))
+        keep_others(self.out, self.stale)  # looked at long ago, perhaps
+        self.moved.update(set_aside(self.out / name for name in self.stale))
         self.stale.clear()
 
     def add(self, model: Model) -> None:
@@ -267,6 +280,7 @@ def _pictures(branches: list[Branch], out: Path) -> None:
     from ..pictures.orbits import phase_portrait, time_traces
     from ..pictures.plotting import save
 
+    keep_others(out, dict.fromkeys(PICTURES, PICTURE_SIGN))
     firsts = [branch.orbits[0] for branch in branches]
     figures = (
         drawn_diagram(branches),

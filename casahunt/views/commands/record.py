@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     start = None if options.start is None else finite("from", options.start)
     how = Options(tol=finite("tol", options.tol))
     servo = servo_of(options)
-    plot, table = picture_of(options), csv_of(options, options.file)
+    plot, table = picture_of(options), csv_of(options)
     began = time.perf_counter()
     stream = progress(options.quiet)
     with suppress(OSError):

@@ -36,15 +36,16 @@ from ...errors import InputError
 from ...files import together, whole_text
 from ...orbits.adapt import Options
 from ...servo.hunting import MODELS
-from ..evidence.page import page
+from ..evidence.page import TITLE, page
 from ..evidence.record import before_tasks, made, record_of
 from ..units import GAIN_UNIT, unit_of
-from .arguments import add_common, add_csv, csv_of, finite, positive, servo_of
+from .arguments import add_common, add_csv, add_out, csv_of, finite, positive, servo_of
 from .console import complain, folder, progress, say, telling
 from .printed import show, write_table
+from .written import keep_others
 
-FILES = ["tune.html", "tune.json"]
-"""What --out writes."""
+FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
+"""What --out writes, and what stands in each."""
 CSV_COLUMNS = ("quantity", "unit", "value", "error")
 
 
@@ -66,7 +67,7 @@ def add(commands: Any) -> None:
     command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
     command.add_argument("--gain", help="gain used now, for the simulated tasks before")
     add_csv(command, "the answer and what was checked")
-    command.add_argument("--out", metavar="DIR", help="write the evidence: tune.html and tune.json")
+    add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -126,11 +127,11 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(out: Path, html: str, record: dict[str, Any]) -> None:
     """The evidence; both files are of the same tuning."""
+    keep_others(out, FILES)  # the tuning has taken its time
     with together():
-        with whole_text(out / FILES[0]) as stream:
-            stream.write(html)
-        with whole_text(out / FILES[1]) as stream:
-            stream.write(json.dumps(record, indent=1) + "\n")
+        for name, text in zip(FILES, (html, json.dumps(record, indent=1) + "\n"), strict=True):
+            with whole_text(out / name) as stream:
+                stream.write(text)
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -178,7 +179,7 @@ def _lines(record: dict[str, Any], tol: float, out: str | None) -> Iterator[str]
         yield f"  {sentence}"
     yield f"  {record['wall_s']:.2f} s"
     if out is not None:
-        yield f"  evidence         {out}/{FILES[0]}, {FILES[1]}"
+        yield f"  evidence         {out}/{', '.join(FILES)}"
 
 
 def _answer(record: dict[str, Any], error: float, tol: float) -> Iterator[str]:

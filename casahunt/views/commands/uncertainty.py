@@ -185,7 +185,9 @@ def _solved(
     from concurrent.futures import ProcessPoolExecutor
 
     # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=interrupts.serve)
+    with interrupts.held():  # a semaphore that is only half there nobody would give back
+        spawn = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(jobs, mp_context=spawn, initializer=interrupts.serve)
     done = False
     try:
         with interrupts.kept_from_children():

@@ -17,6 +17,7 @@ from ...checks import known_decimals, known_digits
 from ..glossary import GLOSSARY, words_in
 from ..units import GAIN_UNIT, unit_of
 
+TITLE = "<title>casahunt tune: evidence</title>"
 DEFAULT_TOL = 1e-6
 """Of a record that does not say its tolerance."""
 CONTROLLER = {
@@ -182,7 +183,7 @@ def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>casahunt tune: evidence</title><style>{STYLE}</style></head>\n<body><main>\n"
+        f"{TITLE}<style>{STYLE}</style></head>\n<body><main>\n"
         + "\n".join(part for part in parts if part)
         + "\n</main></body></html>\n"
     )

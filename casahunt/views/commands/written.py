@@ -1,0 +1,114 @@
+"""What a command may write: nothing that it reads, nothing twice, and in its folder only over casahunt's own files.
+
+    input, output     one file if the system says so: by another name, a link, other letters (device and inode)
+    --out             what has the name of a result there must be a result: known by its sign, bytes that every file of
+                      its kind holds, whoever copied it, and however its run ended
+
+Both are looked at before anything is computed, for every command (cli.py); the folder once more before it is written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from ...errors import InputError
+from ...files import protected
+
+READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record"}
+"""By the names of arguments: what is read."""
+WRITTEN = ("csv", "save", "plot")
+"""Arguments that name a file to be written; `out` names a folder, in which `options.results` says what is written."""
+SIGNED = 1_000_000
+"""Bytes of a file in which its sign stands; the largest of those with a sign at their end, tune.json, has 6 kB."""
+
+Signs = Mapping[str, bytes]
+"""Files of a folder by their names: what stands in each that casahunt has written."""
+
+
+def keep_inputs(options: argparse.Namespace) -> None:
+    """Refuse a command line that would write what it reads, or two things into one file.
+
+    Parameters
+    ----------
+    options
+        the parsed command line.
+
+    Raises
+    ------
+    InputError : it would.
+    """
+    taken: dict[tuple[int, int] | str, str] = {}
+    for name, what in READ.items():
+        path = getattr(options, name, None)
+        if path is not None and (found := _file(path)):
+            taken[found] = f"{what} {path!r}, which is read"
+    for name, place in _outputs(options):
+        found = _file(place)
+        if found in taken:
+            said = f"{name} = {place!r}" if isinstance(place, str) else name
+            raise InputError(f"{said}: must be another file than {taken[found]}")
+        if found:
+            taken[found] = f"that of {name}"
+
+
+def _outputs(options: argparse.Namespace) -> Iterator[tuple[str, str | int]]:
+    """Names and places of all that a command writes: paths, and the handle that the shell may have led into a file."""
+    yield "standard output", 1
+    for name in WRITTEN:
+        if path := getattr(options, name, None):
+            yield name, path
+    if getattr(options, "out", None):
+        for name in options.results(options):
+            yield "out", os.path.join(options.out, name)
+
+
+def _file(place: str | int) -> tuple[int, int] | str | None:
+    """What the system knows a file by; its path where there is none yet, None for what can be read and written."""
+    try:
+        found = os.stat(place)
+    except (OSError, ValueError):
+        return None if isinstance(place, int) else os.path.normcase(os.path.realpath(place))
+    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
+
+
+def keep_others(folder: str | Path, results: Signs) -> None:
+    """Refuse a folder in which something that casahunt has not written has the name of a result.
+
+    Parameters
+    ----------
+    folder, results
+        the folder, and what is to be written into it.
+
+    Raises
+    ------
+    InputError : it holds such a file, or one that is protected from being written.
+    """
+    for name, sign in results.items():
+        path = Path(folder, name)
+        try:
+            if not path.exists():
+                continue
+            if path.is_dir():
+                raise InputError(f"out = {str(folder)!r}: the folder cannot be written into ({name} is a folder)")
+            own = path.is_file() and sign in _head(path)
+        except OSError:
+            own = False
+        if not own:
+            raise InputError(
+                f"out = {str(folder)!r}: the folder holds a {name} that this version of casahunt did not write; move "
+                "it away, or give another folder"
+            )
+        if protected(path):
+            raise InputError(
+                f"out = {str(folder)!r}: {name} in the folder is protected from being written; move it away, or give "
+                "another folder"
+            )
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(SIGNED)
