@@ -26,5 +26,6 @@ inner_cycle.py    the unstable cycle inside the stable one at the same gain
 find_fold.py      from a servo to the largest gain at which it hunts
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
 basin.py          the amplitude below which a stuck servo settles
+stable_range.py   below a fold: up to which gain a stable cycle exists
 attraction.py     many initial states: which stick they reach, which rest and which hunt
 """
