@@ -67,6 +67,6 @@ def _sentence(found: StableRange, tol: float) -> str:
     grows = f" (half multipliers to {-(10**found.largest):.0e})" if found.largest > 1 else ""
     return (
         f"up to gain {ranges[-1][1]} V/rad; {ABOVE[found.beyond].format(grows=grows)}. Keep above "
-        f"{to_error(found.fold.gain, tol)} V/rad all the same: there no cycle is left, while below it a motion may swing "
+        f"{to_error(found.fold.gain, tol)} V/rad all the same: there no cycle is left, while below a motion may swing "
         "for long before it rests"
     )
