@@ -52,7 +52,7 @@ class OtherEnd(Result):
     >>> from casahunt import Servo, other_end, simulate
     >>> found = other_end(simulate(Servo(), "switch", 0.5, position=0.9995))
     >>> found.hunts, found.start["position"], round(found.orbit.amplitude, 5)  # rad
-    (True, 0.9974, 0.00259)
+    (True, 0.9977, 0.00233)
     """
 
     _quantities = ("hunts", "start", "orbit", "none")
@@ -109,7 +109,7 @@ def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd
 
 
 def _hunts(seen: Verdict, orbit: HuntingOrbit) -> bool:
-    """Whether a motion hunts: by its verdict; or it stays on a stable cycle, to which it has nothing left to converge."""
+    """Whether a motion hunts: by its verdict; or it stays on a stable cycle, with nothing left to converge."""
     near = sum(abs(swing / orbit.amplitude - 1) <= SETTLED for swing in seen.judged)
     return seen.kind == "hunting" or (
         orbit.stable and seen.kind == "undecided" and near == len(seen.judged) and near >= SWINGS

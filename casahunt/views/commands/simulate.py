@@ -9,8 +9,8 @@ position, velocity, integral and bristle (null for Switch) at the end; other_end
 cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and
 start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
 velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why;
-events, a list of [time, name, mode before,
-mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown);
+events, a list of [time, name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error,
+state_errors (null where unknown);
 status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
 """
 
