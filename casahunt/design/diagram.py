@@ -31,7 +31,7 @@ from ..servo.find_orbit import find_orbit
 from ..servo.hunting import Model
 from ..servo.linear_loop import typical_gain
 from ..servo.problem import HuntingOrbit
-from ..servo.servo import Servo
+from ..servo.servo import Servo, a_servo
 
 FIGURES = 3
 """Digits of a gain to start from that nobody asked for."""
@@ -83,6 +83,7 @@ def starting_gain(servo: Servo, model: Model, options: Options | None = None) ->
     ------
     NoOrbit : the servo has no cycle, or none was found.
     """
+    a_servo(servo)
     lowest = _rounded_up(typical_gain(servo))
     with suppress(NoOrbit):
         return find_orbit(servo, model, lowest, options=options).gain
@@ -106,16 +107,10 @@ def _rounded_up(gain: float) -> float:
 
 
 def diagram(
-    servo: Servo,
-    model: Model,
-    *,
-    start: float | None = None,
-    options: Options | None = None,
-    monitors: tuple[Monitor, ...] = STANDARD,
-    largest_step: float = DRAWING_STEP,
-    natural: bool = False,
+    servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
+    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
     begun: Sequence[DiagramPoint] = (),
-) -> Generator[DiagramPoint, None, str]:
+) -> Generator[DiagramPoint, None, str]:  # fmt: skip
     """The points of the diagram, in order along the branch.
 
     Parameters

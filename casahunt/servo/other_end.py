@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..checks import of_kind
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..results import Result
@@ -28,10 +29,10 @@ from .simulation.simulate import simulate
 from .simulation.trajectory import Trajectory
 from .simulation.verdict import SETTLED, SWINGS, Verdict
 
-DIGITS, ON_IT = (2, 4), 10
+START_DIGITS, DIGITS_ON_IT = (2, 4), 10
 """Digits of the distance from the set point that starts are tried with, the first that leads to hunting being given;
 of a start on the cycle itself."""
-PERIODS = 5
+FOLLOWED = 5
 """Of the cycle, that the motion from such a start is followed at least."""
 
 
@@ -83,6 +84,10 @@ def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd
     -------
     OtherEnd; None for a motion that neither rests nor decays, whose verdict names its end.
 
+    Raises
+    ------
+    InputError : what was given is no motion.
+
     Examples
     --------
     >>> from casahunt import Servo, other_end, simulate
@@ -90,13 +95,14 @@ def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd
     >>> above.hunts, above.none
     (False, True)
     """
+    of_kind("motion", motion, Trajectory, "such as simulate gives")
     if motion.verdict.kind not in ("at rest", "decaying"):
         return None
     try:
         orbit = find_orbit(motion.servo, motion.model, motion.gain, options=options)
     except NoOrbit as error:
         return OtherEnd(None, str(error), error.status is None)
-    time = max(motion.duration, math.ceil(PERIODS * orbit.period))
+    time = max(motion.duration, math.ceil(FOLLOWED * orbit.period))
     for start in _starts(motion, orbit):
         with suppress(NoOrbit):
             again = simulate(
@@ -120,12 +126,12 @@ def _starts(motion: Trajectory, orbit: HuntingOrbit) -> Iterator[dict[str, float
     """Where motions are let go: beside the set point, in ever more digits; then on the cycle, where it turns round."""
     with suppress(NoOrbit):
         a = stick_position(orbit)
-        yield from (_stuck(motion, a, digits) for digits in DIGITS)
+        yield from (_stuck(motion, a, digits) for digits in START_DIGITS)
     _, x = orbit.sample()
     turn = x[:, np.argmax(np.abs(x[0]))]
     names = ("position", "velocity", "integral", "bristle")[: len(turn)]
     values = (motion.set_point + turn[0], 0.0, *turn[2:])
-    yield {name: float(f"{value:.{ON_IT}g}") for name, value in zip(names, values, strict=True)}
+    yield {name: float(f"{value:.{DIGITS_ON_IT}g}") for name, value in zip(names, values, strict=True)}
 
 
 def _stuck(motion: Trajectory, a: float, digits: int) -> dict[str, float]:

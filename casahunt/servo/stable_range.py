@@ -20,6 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from ..checks import of_kind
 from ..continuation.fold import WALK_TOLERANCE
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
@@ -33,19 +34,19 @@ from .event_map.fixed_points import map_at
 from .event_map.scan import half_cycle
 from .problem import HuntingFold, HuntingOrbit
 
-SHARES = (0.5, 0.75, 0.9, 0.25, 0.1, 0.97)
+STABLE_AT = (0.5, 0.75, 0.9, 0.25, 0.1, 0.97)
 """Gains at which a stable cycle is looked for to begin with, in units of the fold gain."""
-RESOLVED = 1e-6
+GAIN_SET_TO = 1e-6
 """Relative width of a range of gains that counts: no gain is set more finely."""
-HOPELESS = RESOLVED**2
+TOO_NARROW = GAIN_SET_TO**2
 """Width of a stable range in front of the fold, by the law 1 - mu ~ sqrt(K_f - K), that there is no use in seeking."""
-STEP = 0.15
+LOOKED_STEP = 0.15
 """Largest arclength between the cycles that are looked at."""
-HALVINGS, ROUNDS = 4, 30
-"""Of a step over which mu may have passed -1 and come back; steps of the search for where it passes."""
-STRIDE, MARCH = 0.02, 1e-9
+LOOKED_AGAIN, EDGE_ROUNDS = 4, 30
+"""Halvings of a step over which mu may have passed -1 and come back; steps of the search for where it passes."""
+SHIFT, SHIFTED_MARCH = 0.02, 1e-9
 """Relative step of the differences that P' to P''' are taken from, and tolerance of a motion of LuGre."""
-UNLIKE, NOISE = 0.02, 0.05
+NOT_MINUS_ONE, CRITICAL = 0.02, 0.05
 """Difference of P' from -1 above which the event map does not tell what branches off; |c| below which it does not."""
 
 Beyond = Literal["fold", "lopsided", "none", "unknown"]
@@ -100,6 +101,7 @@ def stable_range(fold: HuntingFold, *, options: Options | None = None) -> Stable
 
     Raises
     ------
+    InputError : what was given is no fold.
     NoOrbit : no stable cycle was found below the fold, or the branch was not followed up to it.
 
     Examples
@@ -108,7 +110,8 @@ def stable_range(fold: HuntingFold, *, options: Options | None = None) -> Stable
     >>> stable_range(find_fold(Servo(), "lugre")).beyond
     'fold'
     """
-    options = options or Options()
+    of_kind("fold", fold, HuntingFold, "such as find_fold gives")
+    options = of_kind("options", options or Options(), Options)
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     first = _stable_one(fold, rough)
     orbits = _looked_closer(_up_to_the_fold(first, fold, rough), rough)
@@ -124,25 +127,25 @@ def stable_range(fold: HuntingFold, *, options: Options | None = None) -> Stable
 def _stable_one(fold: HuntingFold, options: Options) -> HuntingOrbit:
     """A stable cycle below the fold."""
     servo, model = fold.orbit.servo, fold.orbit.model
-    for share in SHARES:
+    for share in STABLE_AT:
         with suppress(NoOrbit):
             orbit = stable_at(servo, model, share * fold.gain, options=options).orbit
             if orbit is not None and orbit.stable and orbit.multipliers.trusted:
                 return orbit
     raise NoOrbit(
-        f"no motion of the {model} servo led to a stable cycle at {', '.join(map(str, sorted(SHARES)))} times its fold "
-        f"gain {fold.gain:.8g}",
+        f"no motion of the {model} servo led to a stable cycle at {', '.join(map(str, sorted(STABLE_AT)))} times its "
+        f"fold gain {fold.gain:.8g}",
         Status.NOT_FOUND,
     )
 
 
 def _up_to_the_fold(first: HuntingOrbit, fold: HuntingFold, options: Options) -> list[HuntingOrbit]:
     """The cycles from one up to where nothing can happen any more before the fold: mu > 0, or hopelessly below -1."""
-    found, top = [first], fold.gain * (1 - RESOLVED)
+    found, top = [first], fold.gain * (1 - GAIN_SET_TO)
     while True:
         last = found[-1]
         mu, left = last.multipliers.leading.real, 1 - last.gain / fold.gain
-        if (last.stable and mu > 0) or left * (2 / (1 - mu)) ** 2 < HOPELESS or last.gain >= top:
+        if (last.stable and mu > 0) or left * (2 / (1 - mu)) ** 2 < TOO_NARROW or last.gain >= top:
             return found
         following = _upwards(last, top, options) or _upwards(last, (last.gain + top) / 2, options)
         if not following:
@@ -161,17 +164,17 @@ def _upwards(start: HuntingOrbit, top: float, options: Options) -> list[HuntingO
     """The cycles above one, up to a gain or to where the branch turns back, or mu is hopelessly below -1."""
     found: list[HuntingOrbit] = []
     last = start
-    for orbit in walk(start, low=start.gain * (1 - RESOLVED), high=top, options=options, largest_step=STEP):
+    for orbit in walk(start, low=start.gain * (1 - GAIN_SET_TO), high=top, options=options, largest_step=LOOKED_STEP):
         mu = orbit.multipliers.leading.real
         if orbit.gain <= last.gain or mu > 1:
             break
         found.append(last := orbit)
-        if (2 / (1 - mu)) ** 2 < HOPELESS:
+        if (2 / (1 - mu)) ** 2 < TOO_NARROW:
             break
     return found
 
 
-def _looked_closer(orbits: list[HuntingOrbit], options: Options, halvings: int = HALVINGS) -> list[HuntingOrbit]:
+def _looked_closer(orbits: list[HuntingOrbit], options: Options, halvings: int = LOOKED_AGAIN) -> list[HuntingOrbit]:
     """The same, and those between two over which mu changes by more than it is away from -1."""
     found = orbits[:1]
     for before, after in zip(orbits, orbits[1:], strict=False):
@@ -192,7 +195,7 @@ def _located(before: HuntingOrbit, after: HuntingOrbit, options: Options) -> Hun
 
     search = Search.within(Bracket(0.0, off(before), after.gain - low, off(after)))
     best = min(before, after, key=lambda orbit: abs(off(orbit)))
-    for _ in range(ROUNDS):
+    for _ in range(EDGE_ROUNDS):
         if search.bracket.width <= options.tol * after.gain:
             break
         at = search.ask()
@@ -212,14 +215,14 @@ def _branching(orbit: HuntingOrbit) -> Beyond:
     """What branches off where mu = -1, by the event map next to it."""
     try:
         a = stick_position(orbit)
-        P = [_next(orbit, a * (1 + k * STRIDE)) / a for k in (-2, -1, 0, 1, 2)]
+        P = [_next(orbit, a * (1 + k * SHIFT)) / a for k in (-2, -1, 0, 1, 2)]
     except (MarchFailure, NoOrbit):
         return "unknown"
-    slope = (P[0] - 8 * P[1] + 8 * P[3] - P[4]) / (12 * STRIDE)
-    second = (P[1] - 2 * P[2] + P[3]) / STRIDE**2
-    third = (-P[0] + 2 * P[1] - 2 * P[3] + P[4]) / (2 * STRIDE**3)
+    slope = (P[0] - 8 * P[1] + 8 * P[3] - P[4]) / (12 * SHIFT)
+    second = (P[1] - 2 * P[2] + P[3]) / SHIFT**2
+    third = (-P[0] + 2 * P[1] - 2 * P[3] + P[4]) / (2 * SHIFT**3)
     c = second**2 / 2 + third / 3
-    if not (abs(slope + 1) < UNLIKE and abs(c) > NOISE):  # nan is neither
+    if not (abs(slope + 1) < NOT_MINUS_ONE and abs(c) > CRITICAL):  # nan is neither
         return "unknown"
     return "lopsided" if c > 0 else "none"
 
@@ -228,4 +231,4 @@ def _next(orbit: HuntingOrbit, a: float) -> float:
     """P(a) [rad]."""
     if orbit.model == "switch":
         return map_at(orbit.servo, orbit.gain, a).position
-    return half_cycle(orbit.model, orbit.servo, orbit.gain, a, tol=MARCH).position
+    return half_cycle(orbit.model, orbit.servo, orbit.gain, a, tol=SHIFTED_MARCH).position

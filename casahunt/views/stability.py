@@ -16,7 +16,7 @@ from ..orbits.adapt import Options
 from ..servo.problem import HuntingFold
 from ..servo.stable_range import StableRange, stable_range
 
-ABOVE = {
+UP_TO_THE_FOLD = {
     "lopsided": "there it hands its stability to a pair of lopsided ones, which were not followed",
     "none": "above, motions leave it{grows}, and no stable lopsided one branches off",
     "unknown": "above, motions leave it{grows}; whether lopsided ones are stable is not known",
@@ -66,7 +66,7 @@ def _sentence(found: StableRange, tol: float) -> str:
         return f"up to {first}{below} and {top}; in between lopsided ones may be stable"
     grows = f" (half multipliers to {-(10**found.largest):.0e})" if found.largest > 1 else ""
     return (
-        f"up to gain {ranges[-1][1]} V/rad; {ABOVE[found.beyond].format(grows=grows)}. Keep above "
+        f"up to gain {ranges[-1][1]} V/rad; {UP_TO_THE_FOLD[found.beyond].format(grows=grows)}. Keep above "
         f"{to_error(found.fold.gain, tol)} V/rad all the same: there no cycle is left, while below a motion may swing "
         "for long before it rests"
     )
