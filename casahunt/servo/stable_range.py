@@ -32,6 +32,7 @@ from .basin import stick_position
 from .cold_start import stable_at
 from .event_map.fixed_points import map_at
 from .event_map.scan import half_cycle
+from .find_fold import find_any_orbit
 from .problem import HuntingFold, HuntingOrbit
 
 STABLE_AT = (0.5, 0.75, 0.9, 0.25, 0.1, 0.97)
@@ -127,14 +128,19 @@ def stable_range(fold: HuntingFold, *, options: Options | None = None) -> Stable
 def _stable_one(fold: HuntingFold, options: Options) -> HuntingOrbit:
     """A stable cycle below the fold."""
     servo, model = fold.orbit.servo, fold.orbit.model
-    for share in STABLE_AT:
+
+    def at(share: float | None) -> HuntingOrbit | None:
+        if share is None:  # there may be cycles next to the fold alone
+            return find_any_orbit(servo, model, options=options)
+        return stable_at(servo, model, share * fold.gain, options=options).orbit
+
+    for share in (*STABLE_AT, None):
         with suppress(NoOrbit):
-            orbit = stable_at(servo, model, share * fold.gain, options=options).orbit
-            if orbit is not None and orbit.stable and orbit.multipliers.trusted:
+            orbit = at(share)
+            if orbit is not None and orbit.gain < fold.gain and orbit.stable and orbit.multipliers.trusted:
                 return orbit
     raise NoOrbit(
-        f"no motion of the {model} servo led to a stable cycle at {', '.join(map(str, sorted(STABLE_AT)))} times its "
-        f"fold gain {fold.gain:.8g}",
+        f"no motion of the {model} servo led to a stable cycle below its fold at gain {fold.gain:.8g}",
         Status.NOT_FOUND,
     )
 

@@ -96,6 +96,9 @@ def test_nothing_is_said_where_no_stable_cycle_is_met(monkeypatch):
 
     fold = find_fold(Servo(), "switch")
     monkeypatch.setattr(module, "stable_at", fails)
+    found = stable_range(fold)  # from the cycle that the search for the fold begins with
+    assert found.gain == fold.gain and found.ranges[0][0] > 0.5 * fold.gain
+    monkeypatch.setattr(module, "find_any_orbit", fails)
     with pytest.raises(NoOrbit, match="no motion of the switch servo led to a stable cycle"):
         stable_range(fold)
     assert "up to which gain is not known" in stability_of(fold, Options())["sentence"]
