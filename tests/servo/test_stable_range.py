@@ -120,3 +120,16 @@ def test_what_fold_prints(capsys):
     assert cli.main([*words, "--json"]) == 0
     stable = json.loads(capsys.readouterr().out)["stable"]
     assert stable["beyond"] == "none" and stable["gain"] == stable["ranges"][-1][1] < stable["seen"] < 15.98
+
+
+@pytest.mark.slow
+def test_what_tune_prints(capsys):
+    """The margin is above the larger gain, that of any cycle."""
+    words = ["tune", "--quiet", *(f"--set={key}={value!r}" for key, value in draw(2026, 2).items())]
+    cli.main([*words, "--json"])
+    record = json.loads(capsys.readouterr().out)
+    check = record["verification"]
+    assert check["stable"]["beyond"] == "none" and check["stable"]["gain"] < 0.95 * check["fold_gain"]
+    assert record["gain"] >= 1.1 * check["fold_gain"] * (1 - 1e-6)
+    cli.main(words)
+    assert "a stable cycle up to gain 15.149" in " ".join(capsys.readouterr().out.split())
