@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from .servo.find_orbit import find_orbit
     from .servo.friction import Friction
     from .servo.linear_loop import LinearLoop, linear_loop
+    from .servo.other_end import OtherEnd, other_end
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from .servo.simulation.simulate import simulate
     from .servo.simulation.trajectory import Trajectory
     from .servo.simulation.verdict import Verdict
+    from .servo.stable_range import StableRange, stable_range
 
 _HOMES = {
     "continuation.special_points": ("Missed", "SpecialPoint"),
@@ -105,9 +107,11 @@ _HOMES = {
     "servo.problem": ("Fold", "Orbit"),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
     "servo.servo": ("Servo", "load"),
+    "servo.other_end": ("OtherEnd", "other_end"),
     "servo.simulation.simulate": ("simulate",),
     "servo.simulation.trajectory": ("Trajectory",),
     "servo.simulation.verdict": ("Verdict",),
+    "servo.stable_range": ("StableRange", "stable_range"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 _OTHER_NAMES = {
@@ -162,12 +166,14 @@ __all__ = [
     "Options",
     "Orbit",
     "OrbitEnsemble",
+    "OtherEnd",
     "Pid",
     "Record",
     "Samples",
     "Sensitivities",
     "Servo",
     "SpecialPoint",
+    "StableRange",
     "Status",
     "Summary",
     "Trajectory",
@@ -196,12 +202,14 @@ __all__ = [
     "measure",
     "no_cycle",
     "orbit_ensemble",
+    "other_end",
     "read_record",
     "record_of",
     "sample_fold_gains",
     "save_branch",
     "save_orbit",
     "simulate",
+    "stable_range",
     "tune",
     "walk",
     "walk_naturally",

@@ -9,7 +9,6 @@ positions that a computation comes upon, such as the gain J/(cm tau^2), may lie 
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -22,6 +21,8 @@ COMPUTED = 4
 """Power of that range in which gains, times and positions may lie that a computation comes upon."""
 _QUOTED = 60
 """Characters of a wrong value that a message repeats."""
+_MISSPELT, _BEGUN = 3, 3
+"""A misspelling has one wrong letter in so many, or one; letters of the beginning of a name that stand for it."""
 
 
 def number(key: str, value: Any) -> float:
@@ -374,10 +375,26 @@ def known(what: str, name: str, allowed: Iterable[str]) -> str:
         return name
     if not isinstance(name, str):
         raise InputError(f"{what} = {name!r}: must be one of {', '.join(names)}")
-    # A misspelt key in the right section, or a right key in the wrong one; the shared section name would
-    # make every key of a section look alike, so the last parts are compared; so would the dashes of options.
-    last = [n.rsplit(".", 1)[-1].lstrip("-") for n in names]
-    ends = difflib.get_close_matches(name.rsplit(".", 1)[-1].lstrip("-").lower(), last, n=1, cutoff=0.5)
-    near = [n for n, end in zip(names, last, strict=True) if ends and end == ends[0]][:1]
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    given, *last = (n.rsplit(".", 1)[-1].lstrip("-").lower() for n in (name, *names))  # a section makes all alike
+    far, near = min(((_misspelt(given, end), n) for n, end in zip(names, last, strict=True)), default=(math.inf, ""))
+    hint = f"; did you mean {near!r}?" if math.isfinite(far) else ""
     raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(names)})")
+
+
+def _misspelt(given: str, name: str) -> float:
+    """Letters of `name` that are wrong in `given`; inf where it is another word, and no beginning of it either."""
+    if min(len(given), len(name)) >= _BEGUN and (name.startswith(given) or given.startswith(name)):
+        return abs(len(given) - len(name))
+    wrong, longer = _wrong_letters(given, name), max(len(given), len(name), 1)
+    return wrong if wrong <= max(longer > 1, longer // _MISSPELT) else math.inf
+
+
+def _wrong_letters(a: str, b: str) -> int:
+    """Fewest letters left out, added, replaced, or exchanged with their neighbour, that make b of a."""
+    before, row = [0] * (len(b) + 1), list(range(len(b) + 1))
+    for i, x in enumerate(a, 1):
+        two_before, before, row = before, row, [i]
+        for j, y in enumerate(b, 1):
+            exchanged = two_before[j - 2] + 1 if a[i - 2 : i] == b[j - 2 : j][::-1] and min(i, j) > 1 else len(a + b)
+            row.append(min(before[j] + 1, row[-1] + 1, before[j - 1] + (x != y), exchanged))
+    return row[-1]

@@ -74,21 +74,35 @@ STORY = next(line for line in TEXT.splitlines() if line.startswith("casahunt tun
 ENDS_IN = float(re.search(r"K = ([0-9.]+)", STORY).group(1))  # type: ignore[union-attr]
 
 
+def json_of(capsys, words: list[str]) -> dict:
+    assert main([*words, "--json", "--quiet"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
 def test_the_story_ends_at_rest(tmp_path, monkeypatch, capsys):
     """The gain that the story ends in, at the worst servo of its set; and the one that it warns of hunts there."""
     after = [command for command in COMMANDS if command.startswith(f"casahunt simulate --gain {ENDS_IN} ")]
     assert len(after) == 2
     monkeypatch.chdir(tmp_path)
     for command in after:
-        assert main([*shlex.split(command)[1:], "--json", "--quiet"]) == 0
-        assert json.loads(capsys.readouterr().out)["verdict"] == "at rest"
+        said = json_of(capsys, shlex.split(command)[1:])
+        assert said["verdict"] == "at rest" and said["other_end"] is None
     names = re.findall(r"--set (\S+)=(\S+)", after[1])
     worst = Servo().replace(**{name: float(value) for name, value in names})
     assert largest_swing(worst, ENDS_IN) < 1
     warned = float(re.search(r"above the nominal fold, K = ([0-9.]+)", TEXT).group(1))
     assert 1.1 * table1.REFERENCE["switch"]["fold"]["K"] == pytest.approx(warned, abs=1e-4)
-    amplitude, _ = switch_cycle(worst, warned, 0.0017)
-    assert amplitude == pytest.approx(0.0017, abs=1e-4)
+    amplitude, period = switch_cycle(worst, warned, 0.0017)
+    # The start that is shown ends in that cycle; the step from 1 rad off comes to rest, and names the start.
+    (hunts,) = (shlex.split(c)[1:] for c in COMMANDS if c.startswith(f"casahunt simulate --gain {warned} "))
+    said = json_of(capsys, hunts)
+    assert said["verdict"] == "hunting" and said["other_end"] is None
+    assert said["amplitude"] == pytest.approx(amplitude, rel=1e-4) == pytest.approx(0.0017, abs=1e-5)
+    i = hunts.index("--position")
+    rests = json_of(capsys, hunts[:i] + hunts[i + 2 :])
+    assert rests["verdict"] == "at rest" and rests["other_end"]["start"]["position"] == float(hunts[i + 1])
+    assert rests["other_end"]["amplitude"] == pytest.approx(amplitude, rel=1e-6)
+    assert rests["other_end"]["period"] == pytest.approx(period, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -1,6 +1,9 @@
 """The bifurcation diagram of a servo: from a gain on the stable branch, round the fold, back to that gain.
 
-Or, by natural continuation in the gain, from there to the fold, which then is the last point.
+Or, by natural continuation in the gain, from there to the fold, which then is the last point.  Where no gain is asked
+for, it begins at the report's lower bound, the Routh-Hurwitz gain without friction J/(cm kd' kp/ki) in three digits,
+rounded up (0.0321 for its Table 1); where the servo has no stable cycle there, at the first gain that has one, in
+factors of two from there up, or from a twentieth of the fold gain where that lies below.
 
 A generator, so that points can be written down as they become known, some at once, since their multipliers are computed
 side by side; `collect` gathers a Branch.
@@ -8,7 +11,9 @@ side by side; `collect` gathers a Branch.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,19 +22,22 @@ from ..continuation.fold import next_fold
 from ..continuation.crossings import crossings
 from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
 from ..continuation.walk import walk, walk_naturally
-from ..errors import NoOrbit
+from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.side_by_side import know_multipliers
 from ..results import Result
 from ..servo.branch import Branch
-from ..servo.find_fold import HIGHEST
+from ..servo.find_fold import HIGHEST, find_fold
 from ..servo.find_orbit import find_orbit
 from ..servo.hunting import Model
+from ..servo.linear_loop import typical_gain
 from ..servo.problem import HuntingOrbit
-from ..servo.servo import Servo
+from ..servo.servo import Servo, a_servo
 
-DEFAULT_START = 0.0321
-"""Gain at which the diagrams of the report start (its Routh-Hurwitz gain without friction)."""
+FIGURES = 3
+"""Digits of a gain to start from that nobody asked for."""
+DEEPEST = 20.0
+"""Fold gain over the gain to start from, where the linear loop gives none: as for Table 1."""
 ORBITS_AHEAD = 8
 """Orbits that are known before the first of them is given away: multipliers take half as long for eight at once."""
 DRAWING_STEP = 0.15
@@ -60,17 +68,50 @@ class DiagramPoint(Result):
         return any(special.orbit is self.orbit for special in self.special)
 
 
+def starting_gain(servo: Servo, model: Model, options: Options | None = None) -> float:
+    """Where a diagram begins that is asked for without a gain.
+
+    Parameters
+    ----------
+    servo, model, options
+        the problem, and tolerance and method of its orbits.
+
+    Returns
+    -------
+    A gain [V/rad] at which the servo has a stable hunting cycle, the same for the same problem.
+
+    Raises
+    ------
+    NoOrbit : the servo has no cycle, or none was found.
+    """
+    a_servo(servo)
+    lowest = _rounded_up(typical_gain(servo))
+    with suppress(NoOrbit):
+        return find_orbit(servo, model, lowest, options=options).gain
+    fold = find_fold(servo, model, options=options).gain
+    gain = 2 * lowest if lowest < fold else fold / DEEPEST
+    while (gain := _rounded_up(gain)) < fold:
+        with suppress(NoOrbit):
+            return find_orbit(servo, model, gain, options=options).gain
+        gain *= 2
+    raise NoOrbit(
+        f"no stable hunting cycle was found with which the diagram of the {model} servo could start, though its cycles "
+        f"end in a fold at gain {fold:.8g}: give the gain to start from",
+        Status.NOT_FOUND,
+    )
+
+
+def _rounded_up(gain: float) -> float:
+    """A gain in `FIGURES` digits, not smaller."""
+    unit = FIGURES - 1 - math.floor(math.log10(gain))
+    return float(f"{math.ceil(gain * 10.0**unit * (1 - 1e-12)) / 10.0**unit:.{FIGURES}g}")
+
+
 def diagram(
-    servo: Servo,
-    model: Model,
-    *,
-    start: float = DEFAULT_START,
-    options: Options | None = None,
-    monitors: tuple[Monitor, ...] = STANDARD,
-    largest_step: float = DRAWING_STEP,
-    natural: bool = False,
+    servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
+    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
     begun: Sequence[DiagramPoint] = (),
-) -> Generator[DiagramPoint, None, str]:
+) -> Generator[DiagramPoint, None, str]:  # fmt: skip
     """The points of the diagram, in order along the branch.
 
     Parameters
@@ -78,7 +119,8 @@ def diagram(
     servo, model
         the problem.
     start
-        gain [V/rad] at which the stable branch is entered and the unstable one is left.
+        gain [V/rad] at which the stable branch is entered and the unstable one is left; default: that of the first
+        point of `begun`, or `starting_gain`, 0.0321 for Table 1.
     options, monitors
         tolerance and method of the orbits; special points to be located.
     largest_step
@@ -94,7 +136,7 @@ def diagram(
 
     Raises
     ------
-    InputError, NoOrbit : as `find_orbit` at the gain `start`.
+    InputError, NoOrbit : as `find_orbit` at the gain `start`, or as `starting_gain` without one.
 
     Examples
     --------
@@ -104,6 +146,8 @@ def diagram(
     0.6
     """
     options = options or Options()
+    if start is None:
+        start = begun[0].orbit.gain if begun else starting_gain(servo, model, options)
     if begun:
         before = begun[-1].orbit
     else:

@@ -37,11 +37,11 @@ class Task:
 
     Attributes
     ----------
-    servo, start, options, natural : as in `diagram`.
+    servo, start, options, natural : as in `diagram`; a start of None is found for each model.
     """
 
     servo: Servo
-    start: float
+    start: float | None
     options: Options
     natural: bool
 
@@ -130,7 +130,7 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
 
     Returns
     -------
-    Points, none where there is no file, and why they end.
+    Points, none where there is no file, and why they end.  Without a start asked for, it is theirs.
 
     Raises
     ------
@@ -141,7 +141,8 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
         return [], ""
     branch, run = load_branch(path), load_run(path)
     before = run.get("special_before", [])
-    another = [f"{key} = {run.get(key)}, not {value}" for key, value in task.settings.items() if run.get(key) != value]
+    asked = {key: value for key, value in task.settings.items() if value is not None}
+    another = [f"{key} = {run.get(key)}, not {value}" for key, value in asked.items() if run.get(key) != value]
     if branch.servo != task.servo:
         another.append("another servo")
     if branch.model != model:

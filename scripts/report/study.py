@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from casahunt import Branch, Options, Orbit, Servo, Trajectory, collect, diagram, find_fold, find_orbit, simulate, walk
-from casahunt.design.diagram import DEFAULT_START
 from casahunt.servo.attraction import Attraction, attraction
 from casahunt.servo.hunting import Model
 from casahunt.views.pictures.plotting import Figure
@@ -21,7 +20,7 @@ T = TypeVar("T")
 EXPERIMENT: dict[str, float] = table1.REFERENCE["experiment"]
 GAIN = EXPERIMENT["K"]
 MEASURED_AMPLITUDE, MEASURED_PERIOD = EXPERIMENT["amplitude"], 1 / EXPERIMENT["frequency_hz"]
-START = DEFAULT_START
+START = 0.0321
 """The gain at which the report's diagrams begin."""
 ENDED: dict[Model, float] = {"lugre": 0.615, "switch": 0.634}
 """The gains at which the report's Figures 6 and 9 end."""

@@ -233,6 +233,26 @@ def test_unknown_key_suggests_the_nearest(file, text, wrong, suggestion):
     assert f"did you mean {suggestion!r}?" in message
 
 
+@pytest.mark.parametrize("section", ["servo", "friction"])
+@pytest.mark.parametrize("word", ["saturation", "backlash", "mass", "delay", "gain", "j", "noise"])
+def test_another_word_suggests_nothing(file, section, word):
+    """`saturation` has half of the letters of `static`; a servo that is not in the model is not to be taken for one."""
+    message = refusal(load, file(f"[{section}]\n{word} = 2\n"))
+    assert f"'{section}.{word}'" in message and "did you mean" not in message
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("coloumb", "friction.coulomb"), ("stribeck", "friction.stribeck_velocity"), ("lead", "controller.lead_time"),
+        ("STATIC", "friction.static"), ("sattic", "friction.static"), ("static_friction", "friction.static"),
+        ("kii", "controller.ki"), ("motorgain", "servo.motor_gain"),
+    ],
+)  # fmt: skip
+def test_a_misspelling_and_a_beginning_suggest_what_is_meant(file, word, meant):
+    assert f"did you mean {meant!r}?" in refusal(load, file(f"[friction]\n{word} = 2\n"))
+
+
 def test_unknown_key_lists_the_known_ones(file):
     message = refusal(load, file("[servo]\nxyzzy = 1\n"))
     assert all(key in message for key in KEYS)

@@ -350,7 +350,7 @@ def test_a_march_that_fails_is_reported(monkeypatch):
 KEYS = {
     "model", "gain", "set_point", "time", "regularised", "tol", "verdict", "reason", "amplitude", "period", "swings",
     "judged", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error", "state_errors",
-    "status", "advice", "ended", "intervals", "wall_s",
+    "status", "advice", "ended", "intervals", "wall_s", "other_end", "other_end_reason",
 }  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from casahunt import Servo, cli, simulate
+from casahunt.servo.attraction import swing
 from casahunt.servo.simulation import prospect, verdict
 from casahunt.servo.simulation.prospect import cycle_near, escapes, settles
 from casahunt.servo.simulation.swings import ABOVE, limit_of, limit_of_sides
@@ -21,6 +22,10 @@ from scripts import verdicts
 TABLE_1 = Servo()
 ABOVE_FOLD = 0.6473456  # by 1e-5 of itself: the fold of Table 1 is 0.64733908365 (problems/table1.py)
 UNDAMPED = Servo().replace(**{"friction.viscous": 0.0, "controller.lead_time": 0.0})
+SWINGING = Servo(inertia=0.059847, motor_gain=4.3901).replace(**{
+    "controller.integral_time": 0.13029, "controller.lead_time": 0.050701, "friction.static": 1.415,
+    "friction.coulomb": 0.63447, "friction.stribeck_velocity": 0.17899, "friction.viscous": 0.0032379,
+})  # fmt: skip
 
 
 def verge(servo: Servo, gain: float, a: float) -> dict[str, float]:
@@ -158,12 +163,8 @@ def linear_ratio(servo: Servo, gain: float) -> float:
 @pytest.mark.parametrize("gain", [0.35, 0.39, 1.0, 2.0])
 def test_small_swings_of_an_unstable_loop_may_settle(gain):
     """The loop without dry friction is unstable below K = 1.47, small swings grow below K = 0.38."""
-    servo = Servo(inertia=0.059847, motor_gain=4.3901).replace(**{
-        "controller.integral_time": 0.13029, "controller.lead_time": 0.050701, "friction.static": 1.415,
-        "friction.coulomb": 0.63447, "friction.stribeck_velocity": 0.17899, "friction.viscous": 0.0032379,
-    })  # fmt: skip
-    rho = linear_ratio(servo, gain)
-    found = settles(servo, "switch", gain, 1e-9)
+    rho = linear_ratio(SWINGING, gain)
+    found = settles(SWINGING, "switch", gain, 1e-9)
     assert found.holds == (rho < 1) and (gain < 0.38) == (rho > 1)
     said = float(re.search(r"([0-9.]+) times as far", found.sentence)[1])
     assert said == pytest.approx(rho, rel=2e-3)  # the drop of the friction is not felt by more than that
@@ -259,6 +260,28 @@ def known_to(found, error: float) -> SimpleNamespace:
     """A motion as it is, its position known to an error [rad]."""
     names = "model", "servo", "gain", "regularised", "times", "states", "modes", "ended", "shape", "dense", "torque"
     return SimpleNamespace(**{name: getattr(found, name) for name in names}, state_errors=np.full(3, error))
+
+
+@pytest.mark.parametrize("a", [0.0, 1e-12, 1e-3])
+@pytest.mark.parametrize(
+    ("servo", "model", "gain"),
+    [(TABLE_1, "switch", 0.8), (TABLE_1, "lugre", 0.7), (SWINGING, "switch", 1.0), (SWINGING, "lugre", 1.0)],
+)
+def test_what_is_said_of_all_stick_positions_was_looked_at_among_them(servo, model, gain, a):
+    """Whatever was asked about, the distances named are of the range named, and what was asked about is, too."""
+    ahead = settles(servo, model, gain, a)
+    assert ahead.holds
+    top = float(re.search(r"up to (\S+) rad", ahead.sentence)[1])
+    assert top >= a * (1 - 1e-3)
+    said = re.search(r"at most (\S+) times as far \(from (\S+) rad", ahead.sentence)
+    if said is None:
+        assert "goes to the set point" in ahead.sentence
+        return
+    most, where = float(said[1]), float(said[2])
+    assert where <= top * (1 + 1e-3)
+    if model == "switch":  # the map may jump there, and four digits of the place are said
+        beside = where * np.linspace(1 - 1e-3, 1 + 1e-3, 101)
+        assert np.max(np.abs(swing(servo, gain, beside)) / beside) == pytest.approx(most, rel=1e-2)
 
 
 def test_motions_that_are_not_known_are_not_judged():

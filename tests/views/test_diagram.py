@@ -9,14 +9,15 @@ from functools import partial
 import pytest
 from command_line import PROGRESS, contents, is_picture, one_json, process, rows_of, run
 
-from casahunt import NoOrbit, find_orbit
+from casahunt import NoOrbit, Servo, find_fold, find_orbit, load
 from casahunt.continuation import special_points as monitor
-from casahunt.design.diagram import DiagramPoint, diagram
+from casahunt.design.diagram import DiagramPoint, diagram, starting_gain
 from casahunt.servo.saved import load_branch
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold
 from casahunt.views.commands import orbit as command_orbit
 from problems import table1
+from problems.taylor import switch_cycle
 
 
 def test_diagram(capsys, tmp_path):
@@ -67,6 +68,102 @@ def test_diagram(capsys, tmp_path):
     assert one_json(text)["out"] == str(out)
     assert set(contents(out)) == files
     assert [float(row["gain"]) for row in rows_of(out / "switch.csv")] == pytest.approx(gains, rel=1e-9)
+
+
+ANOTHER = """
+[servo]
+inertia = 0.012
+motor_gain = 4.2
+[controller]
+kp = 1
+ki = 8
+kd = 0.05
+[friction]
+static = 0.40
+coulomb = 0.30
+stribeck_velocity = 0.05
+viscous = 0.02
+"""
+"""A servo whose loop without friction is stable from K = J ki/(cm kd kp) = 0.457 on."""
+
+
+def test_the_range_comes_from_the_servo(capsys, tmp_path):
+    """Without --from: the Routh-Hurwitz gain without friction, three digits, rounded up; its cycle by Taylor series."""
+    (tmp_path / "my.toml").write_text(ANOTHER)
+    command = ["diagram", tmp_path / "my.toml", "--model", "switch", "--natural", "--out", tmp_path / "out"]
+    assert run(capsys, *command, "--quiet", "--json")[0] == 0
+    first, *_, fold = rows_of(tmp_path / "out" / "switch.csv")
+    lowest = 0.012 * 8 / (4.2 * 0.05 * 1)
+    assert lowest < float(first["gain"]) == 0.458 < lowest * 1.01 and fold["special"] == "fold"
+    amplitude, period = switch_cycle(load(tmp_path / "my.toml"), 0.458, float(first["amplitude_rad"]))
+    assert float(first["amplitude_rad"]) == pytest.approx(amplitude, rel=1e-6)
+    assert float(first["period_s"]) == pytest.approx(period, rel=1e-6)
+    assert is_picture(tmp_path / "out" / "diagram.png")
+    # Table 1: the report's.
+    assert [starting_gain(Servo(), model) for model in ("switch", "lugre")] == [0.0321, 0.0321]
+
+
+def test_a_start_without_a_cycle_gives_way_to_the_servos_own(capsys, tmp_path, monkeypatch):
+    """Said, with exit code 1; a gain above the cycles does not: a diagram below it is not what was asked for."""
+    first = find_orbit(Servo(), "switch", 0.6)
+
+    def nowhere(servo, model, *, start, options, natural, begun):
+        if start != 0.6:
+            raise NoOrbit(f"none at gain {start:g}")
+        yield DiagramPoint(first, ())
+        yield DiagramPoint(find_orbit(servo, model, 0.61), ())
+        return "the end"
+
+    monkeypatch.setattr(command_diagram, "diagram", nowhere)
+    monkeypatch.setattr(command_diagram, "starting_gain", lambda *_: 0.6)
+    command = ["diagram", "--model", "switch", "--out", tmp_path, "--quiet", "--from"]
+    code, out, err = run(capsys, *command, 0.5)
+    assert code == 1 and "none at gain 0.5; it is drawn from gain 0.6" in err and out.startswith("switch: 2 points")
+    assert is_picture(tmp_path / "diagram.png") and len(rows_of(tmp_path / "switch.csv")) == 2
+    before = contents(tmp_path)
+    assert run(capsys, *command, 0.7) == (1, "", "casahunt diagram: none at gain 0.7\n")
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.slow
+def test_a_gain_below_the_cycles_is_replaced(capsys, tmp_path):
+    """Between K = 0.0321 and the second fold at 0.146 this servo has no stable cycle: what there is, is drawn."""
+    (tmp_path / "my.toml").write_text(ANOTHER)
+    command = ["diagram", tmp_path / "my.toml", "--model", "switch", "--natural", "--from", 0.0321, "--out", tmp_path]
+    code, out, err = run(capsys, *command, "--quiet")
+    assert code == 1 and out.startswith("switch: ") and "fold at gain = 4.05296" in out
+    assert "at gain 0.0321 was not found" in err and "it is drawn from gain 0.458" in err
+    assert float(rows_of(tmp_path / "switch.csv")[0]["gain"]) == 0.458 and is_picture(tmp_path / "diagram.png")
+
+
+def test_a_model_without_a_start_does_not_take_the_other_with_it(capsys, tmp_path, monkeypatch):
+    def start(servo, model, options):
+        if model == "switch":
+            raise NoOrbit("no hunting limit cycle of the switch servo")
+        return 0.58
+
+    monkeypatch.setattr(command_diagram, "starting_gain", start)
+    code, out, err = run(capsys, "diagram", "--out", tmp_path, "--quiet")
+    assert code == 1 and out.startswith("lugre: ") and "no hunting limit cycle of the switch servo" in err
+    assert float(rows_of(tmp_path / "lugre.csv")[0]["gain"]) == 0.58 and is_picture(tmp_path / "diagram.png")
+
+
+def test_a_run_is_resumed_without_its_gain(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
+    command = ["diagram", "--model", "switch", "--out", tmp_path, "--quiet", "--json", "--natural"]
+    before = one_json(run(capsys, *command, "--from", 0.6)[1])["branches"]
+    again = one_json(run(capsys, *command, "--resume")[1])["branches"]
+    assert again == before and before[0]["gain_range"][0] == 0.6
+
+
+@pytest.mark.slow
+def test_a_range_below_the_bound_of_the_linear_loop():
+    """So much viscous friction that the fold lies below it: a twentieth of the fold gain."""
+    servo = Servo().replace(**{"friction.viscous": 3.3})
+    start = starting_gain(servo, "switch")
+    fold = find_fold(servo, "switch").gain
+    assert fold < 0.0321 and fold / 20 <= start < fold / 19.9
+    assert find_orbit(servo, "switch", start).half_multiplier < 1
 
 
 def test_diagram_of_both_models(capsys, tmp_path):

@@ -229,12 +229,16 @@ def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: b
                 waiting += [(left, middle), (middle, right)]
     except MarchFailure as failure:
         return said(False, f"the event map was not computed: {failure}")
-    best, where = max((q, u) for u, (q, _) in seen.items())
-    return said(
-        True,
-        f"from every stick position up to {a:.4g} rad the next one is nearer, at most {best:.6g} times as far (at "
-        f"{math.exp(where):.4g} rad; {len(seen)} motions of the event map)",
-    )
+    return said(True, _falls(top, *max((q, math.exp(u)) for u, (q, _) in seen.items()), len(seen)))
+
+
+def _falls(top: float, q: float, b: float, motions: int) -> str:
+    """What was shown of all stick positions up to `top`, the motions looked at among them: q is P(b)/b at most."""
+    looked = f"{motions} motion{'s' if motions > 1 else ''} of the event map"
+    every = f"from every stick position up to {top:.4g} rad"
+    if q < KNOWN:
+        return f"{every} it goes to the set point and sticks nowhere else ({looked})"
+    return f"{every} the next one is nearer, at most {q:.6g} times as far (from {b:.4g} rad; {looked})"
 
 
 def _grows(b: float, q: float) -> str:

@@ -383,7 +383,7 @@ def _resting(motion: Motion, seen: Verdict, text: str, ahead: Ahead) -> Verdict:
     sentence = f"{text}{ahead.sentence}".rstrip("; ")
     if away.size and away[-1] == t.size - 1:
         return replace(seen, kind="decaying", sentence=f"{sentence}{_waits(motion)}", limit=0.0)
-    within = f"within {seen.floor:.2g} rad of the set point, what the position is known to, since {since:.4g} s"
+    within = f"within {seen.floor:.2g} rad of the set point, too little to be judged, since {since:.4g} s"
     return replace(
         seen, kind="at rest", sentence=f"{within}; {sentence}", limit=0.0, amplitude=math.nan, period=math.nan, swings=0
     )

@@ -7,13 +7,14 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
 from ... import effort
-from ...continuation.special_points import FOLD, Missed
-from ...design.diagram import DEFAULT_START, DiagramPoint, diagram
+from ...continuation.special_points import FOLD
+from ...design.diagram import DiagramPoint, diagram, starting_gain
 from ...design.diagram_files import INTERRUPTED, SIGNS, Task, Words, begun, keep
 from ...errors import NoOrbit
 from ...export import MAKER
@@ -41,8 +42,10 @@ def add(commands: Any) -> None:
     add_common(picture)
     picture.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
     picture.add_argument(
-        "--from", dest="start", default=DEFAULT_START, metavar="K", help=f"gain to start from (default {DEFAULT_START})"
-    )
+        "--from", dest="start", metavar="K",
+        help="gain to start from (default: the least for a stable loop without friction, 0.0321 for Table 1; the first "
+        "above with a hunting cycle where there is none)",
+    )  # fmt: skip
     add_solver(picture)
     picture.add_argument(
         "--natural", action="store_true",
@@ -69,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     KeyboardInterrupt : interrupted; says where the points computed so far are.
     """
     models = models_of(options)
-    start = positive("from", options.start)
+    start = None if options.start is None else positive("from", options.start)
     how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
     task = Task(servo_of(options), start, how, options.natural)
     began = time.perf_counter()
@@ -143,22 +146,53 @@ class _Found:
 
     def add(self, model: Model) -> None:
         """Compute the branch of a model, and say what is missing of it."""
-        gaps: tuple[Missed, ...] = ()
-        folds = [s.orbit.gain for branch in self.branches for s in branch.special if s.kind == FOLD.kind]
-        way = _Way(self.task.start, self.task.natural, max(folds, default=0.0), last=model == list(self.there)[-1])
         try:
-            branch = _one_branch(self.task, model, self.there[model], self.make_room, self.out, self.stream, way)
-            self.branches.append(branch)
-            gaps, failure = branch.missed, _shortfall(branch, self.task.start, self.task.natural)
+            branch = self.branch(model, self.begins(model))
         except NoOrbit as error:
-            failure = str(error)
-        if failure:
-            self.failures.append(failure)
-            complain("casahunt diagram", failure)
-        for gap in gaps:
+            start = self.instead(model)
+            if start is None:
+                self.lacks(str(error))
+                return
+            self.lacks(f"{error}; it is drawn from gain {start:g}")
+            branch = self.branch(model, start)
+        self.branches.append(branch)
+        if failure := _shortfall(branch, float(branch.gains[0]), self.task.natural):
+            self.lacks(failure)
+        for gap in branch.missed:
             complain("casahunt diagram", f"{model}: {gap.meaning}")
             if gap.kind == FOLD.kind:  # what the diagram is there for
                 self.failures.append(gap.meaning)
+
+    def lacks(self, failure: str) -> None:
+        """Say what is missing."""
+        self.failures.append(failure)
+        complain("casahunt diagram", failure)
+
+    def begins(self, model: Model) -> float:
+        """The gain that the branch of a model begins at: as asked for, as begun, or its own."""
+        points = self.there[model][0]
+        return self.task.start or (points[0].orbit.gain if points else self.own_start(model))
+
+    def own_start(self, model: Model) -> float:
+        """The gain that the servo has for itself."""
+        effort.at(lambda: f"{model}: looking for the gain to start from")
+        return starting_gain(self.task.servo, model, self.task.options)
+
+    def instead(self, model: Model) -> float | None:
+        """Where its cycles begin above the gain that was asked for; None where none is known to."""
+        if self.task.start is None:
+            return None
+        with suppress(NoOrbit):
+            start = self.own_start(model)
+            return start if start > self.task.start else None
+        return None
+
+    def branch(self, model: Model, start: float) -> Branch:
+        """Compute the branch of a model from a gain."""
+        task = replace(self.task, start=start)
+        folds = [s.orbit.gain for branch in self.branches for s in branch.special if s.kind == FOLD.kind]
+        way = _Way(start, task.natural, max(folds, default=0.0), last=model == list(self.there)[-1])
+        return _one_branch(task, model, self.there[model], self.make_room, self.out, self.stream, way)
 
 
 @dataclass

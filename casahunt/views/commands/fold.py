@@ -1,4 +1,7 @@
-"""casahunt fold: the largest gain at which the servo can hunt."""
+"""casahunt fold: the largest gain at which the servo can hunt, and the largest one with a stable cycle.
+
+Key `stable` of the JSON object: see views/stability.py.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
+from ..stability import stability_of
 from ..units import PARAMETER_UNITS, column
 from .arguments import add_common, add_csv, add_solver, csv_of, finite, picture_of, servo_of, solver_of
 from .console import progress, progress_line, say
@@ -40,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     plot, table = picture_of(options), csv_of(options)
     fold = find_fold(servo, model, options=how)  # type: ignore[arg-type]
-    slopes = fold_sensitivities(fold)
+    slopes, stable = fold_sensitivities(fold), stability_of(fold, how)
     if table:
         options.outputs.write(write_records, table, _rows(servo, fold, slopes))
     if plot:
@@ -55,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
         "period": fold.orbit.period,
         "error_estimate": fold.error_estimate,
         "optimised_gain": fold.optimised_gain,
+        "stable": stable,
         "sensitivities": slopes.derivatives,
         "elasticities": slopes.elasticities,
         "status": fold.status.name.lower(),
@@ -65,15 +70,16 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(record))
         return 0
-    show(_lines(fold, slopes, how))
+    show(_lines(fold, slopes, stable, how))
     return 0
 
 
-def _lines(fold: HuntingFold, slopes: Sensitivities, how: Options) -> Iterator[str]:
+def _lines(fold: HuntingFold, slopes: Sensitivities, stable: dict[str, Any], how: Options) -> Iterator[str]:
     yield f"{fold.orbit.model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)} V/rad"
     yield f"  estimated error  {error_text(fold.gain_error)} (relative, of the gain)"
     yield f"  amplitude there  {to_error(fold.orbit.amplitude, fold.orbit.amplitude_error)} rad"
     yield f"  period there     {to_error(fold.orbit.period, fold.orbit.period_error)} s"
+    yield f"  a stable cycle   {stable['sentence']}"
     way = "turning point of the equations (Newton)" if how.solver == "newton" else "optimisation problem (IPOPT)"
     yield f"  computed twice   as {way}: {to_error(fold.optimised_gain, fold.gain_error)} V/rad"
     yield "  one per cent more of        changes that gain by"

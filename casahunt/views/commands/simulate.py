@@ -5,8 +5,12 @@ Keys of the JSON object: model, gain, set_point, time (reached), regularised, to
 number); judged: swings [rad], since [s], ratios of each to the one before, limit (the cycle's swing, also
 of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or null), floor [rad] below
 which nothing is judged, map_motions (beyond the motion itself);
-position, velocity, integral and bristle (null for Switch) at the end; events, a list of [time, name, mode before,
-mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown);
+position, velocity, integral and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the
+cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and
+start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
+velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why;
+events, a list of [time, name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error,
+state_errors (null where unknown);
 status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
 """
 
@@ -22,10 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import error_text, finite_or_none, known, moderate, to_absolute_error
+from ... import effort
+from ...checks import error_text, finite_or_none, known, moderate, to_absolute_error, to_error
 from ...errors import InputError
 from ...files import whole_text
 from ...servo.hunting import MODELS
+from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
 from ...tables import table as csv_table
@@ -84,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
     table = csv_of(options)
     began = time.perf_counter()
     found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)  # type: ignore[arg-type]
-    kind = found.verdict.kind
+    kind, other = found.verdict.kind, _other_end(found)
     wall_s = time.perf_counter() - began
     if table:
         options.outputs.write(_write, found, table, step)
@@ -95,9 +101,9 @@ def run(options: argparse.Namespace) -> int:
         options.outputs.draw(lambda: plotting.save(pictures_simulation.motion(found), plot))
     advice = None if found.status.ok else _advice(found)
     if options.json:
-        print(json.dumps(_record(found, advice, wall_s)))
+        print(json.dumps(_record(found, other, advice, wall_s)))
     else:
-        show(_lines(found, wall_s))
+        show(_lines(found, other, wall_s))
     if advice:
         complain("casahunt simulate", advice)
     cut = bool(found.ended) and kind != "growing"
@@ -106,11 +112,22 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.status.ok and not cut else 1
 
 
-def _lines(found: Trajectory, wall_s: float) -> Iterator[str]:
+def _other_end(found: Trajectory) -> OtherEnd | None:
+    """The cycle that a motion which rests has not come to, as far as the work that is allowed leads."""
+    try:
+        return other_end(found)
+    except effort.GivenUp as error:
+        return OtherEnd(None, str(error))
+
+
+def _lines(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator[str]:
     x, verdict, errors = found.end, found.verdict, found.state_errors
+    partly = ", but not from every start" if other is not None and other.hunts else ""
     name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g} V/rad"
-    yield f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}"
+    yield f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}{partly}"
     yield f"  because          {verdict.sentence}"
+    if other is not None:
+        yield f"  other starts     {_elsewhere(other, found.duration)}"
     if verdict.judged:
         swings = ", ".join(to_absolute_error(a, verdict.floor, most=6) for a in verdict.judged)
         since = to_absolute_error(verdict.since, found.time_error, most=6)
@@ -134,6 +151,26 @@ def _lines(found: Trajectory, wall_s: float) -> Iterator[str]:
     yield f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s"
 
 
+def _elsewhere(other: OtherEnd, duration: float) -> str:
+    """What a motion from another start could come to; `duration` is that of the one that rests [s]."""
+    orbit = other.orbit
+    if orbit is None:
+        return "at this gain there is no hunting cycle to end in" if other.none else (
+            "whether there is a hunting cycle at this gain is not known (casahunt orbit says what was tried)"
+        )  # fmt: skip
+    amplitude, period = (
+        to_error(value, error, most=7)
+        for value, error in ((orbit.amplitude, orbit.amplitude_error), (orbit.period, orbit.period_error))
+    )
+    size = f"{'stable' if orbit.stable else 'symmetric'} cycle of amplitude {amplitude} rad and period {period} s"
+    if not other.hunts:
+        return f"there is a {size}, but no motion was found that stays beside it"
+    left_out = {"time": duration, "integral": 0.0, "velocity": 0.0}
+    words = [f"--{key} {value:.12g}" for key, value in other.start.items() if left_out.get(key) != value]
+    ends = f"in a {size}" if orbit.stable else f"swinging unevenly beside a {size}, which is not stable"
+    return f"let go at rest with {' '.join(words)} it hunts: it ends {ends}"
+
+
 def _size(key: str, text: Any) -> float:
     return moderate(key, finite(key, text))
 
@@ -154,7 +191,19 @@ def _counts(found: Trajectory) -> str:
     return f"{len(names)}{f' ({listed})' if names else ''}"
 
 
-def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, Any]:
+def _other_record(other: OtherEnd | None) -> dict[str, Any] | None:
+    if other is None or other.orbit is None:
+        return None
+    orbit = other.orbit
+    return {
+        "amplitude": orbit.amplitude,
+        "period": orbit.period,
+        "half_multiplier": orbit.half_multiplier if orbit.multipliers.trusted else None,
+        "start": other.start or None,
+    }
+
+
+def _record(found: Trajectory, other: OtherEnd | None, advice: str | None, wall_s: float) -> dict[str, Any]:
     x, verdict = found.end, found.verdict
     return {
         "model": found.model,
@@ -177,6 +226,8 @@ def _record(found: Trajectory, advice: str | None, wall_s: float) -> dict[str, A
             "floor": finite_or_none(verdict.floor),
             "map_motions": verdict.motions,
         },
+        "other_end": _other_record(other),
+        "other_end_reason": (other.reason or None) if other is not None else None,
         "position": found.set_point + float(x[0]),
         "velocity": float(x[1]),
         "integral": float(x[2]),

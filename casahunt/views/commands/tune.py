@@ -8,7 +8,8 @@ fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for)
 delay, sample_time}, free, bounds {gain: [low, high], ...}; worst {corner {parameter: value}, fold_gain, evaluations};
 fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
 over the uncertainty set; binding: what keeps the cost from being less;
-verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, margin,
+verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, stable
+(up to which gain a cycle is stable, views/stability.py; null without a fold), margin,
 margin_kept, scan, scan_clear, loops_kept, loops_checked, loops {nominal, worst (friction), and of the servos of the set
 with the least "phase margin", "gain margin (lowering)", "gain margin (raising)": {crossover, phase_margin,
 lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
@@ -99,14 +100,14 @@ def run(options: argparse.Namespace) -> int:
 
     if options.out is None:
         tuning = tuned()
-        record = record_of(tuning, before_tasks(tuning, now) if now is not None else None)
+        record = record_of(tuning, before_tasks(tuning, now) if now is not None else None, how)
         record |= {"tol": how.tol, "made": made(options.servo, options.set)}
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
             say(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
-            record = record_of(tuning, before) | {"tol": how.tol, "made": made(options.servo, options.set)}
+            record = record_of(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
@@ -215,6 +216,7 @@ def _folds(check: dict[str, Any], error: float, tol: float) -> Iterator[str]:
         part = 1 + 1 / check["margin"] if check["margin"] else 1.0
         above = to_error(100 * check["margin"], abs(part) * error, most=6)
         yield f"  fold once more   {again} V/rad; the gain is {above} % above it"
+        yield f"  a stable cycle   {check['stable']['sentence']}"
     yield f"  event map        {check['scan']}"
     if check["set"]:
         number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]

@@ -16,8 +16,10 @@ from ...design.tune.demands import COSTS
 from ...design.tune.tasks import Task, regulator_tasks
 from ...design.tune.tuning import Tuning
 from ...design.uncertainty.linear import linear_range
+from ...orbits.adapt import Options
 from ...servo.delayed_loop import Margins
 from ...servo.servo import flatten
+from ..stability import stability_of
 
 GAIN_BEFORE = 0.5
 """Gain of the tasks before, in units of the nominal fold gain, where none is given."""
@@ -111,7 +113,9 @@ def _task(task: Task) -> dict[str, Any]:
     }
 
 
-def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = None) -> dict[str, Any]:
+def record_of(
+    tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = None, options: Options | None = None
+) -> dict[str, Any]:
     """The JSON object of a tuning; keys in views/commands/tune.py.
 
     Parameters
@@ -120,6 +124,8 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
         the tuning.
     before
         gain and tasks of `before_tasks`.
+    options
+        tolerance of the gains that are computed here.
 
     Returns
     -------
@@ -150,7 +156,7 @@ def record_of(tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = No
         "worst": {"corner": tuning.corner, "fold_gain": tuning.fold_gain, "evaluations": tuning.evaluations},
         "fold": _fold(tuning),
         "binding": list(tuning.binding),
-        "verification": _verification(tuning.verification),
+        "verification": _verification(tuning.verification, options or Options()),
         "elasticities": slopes.elasticities if slopes is not None else {},
         "proves_not": [*PROVES_NOT, *([INSIDE_SENTENCE] if tuning.corner else []), *([DELAY] if demands.lag else [])],
         "before": None if before is None else _before(tuning, *before),
@@ -178,7 +184,7 @@ def _fold(tuning: Tuning) -> dict[str, float | None]:
     }
 
 
-def _verification(check: Verification) -> dict[str, Any]:
+def _verification(check: Verification, options: Options) -> dict[str, Any]:
     fold, nominal, folds = check.fold, check.nominal_fold, check.set_check
     return {
         "ok": check.ok,
@@ -188,6 +194,7 @@ def _verification(check: Verification) -> dict[str, Any]:
         "fold_gain": fold.gain if fold is not None else None,
         "fold_error": fold.gain_error if fold is not None else None,
         "nominal_fold_gain": nominal.gain if nominal is not None else None,
+        "stable": None if fold is None else stability_of(fold, options),
         "margin": finite_or_none(check.margin),
         "margin_kept": check.margin_kept,
         "scan": check.scan_sentence,

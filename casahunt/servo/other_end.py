@@ -1,0 +1,143 @@
+"""What a servo that comes to rest could have come to instead: the stable cycle at the same gain, and a start for it.
+
+    theta(0) = theta_d - a,   theta'(0) = 0,   x3(0) = max(0, (kp a - 0.9 Fs)/ki)      stuck, not yet broken away
+
+a is the stick position of the cycle (basin.py), in as few digits as lead there; where none does, the motion starts on
+the cycle, where it turns round.  Stuck at |x1| = a, one number decides the whole future (servo/simulation/prospect.py);
+that a start ends in the cycle is shown by a motion from it, whose verdict is asked for.  A servo stuck nearer than the
+unstable cycle, or flung far past the stable one, may rest: both ends are true of one servo, the start tells which.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..checks import of_kind
+from ..errors import NoOrbit
+from ..orbits.adapt import Options
+from ..results import Result
+from .basin import stick_position
+from .event_map.scan import SECTION
+from .find_orbit import find_orbit
+from .problem import HuntingOrbit
+from .simulation.simulate import simulate
+from .simulation.trajectory import Trajectory
+from .simulation.verdict import SETTLED, SWINGS, Verdict
+
+START_DIGITS, DIGITS_ON_IT = (2, 4), 10
+"""Digits of the distance from the set point that starts are tried with, the first that leads to hunting being given;
+of a start on the cycle itself."""
+FOLLOWED = 5
+"""Of the cycle, that the motion from such a start is followed at least."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OtherEnd(Result):
+    """A hunting cycle at the gain of a motion that comes to rest.
+
+    Attributes
+    ----------
+    orbit : the symmetric cycle on the stable side of the fold; None where there is none, or none was found.
+    reason : why there is none, or what was tried; "" with an orbit.
+    none : there is none, with the evidence in `reason`.
+    start : position [rad], integral [rad s], time [s] and, on the cycle, velocity [rad/s] and bristle [rad], keywords
+        of `simulate` at the same set point: a motion from there was followed and hunts; empty where none tried does.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, other_end, simulate
+    >>> found = other_end(simulate(Servo(), "switch", 0.5, position=0.9995))
+    >>> found.hunts, found.start["position"], round(found.orbit.amplitude, 5)  # rad
+    (True, 0.9977, 0.00233)
+    """
+
+    _quantities = ("hunts", "start", "orbit", "none")
+    _details = ("reason",)
+
+    orbit: HuntingOrbit | None
+    reason: str = ""
+    none: bool = False
+    start: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def hunts(self) -> bool:
+        """A motion that hunts was found."""
+        return bool(self.start)
+
+
+def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd | None:
+    """The cycle that a servo at rest could be on, and a start that ends in it.
+
+    Parameters
+    ----------
+    motion
+        of `simulate`.
+    options
+        tolerance of the cycle.
+
+    Returns
+    -------
+    OtherEnd; None for a motion that neither rests nor decays, whose verdict names its end.
+
+    Raises
+    ------
+    InputError : what was given is no motion.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, other_end, simulate
+    >>> above = other_end(simulate(Servo(), "switch", 0.8))
+    >>> above.hunts, above.none
+    (False, True)
+    """
+    of_kind("motion", motion, Trajectory, "such as simulate gives")
+    if motion.verdict.kind not in ("at rest", "decaying"):
+        return None
+    try:
+        orbit = find_orbit(motion.servo, motion.model, motion.gain, options=options)
+    except NoOrbit as error:
+        return OtherEnd(None, str(error), error.status is None)
+    time = max(motion.duration, math.ceil(FOLLOWED * orbit.period))
+    for start in _starts(motion, orbit):
+        with suppress(NoOrbit):
+            again = simulate(
+                motion.servo, motion.model, motion.gain, set_point=motion.set_point, tol=motion.tol, time=time,
+                regularised=motion.regularised, **start,
+            )  # fmt: skip
+            if _hunts(again.verdict, orbit):
+                return OtherEnd(orbit, start={**start, "time": time})
+    return OtherEnd(orbit)
+
+
+def _hunts(seen: Verdict, orbit: HuntingOrbit) -> bool:
+    """Whether a motion hunts: by its verdict; or it stays on a stable cycle, with nothing left to converge."""
+    near = sum(abs(swing / orbit.amplitude - 1) <= SETTLED for swing in seen.judged)
+    return seen.kind == "hunting" or (
+        orbit.stable and seen.kind == "undecided" and near == len(seen.judged) and near >= SWINGS
+    )
+
+
+def _starts(motion: Trajectory, orbit: HuntingOrbit) -> Iterator[dict[str, float]]:
+    """Where motions are let go: beside the set point, in ever more digits; then on the cycle, where it turns round."""
+    with suppress(NoOrbit):
+        a = stick_position(orbit)
+        yield from (_stuck(motion, a, digits) for digits in START_DIGITS)
+    _, x = orbit.sample()
+    turn = x[:, np.argmax(np.abs(x[0]))]
+    names = ("position", "velocity", "integral", "bristle")[: len(turn)]
+    values = (motion.set_point + turn[0], 0.0, *turn[2:])
+    yield {name: float(f"{value:.{DIGITS_ON_IT}g}") for name, value in zip(names, values, strict=True)}
+
+
+def _stuck(motion: Trajectory, a: float, digits: int) -> dict[str, float]:
+    """Stuck at the distance a from the set point, the distance rounded to so many digits."""
+    kp, _, ki = motion.servo.torque_gains(motion.gain)
+    decimals = digits - 1 - math.floor(math.log10(a))
+    position = round(motion.set_point - round(a, decimals), max(decimals, 0))
+    integral = (kp * (motion.set_point - position) - SECTION * motion.servo.friction.static) / ki
+    return {"position": position, "integral": float(f"{max(0.0, integral):.{digits + 1}g}")}
