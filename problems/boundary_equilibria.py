@@ -1,21 +1,23 @@
-"""Cycles born where an equilibrium meets a switching manifold, x = 0 (hopf_like.py says what is told of each).
+"""Cycles born where an equilibrium meets the switching manifold x = 0, at mu = 0 (hopf_like.py says what is told).
 
-An equilibrium passes from one side of x = 0 to the other at mu = 0.  All fields here are linear in x, y and mu together,
-so the cycle at mu is mu times that at mu = 1: the amplitude is linear in mu, and the period does not depend on it.
+    continuous   x' = t x + y,  y' = mu - d x,  (t, d) by the sign of x: a focus or a node gives way to a focus
+    Filippov     x' = a (x - mu) - y,  y' = x - mu + a y right of x = 0;  x' = 1, y' = -k left of it; sliding between
+    at once      x' = a (x - mu) - w y,  y' = w (x - mu) + a y,  (a, w) by the sign of x: two foci meet x = 0 together
+    stop         x' = y,  y' = t y - d (x - mu),  y -> -r y at x = 0;  mu > 0: the focus lies before the stop;
+                 mu < 0: a focus, or a node, lies behind it, and the cycle is unstable
 
-    continuous        x' = t x + y,  y' = mu - d x,  (t, d) by the sign of x;  a focus and a focus, or a focus and a node
-    Filippov          x' = a (x - mu) - y,  y' = x - mu + a y  for x > 0,  x' = 1, y' = -k for x < 0, sliding between
-    both at once      foci on both sides, x' = a (x - mu) - w y,  y' = w (x - mu) + a y, (a, w) by the sign of x
-    a stop at x = 0   x' = y,  y' = t y - d (x - mu),  y -> -r y at x = 0;  mu > 0: the focus is before the stop;
-                      mu < 0: a focus, or a node, is behind it, and the cycle is unstable
+Amplitude ~ |mu|, and the period tends to a limit.  All fields but the sliding one are linear in x, y and mu together:
+there the cycle at mu is |mu| times that at +-1, and the period is the same for all.  The sliding is Filippov's, the
+convex combination of both fields that stays at x = 0, with s = a mu + y (the speed at which the right field comes in):
 
-The sliding is Filippov's: the convex combination of the two fields that keeps x = 0, until the right one points away.
+    y' = (a y - mu - k s)/(1 + s),   until s = 0
 
 Source: the review named in hopf_like.py.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -23,151 +25,110 @@ import numpy as np
 
 from casahunt.hybrid import Event, Mode, System
 
-from .hopf_like import Birth, fixed, flight
+from .hopf_like import Birth, Field, Turn, flight, two_sides, zero
 
 Pair = tuple[float, float]
-TO_RIGHT = Event("to the right", lambda x, p: x.x, +1, to="right")
-TO_LEFT = Event("to the left", lambda x, p: x.x, -1, to="left")
+Motion = Callable[[float], Turn]
+
+FOCI, NODE = ((-1.0, 1.0), (0.4, 1.0)), ((-3.0, 2.0), (0.4, 1.0))
+"""(t, d) left and right, of the continuous fields."""
+AT_ONCE = ((-0.4, 1.0), (0.6, 2.0))
+"""(a, w) left and right, of the foci that meet x = 0 together."""
+GROWTH, DRIFT = 0.2, 1.0
+"""a and k of Filippov's."""
+BEFORE, BEHIND, NODE_BEHIND = (0.4, 1.0, 0.4), (0.4, 1.0, 0.8), (3.0, 2.0, 0.6)
+"""(t, d, r) of the stops."""
 
 
-def two_sides(name: str, field: Callable[[Any, Any, Pair], dict[str, Any]], left: Pair, right: Pair) -> System:
-    """A system of two fields that differ in two numbers.
-
-    Parameters
-    ----------
-    name
-        of the system.
-    field
-        (x, p, the two numbers) -> derivatives.
-    left, right
-        the two numbers.
-
-    Returns
-    -------
-    System with the parameter mu.
-    """
-    modes = (
-        Mode("left", lambda x, p: field(x, p, left), holds=lambda x, p: -x.x, ends=(TO_RIGHT,)),
-        Mode("right", lambda x, p: field(x, p, right), holds=lambda x, p: x.x, ends=(TO_LEFT,)),
-    )
-    return System(name, ("x", "y"), {"mu": 0.5}, modes)
-
-
-def continuous(x: Any, p: Any, numbers: Pair) -> dict[str, Any]:
-    """The continuous pair of fields.
+def continuous(numbers: Pair) -> Field:
+    """The continuous field on one side.
 
     Parameters
     ----------
-    x, p
-        states and parameters.
     numbers
-        trace and determinant.
+        t and d.
 
     Returns
     -------
-    The derivatives by name.
+    (x, p) -> the derivatives by name.
     """
-    trace, determinant = numbers
-    return {"x": trace * x.x + x.y, "y": p.mu - determinant * x.x}
+    t, d = numbers
+    return lambda x, p: {"x": t * x.x + x.y, "y": p.mu - d * x.x}
 
 
-def turning(x: Any, p: Any, numbers: Pair) -> dict[str, Any]:
+def turning(numbers: Pair) -> Field:
     """A focus at (mu, 0).
 
     Parameters
     ----------
-    x, p
-        states and parameters.
     numbers
-        growth and turn.
+        a and w.
 
     Returns
     -------
-    The derivatives by name.
+    (x, p) -> the derivatives by name.
     """
     a, w = numbers
-    return {"x": a * (x.x - p.mu) - w * x.y, "y": w * (x.x - p.mu) + a * x.y}
+    return lambda x, p: {"x": a * (x.x - p.mu) - w * x.y, "y": w * (x.x - p.mu) + a * x.y}
 
 
-def of_continuous(left: Pair, right: Pair) -> Callable[[float], Pair]:
-    """The truth of the continuous pair.
+def linear(field: Field) -> tuple[np.ndarray, Pair]:
+    """A linear field at mu = 1.
+
+    Parameters
+    ----------
+    field
+        the field.
+
+    Returns
+    -------
+    Its matrix, and where it is zero.
+    """
+
+    def at(x: float, y: float) -> np.ndarray:
+        rates = field(_At(x=x, y=y), _At(mu=1.0))
+        return np.array([rates["x"], rates["y"]])
+
+    b = at(0, 0)
+    A = np.column_stack([at(1, 0) - b, at(0, 1) - b])
+    x, y = np.linalg.solve(A, -b)
+    return A, (float(x), float(y))
+
+
+class _At:
+    """Numbers by their names."""
+
+    def __init__(self, **values: float) -> None:
+        self.__dict__.update(values)
+
+
+def crossing(left: Field, right: Field, bounds: Pair) -> Motion:
+    """The truth of two linear fields.
 
     Parameters
     ----------
     left, right
-        traces and determinants.
+        the fields.
+    bounds
+        of y where the motion goes to the right, at mu = 1.
 
     Returns
     -------
-    mu -> (period, y where it goes to the right).
+    mu -> Turn.
     """
-
-    def matrix(numbers: Pair) -> Any:
-        return np.array([[numbers[0], 1.0], [-numbers[1], 0.0]])
-
-    def centre(numbers: Pair) -> Pair:
-        trace, determinant = numbers
-        return 1 / determinant, -trace / determinant
 
     def through(y: float) -> tuple[float, float]:
-        first, low = flight(matrix(right), centre(right), y)
-        second, high = flight(matrix(left), centre(left), low)
-        return first + second, high
+        first, across = flight(*linear(right), y)
+        second, back = flight(*linear(left), across)
+        return first + second, back
 
-    y = fixed(lambda y: through(y)[1], 0.1, 50.0)
-    return lambda mu: (through(y)[0], y * mu)
-
-
-def of_turning(left: Pair, right: Pair) -> Callable[[float], Pair]:
-    """The truth of two foci that meet the manifold at once.
-
-    Parameters
-    ----------
-    left, right
-        growths and turns.
-
-    Returns
-    -------
-    mu -> (period, -y where it goes to the right).
-    """
-
-    def matrix(numbers: Pair) -> Any:
-        a, w = numbers
-        return np.array([[a, -w], [w, a]])
-
-    def through(y: float) -> tuple[float, float]:
-        first, high = flight(matrix(right), (1.0, 0.0), -y)
-        second, low = flight(matrix(left), (1.0, 0.0), high)
-        return first + second, -low
-
-    y = fixed(lambda y: through(y)[1], 0.31, 50.0)
-    return lambda mu: (through(y)[0], y * mu)
+    y = zero(lambda y: through(y)[1] / y - 1, *bounds)
+    period = through(y)[0]
+    return lambda mu: Turn(period, 0.0, y * mu)
 
 
-FOCI, NODE = ((-1.0, 1.0), (0.4, 1.0)), ((-3.0, 2.0), (0.4, 1.0))
-"""(left, right) of the continuous fields, each (trace, determinant)."""
-AT_ONCE = ((-0.4, 1.0), (0.6, 2.0))
-"""(left, right), each (growth, turn)."""
-GROWTH, DRIFT = 0.2, 1.0
-
-
-def right_of(x: Any, p: Any) -> dict[str, Any]:
-    """The field right of the manifold.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
-    return turning(x, p, (GROWTH, 1.0))
-
-
-def speed(x: Any, p: Any) -> Any:
-    """How fast the right field comes to the manifold, -x' at x = 0.
+def incoming(x: Any, p: Any) -> Any:
+    """The speed s at which the right field of Filippov's comes in, -x' at x = 0.
 
     Parameters
     ----------
@@ -182,7 +143,7 @@ def speed(x: Any, p: Any) -> Any:
 
 
 def sliding(x: Any, p: Any) -> dict[str, Any]:
-    """Filippov's combination of the right field and (1, -DRIFT), in which x stays.
+    """Filippov's combination of both fields.
 
     Parameters
     ----------
@@ -193,24 +154,24 @@ def sliding(x: Any, p: Any) -> dict[str, Any]:
     -------
     The derivatives by name.
     """
-    share = 1 / (1 + speed(x, p))
-    return {"x": 0.0, "y": share * (GROWTH * x.y - p.mu) - (1 - share) * DRIFT}
+    s = incoming(x, p)
+    return {"x": 0.0, "y": (GROWTH * x.y - p.mu - DRIFT * s) / (1 + s)}
 
 
 SLIDES = System(
-    "Filippov focus",
+    "sliding next to a focus",
     ("x", "y"),
     {"mu": 0.5},
     (
-        Mode("right", right_of, holds=lambda x, p: x.x,
+        Mode("right", turning((GROWTH, 1.0)), holds=lambda x, p: x.x,
              ends=(Event("lands", lambda x, p: x.x, -1, to="slides"),)),
-        Mode("slides", sliding, holds=speed, ends=(Event("lifts off", speed, -1, to="right"),)),
+        Mode("slides", sliding, holds=incoming, ends=(Event("lifts off", incoming, -1, to="right"),)),
     ),
 )  # fmt: skip
 
 
-def of_sliding(mu: float) -> Pair:
-    """The truth of the cycle that slides.
+def slid(mu: float) -> Turn:
+    """The truth of the cycle that slides: y' = (c + m y)/(e + y) while it does.
 
     Parameters
     ----------
@@ -219,98 +180,83 @@ def of_sliding(mu: float) -> Pair:
 
     Returns
     -------
-    The period, and -y where it lifts off.
+    Turn.
     """
-    lift = -GROWTH * mu
-    flown, y = flight(np.array([[GROWTH, -1.0], [1.0, GROWTH]]), (mu, 0.0), lift)
-    # y' = (GROWTH y - mu - DRIFT s)/(1 + s) with s = GROWTH mu + y: numerator c + m y, denominator e + y.
+    lift = -GROWTH
+    flown, y = flight(*linear(turning((GROWTH, 1.0))), lift)
     m, c, e = GROWTH - DRIFT, -mu - DRIFT * GROWTH * mu, 1 + GROWTH * mu
-    slid = (lift - y) / m + (e - c / m) / m * np.log((c + m * lift) / (c + m * y))
-    return flown + float(slid), -lift
+    time = (lift - y) * mu / m + (e - c / m) / m * math.log((c + m * lift * mu) / (c + m * y * mu))
+    return Turn(flown + time, 0.0, lift * mu)
 
 
-def stopped(name: str, trace: float, determinant: float, restitution: float) -> System:
+def sliding_limit() -> Pair:
+    """Limits of -y/mu and of the period, for the one that slides.
+
+    Returns
+    -------
+    Both: what is left of `slid` as mu -> 0.
+    """
+    flown, y = flight(*linear(turning((GROWTH, 1.0))), -GROWTH)
+    m, c = GROWTH - DRIFT, -1 - DRIFT * GROWTH
+    return GROWTH, flown + math.log((c - m * GROWTH) / (c + m * y)) / m
+
+
+def stop(t: float, d: float, r: float) -> System:
     """An oscillator with a stop at x = 0.
 
     Parameters
     ----------
-    name
-        of the system.
-    trace, determinant
-        of its field.
-    restitution
-        at the stop.
+    t, d, r
+        as in the equations.
 
     Returns
     -------
     System with the parameter mu.
     """
-
-    def free(x: Any, p: Any) -> dict[str, Any]:
-        return {"x": x.y, "y": trace * x.y - determinant * (x.x - p.mu)}
-
-    hit = Event("impact", lambda x, p: x.x, -1, to="free", reset=lambda x, p: {"y": -restitution * x.y})
-    return System(name, ("x", "y"), {"mu": 0.5}, (Mode("free", free, holds=lambda x, p: x.x, ends=(hit,)),))
+    hit = Event("impact", lambda x, p: x.x, -1, to="free", reset=lambda x, p: {"y": -r * x.y})
+    free = Mode("free", lambda x, p: {"x": x.y, "y": t * x.y - d * (x.x - p.mu)}, holds=lambda x, p: x.x, ends=(hit,))
+    return System("oscillator with a stop", ("x", "y"), {"mu": 0.5}, (free,))
 
 
-def of_stop(trace: float, determinant: float, restitution: float, side: int, bounds: Pair) -> Callable[[float], Pair]:
+def impacts(t: float, d: float, r: float, side: int, bounds: Pair) -> Motion:
     """The truth of an oscillator with a stop.
 
     Parameters
     ----------
-    trace, determinant, restitution
-        as in `stopped`.
+    t, d, r
+        as in the equations.
     side
-        sign of mu.
+        the sign of mu.
     bounds
-        of y at mu = side.
+        of y after an impact, at mu = +-1.
 
     Returns
     -------
-    mu -> (period, y after the impact).
+    mu -> Turn.
     """
-    A = np.array([[0.0, 1.0], [-determinant, trace]])
-    y = fixed(lambda y: -restitution * flight(A, (side, 0.0), y)[1], *bounds)
-    return lambda mu: (flight(A, (side, 0.0), y)[0], y * abs(mu))
+    A = np.array([[0.0, 1.0], [-d, t]])
+    y = zero(lambda y: r * flight(A, (side, 0.0), y)[1] / y + 1, *bounds)
+    period = flight(A, (side, 0.0), y)[0]
+    return lambda mu: Turn(period, 0.0, y * abs(mu))
 
 
-STOPS = {"focus before": (0.4, 1.0, 0.4), "focus behind": (0.4, 1.0, 0.8), "node behind": (3.0, 2.0, 0.6)}
-"""(trace, determinant, restitution)."""
+def _birth(name: str, system: System, turn: Motion, side: int = 1, limits: Pair | None = None) -> Birth:
+    mode, at = "free" if system.modes[0].name == "free" else "right", turn(side)
+    limits = limits or (abs(at.y), at.period)
+    return Birth(name, system, "mu", 0.0, side / 2, mode, "y", (1.0, 0.0), limits, turn, settled=side < 0)
 
 
-def born(name: str, system: System, truth: Callable[[float], Pair], side: int, mode: str, sign: float) -> Birth:
-    """A birth of this file: amplitude linear, period finite.
-
-    Parameters
-    ----------
-    name, system, truth, mode
-        as in Birth.
-    side
-        sign of mu where there is a cycle.
-    sign
-        of y where the mode begins.
-
-    Returns
-    -------
-    Birth.
-    """
-    begin = 0.5 * side
-    period, y = truth(begin)
-    start = {"x": 0.0, "y": sign * y}
-    laws = {"amplitude": 1.0, "period": 0.0, "limits": (2 * y, period)}
-    settled = "behind" in name
-    return Birth(name, system, "mu", 0.0, begin, start, mode, "y", truth=truth, settled=settled, **laws)  # type: ignore[arg-type]
+def _pair(name: str, kind: Callable[[Pair], Field], numbers: tuple[Pair, Pair], bounds: Pair) -> Birth:
+    left, right = map(kind, numbers)
+    return _birth(name, two_sides(name, ("mu", 0.5), left, right), crossing(left, right, bounds))
 
 
 BIRTHS = (
-    born("continuous, focus to focus", two_sides("two foci", continuous, *FOCI), of_continuous(*FOCI), 1, "right", 1.0),
-    born("continuous, node to focus", two_sides("focus and node", continuous, *NODE), of_continuous(*NODE), 1, "right", 1.0),
-    born("Filippov, pseudo-node to focus", SLIDES, of_sliding, 1, "right", -1.0),
-    born("Filippov, two foci at once", two_sides("two foci at once", turning, *AT_ONCE), of_turning(*AT_ONCE), 1, "right", -1.0),
-    born("stop, focus before it", stopped("focus before a stop", *STOPS["focus before"]),
-         of_stop(*STOPS["focus before"], 1, (0.1, 50.0)), 1, "free", 1.0),
-    born("stop, focus behind it", stopped("focus behind a stop", *STOPS["focus behind"]),
-         of_stop(*STOPS["focus behind"], -1, (0.1, 50.0)), -1, "free", 1.0),
-    born("stop, node behind it", stopped("node behind a stop", *STOPS["node behind"]),
-         of_stop(*STOPS["node behind"], -1, (0.1, 0.999)), -1, "free", 1.0),
-)  # fmt: skip
+    _pair("continuous, focus to focus", continuous, FOCI, (0.1, 50.0)),
+    _pair("continuous, node to focus", continuous, NODE, (0.1, 50.0)),
+    _birth("Filippov, pseudo-node to focus", SLIDES, slid, limits=sliding_limit()),
+    _pair("Filippov, two foci at once", turning, AT_ONCE, (-50.0, -0.31)),
+    _birth("stop, focus before it", stop(*BEFORE), impacts(*BEFORE, 1, (0.1, 50.0))),
+    _birth("stop, focus behind it", stop(*BEHIND), impacts(*BEHIND, -1, (0.1, 50.0)), -1),
+    _birth("stop, node behind it", stop(*NODE_BEHIND), impacts(*NODE_BEHIND, -1, (0.1, 0.999)), -1),
+)

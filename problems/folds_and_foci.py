@@ -1,21 +1,22 @@
-"""Cycles born where foci or folds of two fields meet on a switching manifold, x = 0 (hopf_like.py says what is told).
+"""Cycles born where foci and folds of two fields meet on the switching manifold x = 0 (hopf_like.py says what is told).
 
-    focus       z' = (a + i w)(z - z_0), z = x + i y, half a turn in pi/w: y goes to -exp(pi a/w) y about z_0
-    curved one  z' = (a - c x + i) z: 1/|z| obeys a linear equation in the angle, and half a turn takes pi
-    fold        x' = -y, y' = -1 for x < 0: a parabola, which takes the time 2 y and turns y into -y, exactly
-    curved one  x' = -y, y' = 1 + b y - k y^3 for x > 0: from -y to y + 2 b y^2/3 - 2 k y^4/5 + ...
+    focus         z' = (a + i w)(z - z_0), z = x + i y: half a turn takes pi/w and y - y_0 to -exp(pi a/w) (y - y_0)
+    curved focus  z' = (a - c x + i) z: half a turn takes pi and 1/|y| to exp(-pi a)/|y| + c (1 + exp(-pi a))/(1 + a^2)
+    fold          x' = -y, y' = -1 left of x = 0: takes the time 2 y and y to -y
+    curved fold   x' = -(y - y_0), y' = 1 + b (y - y_0) - k y^3 right of it: with k = 0 and s = y - y_0 the quantity
+                  b s - log(1 + b s) is the same before and after;  s goes from -s to s + 2 b s^2/3 - 2 k s^4/5 + ...
 
-Left and right, with what slips or changes:
+What slips along x = 0 lies at y_0 = mu, or nothing slips and a stability changes:
 
-    slipping foci        two foci on x = 0, the right one at y = mu        amplitude mu       period tends to pi/w + pi/w
-    slipping focus, fold a fold at 0, a focus at y = mu                    amplitude mu       period tends to pi/w
-    slipping folds       a fold at 0, a curved one at y = mu, k = 0        amplitude mu^1/2   period mu^1/2
-    fixed foci           a focus with a = -1/10, a curved one: a = growth  amplitude growth - 1/10; period 2 pi
-    fixed focus, fold    a fold, a curved focus with a = growth            amplitude growth   period tends to pi
-    fixed folds          a fold, a curved one with b = bend                amplitude bend^1/2 period bend^1/2
+    slipping foci            left 0, right mu                             amplitude ~ mu       period = pi/w + pi/w
+    slipping focus and fold  a fold at 0, a focus at mu                   amplitude ~ mu       period -> pi/w
+    slipping folds           a fold at 0, a curved one at mu              amplitude ~ mu^1/2   period ~ mu^1/2
+    fixed foci               a focus a = -1/10, a curved one a = growth   amplitude ~ growth - 1/10,  period = 2 pi
+    fixed focus and fold     a fold, a curved focus a = growth            amplitude ~ growth   period -> pi
+    fixed folds              a fold, a curved one b = bend                amplitude ~ bend^1/2, period ~ bend^1/2
 
-The composition of two folds' maps has no term of third order where that of second order vanishes (each is an
-involution), which is why the last one goes like a square root.
+A fold's map is an involution, so the terms of second and third order of the composition of two of them vanish together:
+that is why the last amplitude goes like a square root where those of the foci are linear.
 
 Source: the review named in hopf_like.py.
 """
@@ -26,38 +27,16 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from casahunt.hybrid import Event, Mode, System
+from numpy.polynomial.legendre import leggauss
 
-from .hopf_like import Birth, fixed
+from .hopf_like import Birth, Field, Turn, series, two_sides, zero
 
-Values = Callable[[Any, Any], dict[str, Any]]
-
-BEHIND = "x"
-
-
-def two_sides(name: str, vary: str, begin: float, left: Values, right: Values) -> System:
-    """A system with one field on either side of x = 0.
-
-    Parameters
-    ----------
-    name
-        of the system.
-    vary, begin
-        its parameter, and the value.
-    left, right
-        the fields.
-
-    Returns
-    -------
-    System.
-    """
-    to_right = Event("to the right", lambda x, p: x.x, +1, to="right")
-    to_left = Event("to the left", lambda x, p: x.x, -1, to="left")
-    modes = (
-        Mode("left", left, holds=lambda x, p: -x.x, ends=(to_right,)),
-        Mode("right", right, holds=lambda x, p: x.x, ends=(to_left,)),
-    )
-    return System(name, ("x", "y"), {vary: begin}, modes)
+LEFT, RIGHT = (-0.3, 1.0), (0.2, 2.0)
+"""(a, w) of the foci that slip; LEFT's is the one that slips along a fold."""
+BEND = -0.5
+"""b of the fold that slips."""
+DECAY, CURVE, BRAKE = 0.1, 0.5, 0.5
+"""Where nothing slips: -a of the left focus, c, k."""
 
 
 def turning(x: Any, a: Any, w: Any, slip: Any = 0.0) -> dict[str, Any]:
@@ -68,7 +47,7 @@ def turning(x: Any, a: Any, w: Any, slip: Any = 0.0) -> dict[str, Any]:
     x
         states.
     a, w
-        growth and turn.
+        as in the equations.
     slip
         where it is.
 
@@ -80,7 +59,7 @@ def turning(x: Any, a: Any, w: Any, slip: Any = 0.0) -> dict[str, Any]:
 
 
 def fold(x: Any, p: Any) -> dict[str, Any]:
-    """The left fold, at 0.
+    """The left fold.
 
     Parameters
     ----------
@@ -94,16 +73,24 @@ def fold(x: Any, p: Any) -> dict[str, Any]:
     return {"x": -x.y, "y": -1.0}
 
 
-LEFT, RIGHT = (-0.3, 1.0), (0.2, 2.0)
-"""(growth, turn) of the foci that slip; the right one of the focus and the fold decays at LEFT's rate."""
-BEND = -0.5
-"""b of the folds that slip."""
-DECAY, CURVE, BRAKE = 0.1, 0.5, 0.5
-"""-a of the left focus, c of the right one, k of the right fold, where they stay."""
+def half(numbers: tuple[float, float]) -> float:
+    """What half a turn about a focus makes of the distance.
+
+    Parameters
+    ----------
+    numbers
+        a and w.
+
+    Returns
+    -------
+    exp(pi a/w).
+    """
+    a, w = numbers
+    return math.exp(math.pi * a / w)
 
 
-def slipping_foci(mu: float) -> tuple[float, float]:
-    """The truth.
+def slipping_foci(mu: float) -> Turn:
+    """The truth: y_1 = mu + R (mu + y) right of x = 0, y = L y_1 left of it.
 
     Parameters
     ----------
@@ -112,14 +99,14 @@ def slipping_foci(mu: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
-    left, right = (math.exp(math.pi * a / w) for a, w in (LEFT, RIGHT))
-    return math.pi / LEFT[1] + math.pi / RIGHT[1], left * mu * (1 + right) / (1 - left * right)
+    L, R = half(LEFT), half(RIGHT)
+    return Turn(math.pi / LEFT[1] + math.pi / RIGHT[1], 0.0, -L * mu * (1 + R) / (1 - L * R))
 
 
-def slipping_focus_and_fold(mu: float) -> tuple[float, float]:
-    """The truth.
+def slipping_focus_and_fold(mu: float) -> Turn:
+    """The truth: as for the foci with L = 1.
 
     Parameters
     ----------
@@ -128,30 +115,14 @@ def slipping_focus_and_fold(mu: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
-    a, w = LEFT
-    ratio = math.exp(math.pi * a / w)
-    y = mu * (1 + ratio) / (1 - ratio)
-    return math.pi / w + 2 * y, y
+    R = half(LEFT)
+    y = mu * (1 + R) / (1 - R)
+    return Turn(math.pi / LEFT[1] + 2 * y, 0.0, -y)
 
 
-def height(b: float, s: float) -> float:
-    """-x of the curved fold with k = 0, s away from where it is.
-
-    Parameters
-    ----------
-    b, s
-        as in the equations.
-
-    Returns
-    -------
-    s/b - log(1 + b s)/b^2.
-    """
-    return (b * s - math.log1p(b * s)) / b**2
-
-
-def slipping_folds(mu: float) -> tuple[float, float]:
+def slipping_folds(mu: float) -> Turn:
     """The truth: s goes from -(y + mu) to y - mu.
 
     Parameters
@@ -161,11 +132,18 @@ def slipping_folds(mu: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
     near = math.sqrt(3 * mu / abs(BEND))
-    y = fixed(lambda y: y + (height(BEND, y - mu) - height(BEND, -y - mu)) / y, near / 2, 2 * near)
-    return 2 * y + math.log((1 + BEND * (y - mu)) / (1 - BEND * (y + mu))) / BEND, y
+
+    def change(y: float) -> float:  # of (b s - log(1 + b s))/b^2, over y^3: its quadratic part is -2 mu y
+        def term(n: int) -> float:
+            return (-BEND) ** (n - 2) * ((y - mu) ** n - (-y - mu) ** n) / n
+
+        return (series(term, 3) - 2 * mu * y) / y**3
+
+    y = zero(change, near / 2, 2 * near)
+    return Turn(2 * y + math.log1p(2 * BEND * y / (1 - BEND * (y + mu))) / BEND, 0.0, -y)
 
 
 def curved(a: float) -> tuple[float, float]:
@@ -174,17 +152,17 @@ def curved(a: float) -> tuple[float, float]:
     Parameters
     ----------
     a
-        growth.
+        as in the equations.
 
     Returns
     -------
-    Both: u' = -a u + c cos t from t = -pi/2 to pi/2.
+    Both.
     """
     ratio = math.exp(-a * math.pi)
     return ratio, CURVE * (1 + ratio) / (1 + a * a)
 
 
-def fixed_foci(growth: float) -> tuple[float, float]:
+def fixed_foci(growth: float) -> Turn:
     """The truth.
 
     Parameters
@@ -194,14 +172,13 @@ def fixed_foci(growth: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
-    ratio, offset = curved(growth)
-    left = math.exp(DECAY * math.pi)
-    return 2 * math.pi, (1 - left * ratio) / (left * offset)
+    y = -math.expm1(math.pi * (DECAY - growth)) / (math.exp(DECAY * math.pi) * curved(growth)[1])
+    return Turn(2 * math.pi, 0.0, -y)
 
 
-def fixed_focus_and_fold(growth: float) -> tuple[float, float]:
+def fixed_focus_and_fold(growth: float) -> Turn:
     """The truth.
 
     Parameters
@@ -211,15 +188,14 @@ def fixed_focus_and_fold(growth: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
-    ratio, offset = curved(growth)
-    y = (1 - ratio) / offset
-    return math.pi + 2 * y, y
+    y = -math.expm1(-math.pi * growth) / curved(growth)[1]
+    return Turn(math.pi + 2 * y, 0.0, -y)
 
 
-def fixed_folds(bend: float) -> tuple[float, float]:
-    """The truth: x = -(integral of y/(1 + b y - k y^3)) is 0 again from -y to y.
+def fixed_folds(bend: float) -> Turn:
+    """The truth: s/(1 + b s - k s^3) has no integral from -y to y, and the odd part of that is s^2 (k s^2 - b) over q.
 
     Parameters
     ----------
@@ -228,44 +204,39 @@ def fixed_folds(bend: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
-    from scipy.integrate import quad
+    nodes, weights = leggauss(40)
 
-    def speed(s: float) -> float:
-        return 1 + bend * s - BRAKE * s**3
-
-    def balance(y: float) -> float:  # odd part of s/speed(s), over y^3
-        return float(quad(lambda s: s * (bend - BRAKE * s * s) * s / (speed(s) * speed(-s)), 0, y, epsrel=1e-13)[0]) / y**3
+    def mean(y: float, part: Callable[[float], float]) -> float:  # of part/q over (0, y), q = (1 + ...)(1 - ...)
+        at = [y * (1 + c) / 2 for c in nodes]
+        each = [part(s) / (1 - (bend * s - BRAKE * s**3) ** 2) for s in at]
+        return math.fsum(w * e for w, e in zip(weights, each, strict=True)) / 2
 
     near = math.sqrt(5 * bend / (3 * BRAKE))
-    y = fixed(lambda y: y * (1 + balance(y)), near / 2, 2 * near)
-    return 2 * y + float(quad(lambda s: 2 / (speed(s) * speed(-s)), 0, y, epsrel=1e-13)[0]), y
+    y = zero(lambda y: mean(y, lambda s: s**2 * (bend - BRAKE * s**2)) / y**4, near / 2, 2 * near)
+    return Turn(2 * y + 2 * y * mean(y, lambda s: 1.0), 0.0, -y)
 
 
-def _about(vary: str, begin: float, name: str, left: Values, right: Values, truth: Any, **laws: Any) -> Birth:
-    _, y = truth(begin)
-    system = two_sides(name, vary, begin, left, right)
-    laws = {"value": 0.0, "amplitude": 1.0, "period": 0.0, **laws}
-    return Birth(name, system, vary, begin=begin, start={"x": 0.0, "y": -y}, mode="right", measure="y", truth=truth, **laws)
+def _birth(turn: Callable[[float], Turn], varied: tuple[str, float], fields: tuple[Field, Field], **laws: Any) -> Birth:
+    name, (vary, begin) = turn.__name__.replace("_", " "), varied
+    laws = {"value": 0.0, "exponents": (1.0, 0.0), **laws}
+    system = two_sides(name, varied, *fields)
+    return Birth(name, system, vary, begin=begin, mode="right", measure="y", turn=turn, **laws)
 
-
-_RATIO = math.exp(math.pi * LEFT[0] / LEFT[1])
 
 BIRTHS = (
-    _about("mu", 0.3, "slipping foci", lambda x, p: turning(x, *LEFT), lambda x, p: turning(x, *RIGHT, p.mu),
-           slipping_foci, limits=(slipping_foci(1.0)[1], slipping_foci(1.0)[0])),
-    _about("mu", 0.3, "slipping focus and fold", fold, lambda x, p: turning(x, *LEFT, p.mu),
-           slipping_focus_and_fold, limits=((1 + _RATIO) / (1 - _RATIO), math.pi / LEFT[1])),
-    _about("mu", 0.05, "slipping folds", fold,
-           lambda x, p: {"x": p.mu - x.y, "y": 1 + BEND * (x.y - p.mu)},
-           slipping_folds, amplitude=0.5, period=0.5, limits=(math.sqrt(3 / -BEND), 4 * math.sqrt(3 / -BEND))),
-    _about("growth", 0.2, "fixed foci", lambda x, p: turning(x, -DECAY, 1.0),
-           lambda x, p: turning(x, p.growth - CURVE * x.x, 1.0),
-           fixed_foci, value=DECAY, limits=(math.pi / (curved(DECAY)[1] * math.exp(DECAY * math.pi)), 2 * math.pi)),
-    _about("growth", 0.1, "fixed focus and fold", fold, lambda x, p: turning(x, p.growth - CURVE * x.x, 1.0),
-           fixed_focus_and_fold, limits=(math.pi / (2 * CURVE), math.pi)),
-    _about("bend", 0.05, "fixed folds", fold, lambda x, p: {"x": -x.y, "y": 1 + p.bend * x.y - BRAKE * x.y**3},
-           fixed_folds, amplitude=0.5, period=0.5,
-           limits=(math.sqrt(5 / (3 * BRAKE)), 4 * math.sqrt(5 / (3 * BRAKE)))),
+    _birth(slipping_foci, ("mu", 0.3), (lambda x, p: turning(x, *LEFT), lambda x, p: turning(x, *RIGHT, p.mu)),
+           limits=(-slipping_foci(1.0).y, math.pi / LEFT[1] + math.pi / RIGHT[1])),
+    _birth(slipping_focus_and_fold, ("mu", 0.3), (fold, lambda x, p: turning(x, *LEFT, p.mu)),
+           limits=((1 + half(LEFT)) / (1 - half(LEFT)), math.pi / LEFT[1])),
+    _birth(slipping_folds, ("mu", 0.05), (fold, lambda x, p: {"x": p.mu - x.y, "y": 1 + BEND * (x.y - p.mu)}),
+           exponents=(0.5, 0.5), limits=(math.sqrt(3 / -BEND), 4 * math.sqrt(3 / -BEND))),
+    _birth(fixed_foci, ("growth", 0.2),
+           (lambda x, p: turning(x, -DECAY, 1.0), lambda x, p: turning(x, p.growth - CURVE * x.x, 1.0)),
+           value=DECAY, limits=(math.pi / (math.exp(DECAY * math.pi) * curved(DECAY)[1]), 2 * math.pi)),
+    _birth(fixed_focus_and_fold, ("growth", 0.1), (fold, lambda x, p: turning(x, p.growth - CURVE * x.x, 1.0)),
+           limits=(math.pi / (2 * CURVE), math.pi)),
+    _birth(fixed_folds, ("bend", 0.05), (fold, lambda x, p: {"x": -x.y, "y": 1 + p.bend * x.y - BRAKE * x.y**3}),
+           exponents=(0.5, 0.5), limits=(math.sqrt(5 / (3 * BRAKE)), 4 * math.sqrt(5 / (3 * BRAKE)))),
 )  # fmt: skip

@@ -1,13 +1,13 @@
-"""Cycles born of kicks, of relays with hysteresis, and where two switching manifolds meet (hopf_like.py says what is told).
+"""Cycles born of kicks, of hysteresis, where switching manifolds intersect (hopf_like.py says what is told).
 
-    impulsive             x' = y, y' = -x - 2 z y;  y -> (1 + kick) y - c y^2 where x rises through 0
-                          born at 1 + kick = exp(2 pi z/w), w^2 = 1 - z^2;  amplitude kick - kick_0, period 2 pi/w
-    hysteresis            x' = 2, y' = 1 - y until x = 1 + eps;  x' = -1, y' = -1 - y until x = 1 - eps
-                          shrinks to the pseudo-equilibrium (1, -1/3);  amplitude eps, period 3 eps
-    hysteresis, two-fold  x' = y, y' = -u - d y;  u = 1 until x falls to -eps, u = -1 until it rises to eps
-                          amplitude eps^1/3 (of x: eps^2/3), period eps^1/3
-    two manifolds         (-1, g - k y), (-1, -1), (1, -1), (1, 1) in the four quadrants, in their order
-                          born at g = 1;  amplitude g - 1, period g - 1
+    impulsive           x' = y, y' = -x - 2 z y;  y -> (1 + kick) y - c y^2 where x rises through 0
+                        born at 1 + kick = exp(2 pi z/w), w^2 = 1 - z^2;  amplitude ~ kick - kick_0, period = 2 pi/w
+    hysteresis          x' = 2, y' = 1 - y until x = 1 + eps;  x' = -1, y' = -1 - y until x = 1 - eps
+                        shrinks to the pseudo-equilibrium (1, -1/3);  amplitude ~ eps, period = 3 eps
+    hysteretic folds    x' = y, y' = -u - d y;  u = 1 until x falls to -eps, u = -1 until it rises to eps
+                        amplitude ~ eps^1/3 (that of x: eps^2/3), period ~ eps^1/3
+    four quadrants      (x', y') = (-1, g - k y), (-1, -1), (1, -1), (1, 1) in the first, second, third, fourth one
+                        born at g = 1;  amplitude ~ g - 1, period ~ g - 1
 
 Source: the review named in hopf_like.py.
 """
@@ -19,21 +19,22 @@ from typing import Any
 
 from casahunt.hybrid import Event, Mode, System
 
-from .hopf_like import Birth, fixed
+from .hopf_like import Birth, Turn, series, zero
 
 DAMPING, LIMIT = 0.1, 0.5
 """z and c of the kicks."""
 LOSS = 0.5
 """d of the relay."""
 BRAKE = 0.5
-"""k of the four quadrants."""
+"""k of the quadrants."""
 
-TURN = math.sqrt(1 - DAMPING**2)
-DECAY = math.exp(-2 * math.pi * DAMPING / TURN)
+RATE = math.sqrt(1 - DAMPING**2)
+DECAY = math.exp(-2 * math.pi * DAMPING / RATE)
+"""w, and what is left of y after a turn without a kick."""
 
 
-def kicked(kick: float) -> tuple[float, float]:
-    """The truth: y decays to DECAY y in a turn.
+def kicked(kick: float) -> Turn:
+    """The truth.
 
     Parameters
     ----------
@@ -42,13 +43,13 @@ def kicked(kick: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y after the kick.
+    Turn.
     """
-    return 2 * math.pi / TURN, ((1 + kick) * DECAY - 1) / (LIMIT * DECAY**2)
+    return Turn(2 * math.pi / RATE, 0.0, ((1 + kick) * DECAY - 1) / (LIMIT * DECAY**2))
 
 
-def drifting(eps: float) -> tuple[float, float]:
-    """The truth: x rises in the time eps, falls in 2 eps.
+def drifting(eps: float) -> Turn:
+    """The truth: x rises in the time eps and falls in 2 eps.
 
     Parameters
     ----------
@@ -57,14 +58,13 @@ def drifting(eps: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, and how far below -1/3 y is where x begins to rise.
+    Turn.
     """
-    rises = -2 * math.expm1(-2 * eps) + math.expm1(-3 * eps)
-    return 3 * eps, -rises / math.expm1(-3 * eps) - 1 / 3
+    return Turn(3 * eps, 1 - eps, (2 * math.expm1(-2 * eps) - math.expm1(-3 * eps)) / -math.expm1(-3 * eps))
 
 
-def thrown(eps: float) -> tuple[float, float]:
-    """The truth: half a period h, y = tanh(d h/2)/d where u switches, and 2 eps = (h - 2 y)/d.
+def thrown(eps: float) -> Turn:
+    """The truth: half a period is h = 2 a/d, y = tanh(a)/d where u switches, and a - tanh a = d^2 eps.
 
     Parameters
     ----------
@@ -73,20 +73,19 @@ def thrown(eps: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, y.
+    Turn.
     """
+    a = (3 * LOSS**2 * eps) ** (1 / 3)
+    # a - tanh a = (a cosh a - sinh a)/cosh a, whose numerator is the sum of 2 n a^(2 n + 1)/(2 n + 1)!
+    a = zero(
+        lambda a: series(lambda n: 2 * n * a ** (2 * n - 2) / math.factorial(2 * n + 1), 1) / math.cosh(a)
+        - LOSS**2 * eps / a**3, a / 2, 4 * a,
+    )  # fmt: skip
+    return Turn(4 * a / LOSS, eps, math.tanh(a) / LOSS)
 
-    def excess(h: float) -> float:  # (a - tanh a)/a^3 with a = d h/2, by its series where that is exact
-        a = LOSS * h / 2
-        return 1 / 3 - 2 * a**2 / 15 + 17 * a**4 / 315 - 62 * a**6 / 2835 if a < 0.01 else (a - math.tanh(a)) / a**3
 
-    near = (24 * eps / LOSS) ** (1 / 3)
-    h = fixed(lambda h: near / (3 * excess(h)) ** (1 / 3), near / 2, 4 * near)
-    return 2 * h, math.tanh(LOSS * h / 2) / LOSS
-
-
-def around(g: float) -> tuple[float, float]:
-    """The truth: from (r, 0) to (0, r) in the time r, y' = g - k y.
+def around(g: float) -> Turn:
+    """The truth: from (r, 0) to (0, r) in the time r, where g (1 - exp(-k r)) = k r.
 
     Parameters
     ----------
@@ -95,10 +94,14 @@ def around(g: float) -> tuple[float, float]:
 
     Returns
     -------
-    Period, and x where y begins to rise.
+    Turn.
     """
-    r = fixed(lambda r: -g * math.expm1(-BRAKE * r) / BRAKE, (g - 1) / BRAKE / 10, 10 * (g - 1) / BRAKE)
-    return 4 * r, r
+
+    def residual(z: float) -> float:  # (exp(-z) - 1 + z)/z = (g - 1)(1 - exp(-z))/z with z = k r
+        return series(lambda n: -((-z) ** (n - 1)) / math.factorial(n), 2) / (-math.expm1(-z) / z) / (g - 1) - 1
+
+    r = zero(residual, (g - 1) / 2, 8 * (g - 1)) / BRAKE
+    return Turn(4 * r, r, 0.0)
 
 
 def swinging(x: Any, p: Any) -> dict[str, Any]:
@@ -116,18 +119,34 @@ def swinging(x: Any, p: Any) -> dict[str, Any]:
     return {"x": x.y, "y": -x.x - 2 * DAMPING * x.y}
 
 
+def kick(x: Any, p: Any) -> dict[str, Any]:
+    """What a kick makes of the speed.
+
+    Parameters
+    ----------
+    x, p
+        states and parameters.
+
+    Returns
+    -------
+    What jumps.
+    """
+    return {"y": (1 + p.kick) * x.y - LIMIT * x.y**2}
+
+
 CLOCK = System(
     "clock",
     ("x", "y"),
     {"kick": 1.2},
     (
-        Mode("swings", swinging,
-             ends=(Event("is kicked", lambda x, p: x.x, +1, to="swings",
-                         reset=lambda x, p: {"y": (1 + p.kick) * x.y - LIMIT * x.y**2}),)),
+        Mode("right", swinging, holds=lambda x, p: x.x,
+             ends=(Event("swings back", lambda x, p: x.x, -1, to="left"),)),
+        Mode("left", swinging, holds=lambda x, p: -x.x,
+             ends=(Event("is kicked", lambda x, p: x.x, +1, to="right", reset=kick),)),
     ),
 )  # fmt: skip
 
-PUSHED = System(
+THERMOSTAT = System(
     "thermostat",
     ("x", "y"),
     {"eps": 0.2},
@@ -139,7 +158,7 @@ PUSHED = System(
     ),
 )  # fmt: skip
 
-THROWN = System(
+RELAY = System(
     "relay with hysteresis",
     ("x", "y"),
     {"eps": 0.1},
@@ -168,12 +187,11 @@ QUADRANTS = System(
 )  # fmt: skip
 
 BIRTHS = (
-    Birth("impulsive", CLOCK, "kick", 1 / DECAY - 1, 1.2, {"x": 0.1, "y": 1.0}, "swings", "y", 1.0, 0.0,
-          (1 / (LIMIT * DECAY), 2 * math.pi / TURN), kicked),
-    Birth("hysteresis, pseudo-equilibrium", PUSHED, "eps", 0.0, 0.2, {"x": 0.8, "y": -0.4}, "up", "y", 1.0, 1.0,
-          (2 / 3, 3.0), drifting, point=(1.0, -1 / 3)),
-    Birth("hysteresis, two-fold", THROWN, "eps", 0.0, 0.1, {"x": 0.1, "y": 0.8}, "back", "y", 1 / 3, 1 / 3,
-          ((3 / LOSS) ** (1 / 3), 2 * (24 / LOSS) ** (1 / 3)), thrown),
-    Birth("two manifolds", QUADRANTS, "g", 1.0, 1.2, {"x": 0.5, "y": 0.0}, "first", "x", 1.0, 1.0,
-          (2 / BRAKE, 8 / BRAKE), around),
+    Birth("impulsive", CLOCK, "kick", 1 / DECAY - 1, 1.2, "right", "y", (1.0, 0.0),
+          (1 / (LIMIT * DECAY), 2 * math.pi / RATE), kicked),
+    Birth("hysteresis", THERMOSTAT, "eps", 0.0, 0.2, "up", "y", (1.0, 1.0), (2 / 3, 3.0), drifting,
+          point=(1.0, -1 / 3)),
+    Birth("hysteretic folds", RELAY, "eps", 0.0, 0.1, "back", "y", (1 / 3, 1 / 3),
+          ((3 / LOSS) ** (1 / 3), 4 * (3 / LOSS) ** (1 / 3)), thrown),
+    Birth("four quadrants", QUADRANTS, "g", 1.0, 1.2, "first", "x", (1.0, 1.0), (2 / BRAKE, 8 / BRAKE), around),
 )  # fmt: skip
