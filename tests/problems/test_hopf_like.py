@@ -118,7 +118,7 @@ def test_cycles_keep_the_tolerance(birth):
     """Also where a multiplier comes to one and the cycle is small beside the one at which the branch has begun."""
     branch = _followed(birth)
     truth = [birth.turn(value).period for value in branch.values]
-    assert branch.periods == pytest.approx(truth, rel=TOLERANCE)
+    assert branch.periods == pytest.approx(truth, rel=TOLERANCE, abs=0)
 
 
 @every
