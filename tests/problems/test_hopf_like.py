@@ -55,7 +55,7 @@ def _round(birth, value, at):
             return exit_.function(_named(x), p)
 
         level.terminal, level.direction = True, exit_.direction
-        how = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "max_step": 0.05}
+        how = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "max_step": 0.2}
         motion = solve_ivp(field, (0, 100), state, events=level, **how)
         time, state = time + motion.t[-1], motion.y[:, -1]
         jumps = {} if exit_.reset is None else exit_.reset(_named(state), p)
