@@ -128,6 +128,10 @@ def zero(function: Callable[[float], float], low: float, high: float) -> float:
     Returns
     -------
     The zero.
+
+    Raises
+    ------
+    ValueError : the function has the same sign at both bounds.
     """
     falls = function(low) > 0
     if falls == (function(high) > 0):
