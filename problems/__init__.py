@@ -17,5 +17,8 @@ bouncing_ball.py      on a shaking table, both branches of its fold, beyond its 
 canudas.py            a servo with LuGre friction, stiff
 canudas_gain.py       the same round the fold in its gain, and the lopsided pair
 
+Cycles followed to their birth from a point (hopf_like.py: what the files share): boundary_equilibria.py,
+folds_and_foci.py, kicks_and_relays.py.
+
 The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.
 """
