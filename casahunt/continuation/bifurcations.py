@@ -41,7 +41,7 @@ def _nontrivial(orbit: Orbit) -> Array:
 
 
 def _errors(orbit: Orbit) -> Array:
-    """Of the nontrivial multipliers: the error of the leading one, relative above 1, or the bound that stands for it."""
+    """Of the nontrivial multipliers: that of the leading one, relative above 1, or the bound that stands for one."""
     known = orbit.multipliers
     return np.maximum(known.error * np.maximum(1.0, np.abs(_nontrivial(orbit))), known.floor[1:])
 
