@@ -37,6 +37,8 @@ from .ways_to_end import SHRUNK_TO, hopf_point, ranges, runs_out
 
 Array = np.ndarray
 
+SHOWN = 8
+"""Special points in the sentences of a branch; `special` and `missed` have them all."""
 FIRST_SHRINKS = "the first phase may be about to vanish"
 LEFT_BEHIND, NEXT_TO_NOTHING = "the plane that cuts the cycle is left behind", "the cycle has shrunk to nothing"
 
@@ -95,7 +97,8 @@ class Branch(Result, Generic[AnyOrbit]):
 
     def __str__(self) -> str:
         met = [special.meaning for special in self.special] + [missed.meaning for missed in self.missed]
-        return "\n".join([f"{len(self.orbits)} cycles along {self.vary}; {self.ended}", *met])
+        more = [f"and {len(met) - SHOWN} more"] if len(met) > SHOWN else []
+        return "\n".join([f"{len(self.orbits)} cycles along {self.vary}; {self.ended}", *met[:SHOWN], *more])
 
     def _columns(self) -> Columns:
         here = {id(special.orbit): special.kind for special in self.special}
