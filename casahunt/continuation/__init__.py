@@ -15,6 +15,9 @@ branching.py        from a flip or a loss of symmetry to the cycles that branch 
 recut.py            another plane for a cycle that is cut by planes
 touching.py         cycles that touch an event
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
+equilibrium.py      equilibria of a field, and the normal form of their Hopf bifurcations
+equilibrium_branch.py equilibria of a mode, followed in a parameter
+birth.py            the cycle that is born at a Hopf bifurcation
 ways_to_end.py      Hopf bifurcations, homoclinic orbits: where cycles end
 branch.py           a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
@@ -40,8 +43,10 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .birth import born_at
     from .branch import Branch, follow
     from .branching import branch_off
+    from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import largest, smallest
     from .fold import Fold
     from .grazing_search import grazing
@@ -49,13 +54,16 @@ if TYPE_CHECKING:
     from .two_parameters import SpecialCurve, special_curve
 
 __all__ = [
-    "Branch", "Fold", "Missed", "SpecialCurve", "SpecialPoint", "branch_off", "follow", "grazing", "largest",
-    "smallest", "special_curve", "user_monitor",
+    "Branch", "Equilibrium", "EquilibriumBranch", "Fold", "Missed", "SpecialCurve", "SpecialEquilibrium",
+    "SpecialPoint", "born_at", "branch_off", "equilibria", "follow", "grazing", "largest", "smallest", "special_curve",
+    "user_monitor",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
+        "birth": ("born_at",),
         "branch": ("Branch", "follow"),
+        "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),
         "fold": ("Fold",),

@@ -18,14 +18,12 @@ from __future__ import annotations
 
 import math
 
-import casadi as ca
 import numpy as np
 
 from ..collocation.interval import field_at
-from ..compiled import alone, kept
 from ..hybrid.roots import secant
-from ..hybrid.system import Field
 from ..orbits.orbit import AnyOrbit, Orbit
+from . import equilibrium
 from .curve import parameter_value
 from .recut import cut_by_planes
 from .special_points import SpecialPoint
@@ -34,8 +32,6 @@ Array = np.ndarray
 
 SHRUNK_TO = 1e-3
 """A cycle is next to an equilibrium when its states range over less than this part of what they did."""
-AT_REST, REST_ROUNDS = 1e-13, 20
-"""Newton's method for the equilibrium ends at a step of this relative size."""
 HOMOCLINIC = (
     "{name} tends to {value:.8g} while the period grows without bound: the cycle comes up to an equilibrium and takes "
     "for ever to pass it (a homoclinic orbit), which is where it ends"
@@ -129,38 +125,10 @@ def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyO
 
     def growth(value: float) -> float:
         p = problem.with_value(vary, float(value)).vector()
-        return _growth(field, sign, centre, p, omega)
+        return equilibrium.growth(field, sign, centre, p, omega)
 
     value, left = secant(growth, here, here + way, tolerance=1e-13 * omega)
     if not (abs(left) <= 1e-9 * omega and abs(value - here - way) <= AS_FORETOLD * abs(way) + 1e-9 * abs(here)):
         return None
     meaning = f"Hopf bifurcation at {vary} = {value:.10g}: the cycle has shrunk to an equilibrium, and ends there"
     return SpecialPoint("Hopf", last, meaning, float(value), vary)
-
-
-@kept(maxsize=16)
-def _linearised(field: Field, n: int, parameters: int) -> ca.Function:
-    x, p, sign = ca.SX.sym("x", n), ca.SX.sym("p", parameters), ca.SX.sym("sign")
-    f = field(x, p, sign)
-    return ca.Function("linearised", [x, p, sign], [ca.densify(f), ca.densify(ca.jacobian(f, x))])
-
-
-@alone
-def _growth(field: Field, sign: float, x: Array, p: Array, omega: float) -> float:
-    """Real part of the eigenvalue next to i omega, at the equilibrium next to x; nan where there is none."""
-    function = _linearised(field, x.size, p.size)
-    for _ in range(REST_ROUNDS):
-        f, A = (np.array(part) for part in function(x, p, sign))
-        if not (np.isfinite(f).all() and np.isfinite(A).all()):
-            return math.nan
-        try:
-            step = np.linalg.solve(A, f).ravel()
-        except np.linalg.LinAlgError:
-            return math.nan
-        x = x - step
-        if np.max(np.abs(step)) <= AT_REST * max(1.0, float(np.max(np.abs(x)))):
-            break
-    else:
-        return math.nan
-    values = np.linalg.eigvals(np.array(function(x, p, sign)[1]))
-    return float(values[np.argmin(np.abs(values - 1j * omega))].real)
