@@ -16,6 +16,7 @@ recut.py            another plane for a cycle that is cut by planes
 touching.py         cycles that touch an event
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
 equilibrium.py      equilibria of a field, and the normal form of their Hopf bifurcations
+equilibrium_curve.py the curve of equilibria of a mode
 equilibrium_branch.py equilibria of a mode, followed in a parameter
 birth.py            the cycle that is born at a Hopf bifurcation
 ways_to_end.py      Hopf bifurcations, homoclinic orbits: where cycles end

@@ -4,8 +4,8 @@
     lambda - lambda_0 = -Re c rho^2 / mu',    w = omega + Im c rho^2 + omega' (lambda - lambda_0)
 
 (equilibrium.py) is what the boundary value problem starts from.  The cycle is cut by a plane through x*; its first node
-is held as far from x* as rho says, the parameter free.  What is found is the cycle that is born there where parameter and
-period follow these laws, and where what is next to it grows with -2 mu' (lambda - lambda_0); else it is looked for nearer.
+is held as far from x* as rho says, the parameter free.  What is found is the cycle that is born there where what is
+next to it grows with -2 mu' (lambda - lambda_0); else it is looked for nearer.
 
 Symbols: n states.
 """
@@ -32,16 +32,17 @@ from ..orbits.restart import from_segments
 from ..orbits.system_orbit import SystemOrbit
 from .curve import along, parameter_value
 from .equilibrium import NormalForm
-from .equilibrium_branch import HOPF, SpecialEquilibrium
+from .equilibrium_branch import SpecialEquilibrium
+from .equilibrium_curve import HOPF
 
 Array = np.ndarray
 
-SMALL = 0.1
+SMALL_CYCLE = 0.1
 """Radius of the first cycle, as a part of that at which the next terms are as large as those that are there."""
 NEARER, BIRTHS = 0.3, 8
 """Where it is not found, a cycle of this part of the radius is looked for, until so many have failed."""
 AS_BORN = 0.3
-"""Parameter and period have changed by what their laws say, to this part of it."""
+"""A cycle that is born follows the laws of lowest order to this part."""
 KNOWN_TO_TOLERANCES = 100.0
 """They are known to so many tolerances."""
 INTERVALS_OF_A_TURN = 12
@@ -54,7 +55,7 @@ SAME_VECTOR = 1e-8
 def born_at(
     hopf: SpecialEquilibrium,
     *,
-    small: float = SMALL,
+    small: float = SMALL_CYCLE,
     measure: str | Function | None = None,
     options: Options | None = None,
 ) -> SystemOrbit:
@@ -93,8 +94,8 @@ def born_at(
     >>> cycle.stable, abs(cycle.amplitude**2 / cycle.parameters["mu"] - 4 / 3) < 0.01
     (True, True)
     >>> branch = follow(cycle, "mu", to=1.0)
-    >>> branch.values[-1], round(branch.periods[-1], 4)
-    (1.0, 6.6633)
+    >>> print(round(branch.values[-1], 6), round(branch.periods[-1], 4))
+    1.0 6.6633
     """
     began = time.perf_counter()
     of_kind("hopf", hopf, SpecialEquilibrium)
@@ -177,7 +178,7 @@ def _foretold(hopf: SpecialEquilibrium, form: NormalForm, rho: float) -> _Foreto
 
 def _segments(told: _Foretold, section: Section, degree: int, kind: str, flows: bool) -> list[Segment]:
     """The two halves of a turn, from plane to plane."""
-    half, s = INTERVALS_OF_A_TURN // 2, scheme(degree, kind)  # type: ignore[arg-type]
+    half, s = INTERVALS_OF_A_TURN // 2, scheme(degree, kind)
     breaks = np.array([0.0, 1.0]) if flows else np.linspace(0.0, 1.0, half + 1)
     found = []
     for first, way_out in zip((0.0, 0.5), section.exits(told.system.names.entries), strict=True):
@@ -231,15 +232,14 @@ def _solved(told: _Foretold, measured: str | Function, options: Options, began: 
 
 
 def _as_born(orbit: SystemOrbit, told: _Foretold, tol: float) -> bool:
-    """Whether parameter and period of a cycle are what was foretold."""
-    vary, form = told.hopf.vary, told.form
-    unknown = KNOWN_TO_TOLERANCES * tol
-    gone = parameter_value(orbit, vary) - told.hopf.value
-    near = abs(gone - told.by) <= AS_BORN * abs(told.by) + unknown * orbit.problem.unit(vary)
-    change = abs(form.c.imag) * told.rho**2 + abs(form.by_p[told.parameter].imag * told.by)
-    off = abs(2 * math.pi / orbit.period - told.w)
-    grows = -2 * form.by_p[told.parameter].real * gone
+    """Whether what is next to a cycle grows as fast as the parameter foretells; where that is not known, the parameter.
+
+    A fold of the cycles between it and the bifurcation would have turned the one round, and not the other.
+    """
+    gone = parameter_value(orbit, told.hopf.vary) - told.hopf.value
+    unknown, passes = KNOWN_TO_TOLERANCES * tol, told.form.by_p[told.parameter].real
+    if not orbit.multipliers.trusted:
+        return bool(abs(gone - told.by) <= AS_BORN * abs(told.by) + unknown * orbit.problem.unit(told.hopf.vary))
     beside = orbit.multipliers.full[1:]
-    exponent = np.log(beside[np.argmin(np.abs(beside - 1))]).real / orbit.period if orbit.multipliers.trusted else grows
-    alike = abs(exponent - grows) <= AS_BORN * abs(grows) + unknown * form.omega
-    return bool(near and alike and off <= AS_BORN * change + unknown * form.omega)
+    grows = np.log(beside[np.argmin(np.abs(beside - 1))]).real / orbit.period
+    return bool(abs(grows + 2 * passes * gone) <= AS_BORN * abs(2 * passes * gone) + unknown * told.form.omega)

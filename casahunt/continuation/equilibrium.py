@@ -31,7 +31,7 @@ Array = np.ndarray
 
 AT_REST, REST_ROUNDS = 1e-13, 20
 """Newton's method for the equilibrium ends at a step of this relative size."""
-LOST = 1e-12
+CANCELLED = 1e-12
 """Sums that are less than this part of their terms are rounding."""
 
 
@@ -186,7 +186,7 @@ def normal_form(field: Field, sign: float, x: Array, p: Array, omega: float) -> 
     third, (second, turned), last = forms(q, q, q.conj())[1], forms(q, h_11)[::2], forms(q.conj(), h_20)[0]
     parts = np.conj(r) @ np.column_stack([third / 2, second, last / 2])
     c, x_by_p = complex(parts.sum()), -np.linalg.solve(A, by_p)
-    known = abs(c.real) > LOST * float(np.abs(parts).sum())
+    known = abs(c.real) > CANCELLED * float(np.abs(parts).sum())
     carried = np.array([forms(q, column)[0] for column in x_by_p.T]).reshape(p.size, x.size).T
     grows = np.conj(r) @ (turned + carried)
     return NormalForm(omega, q, r, c, h_11.real, h_20, c.real / omega if known else 0.0, grows, x_by_p)

@@ -31,26 +31,20 @@ from ..export import Columns
 from ..hybrid.language import System
 from ..hybrid.roots import CLOSED, Bracket, Search
 from ..results import Result
-from .equilibrium import NormalForm, at_rest, normal_form, rates
+from .equilibrium import NormalForm, at_rest
+from .equilibrium_curve import BOUNDARY, BRANCH_POINT, FOLD_POINT, HOPF, KINDS, Curve, Place, units_of, value_of
+from .special_points import Missed
 
 Array = np.ndarray
 
-LONGEST, FIRST, SHORTEST = 0.1, 0.01, 1e-9
+LONGEST_ARC, FIRST_ARC, SHORTEST_ARC = 0.1, 0.01, 1e-9
 """Length of a step."""
-QUICK, CORRECTIONS = 3, 8
-"""Newton steps after which the next step may be longer, and after which this one has failed."""
-LEAST_ALONG = 0.95
-"""Cosine between the tangents at both ends of a step, at least: a fold is rounded in several."""
+QUICK = 3
+"""Newton steps up to which the next step may be longer."""
 SHORTEST_PART = 1e-4
 """A step is halved no more below this length: zeros that are nearer to each other are one point."""
-CORRECTED = 1e-12
-"""A correction of this length is the last."""
 AT_A_POINT, LOCATING_ROUNDS = 1e-11, 60
 """Length to which a special point is located."""
-CROSSED = 1e-5
-"""Smallest over largest singular value of [f_x f_p] at a point at which two curves cross, which is known to less."""
-BESIDE_IT = 1e-8
-"""A Lyapunov coefficient that changes its sign, or by its size, so far aside in units of the parameter is zero."""
 COMPLEX_PAIR = 1e-6
 """Imaginary part of a pair, relative to the largest eigenvalue, below which it is two real ones."""
 
@@ -110,7 +104,7 @@ class SpecialEquilibrium(Result):
     >>> nerve = System("FitzHugh-Nagumo", ("v", "w"), {"I": 0.0}, (Mode("smooth", fitzhugh),))
     >>> low, high = equilibria(nerve, vary="I", to=2.0, v=-1.2, w=-0.6).special
     >>> low.kind, round(low.value, 6), round(low.normal_form.omega, 4), low.normal_form.l1 > 0
-    ('Hopf', 0.331281, 0.2750, True)
+    ('Hopf', 0.331281, 0.2755, True)
     """
 
     _quantities = ("kind", "meaning")
@@ -137,6 +131,7 @@ class EquilibriumBranch(Result):
     vary : name of the parameter.
     points : the equilibria, in the order of computation.
     special : the special points that were located, in the same order.
+    missed : those that the branch has, but that were not located.
     ended : one sentence that says why the branch ends where it does.
 
     Examples
@@ -150,11 +145,12 @@ class EquilibriumBranch(Result):
     """
 
     _quantities = ("vary", "number_of_points = points.size", "ended")
-    _details = ("special",)
+    _details = ("special", "missed")
 
     vary: str
     points: tuple[Equilibrium, ...]
     special: tuple[SpecialEquilibrium, ...]
+    missed: tuple[Missed, ...]
     ended: str
 
     @property
@@ -169,117 +165,11 @@ class EquilibriumBranch(Result):
 
     def __str__(self) -> str:
         head = f"{len(self.points)} equilibria along {self.vary}; {self.ended}"
-        return "\n".join([head, *(special.meaning for special in self.special)])
+        return "\n".join([head, *[special.meaning for special in self.special], *[m.meaning for m in self.missed]])
 
     def _columns(self) -> Columns:
         states = {name: [point.states[name] for point in self.points] for name in self.points[0].states}
         return {self.vary: self.values, **states, "stable": self.stable}
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """A point of the curve: y = (x, lambda), its tangent, of length one in these units, and the monitors there."""
-
-    y: Array
-    tangent: Array
-    units: Array
-    values: Array
-
-
-class _Curve:
-    """f(x; p) = 0 as a curve in (x, one parameter)."""
-
-    def __init__(self, system: System, mode: str, p: Array, vary: str) -> None:
-        self.system, self.p, self.i = system, p, system.names.parameters.index(vary)
-        form = system.vector_form
-        self.mode, self.exits = form.modes[mode], form.exits[mode]
-
-    def at(self, value: float) -> Array:
-        """(np,) the parameters."""
-        p = self.p.copy()
-        p[self.i] = value
-        return p
-
-    def tangent(self, y: Array, units: Array, like: Array) -> Array | None:
-        """(n + 1,) y' in these units, at an acute angle with `like`; None where the field is not finite."""
-        here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
-        if not here.finite:
-            return None
-        matrix = np.column_stack([here.A, here.by_p[:, self.i]]) * units
-        size = np.linalg.norm(matrix, axis=1, keepdims=True)
-        found = np.linalg.svd(matrix / np.where(size > 0, size, 1.0))[2][-1]
-        return found if float(found @ like) >= 0 else -found
-
-    def corrected(self, y: Array, row: Array, units: Array) -> tuple[Array, int] | None:
-        """(the point in the plane through y that is orthogonal to a direction, Newton steps)."""
-        for k in range(CORRECTIONS):
-            here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
-            if not here.finite:
-                return None
-            matrix = np.vstack([np.column_stack([here.A, here.by_p[:, self.i]]) * units, row])
-            try:
-                step = np.linalg.solve(matrix, np.append(here.f, 0.0))
-            except np.linalg.LinAlgError:
-                return None
-            y = y - step * units
-            if np.linalg.norm(step) <= CORRECTED * max(1.0, float(np.linalg.norm(y / units))):
-                return y, k + 1
-        return None
-
-    def ahead(self, place: _Place, ds: float) -> tuple[_Place, int] | None:
-        """(the point a step further on, Newton steps); None where the curve turns away."""
-        guess = place.y + ds * place.tangent * place.units
-        found = self.corrected(guess, place.tangent, place.units)
-        if found is None or np.linalg.norm((found[0] - guess) / place.units) > abs(ds):
-            return None
-        tangent = self.tangent(found[0], place.units, place.tangent)
-        if tangent is None or float(tangent @ place.tangent) < LEAST_ALONG:
-            return None
-        return self.place(found[0], tangent, place.units), found[1]
-
-    def in_units(self, place: _Place, units: Array) -> _Place:
-        """A point in other units."""
-        tangent = place.tangent * place.units / units
-        return replace(place, tangent=tangent / np.linalg.norm(tangent), units=units)
-
-    def eigenvalues(self, y: Array) -> Array:
-        """(n,) of f_x, the one that grows fastest first."""
-        values = np.linalg.eigvals(rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1])).A).astype(complex)
-        return values[np.argsort(-values.real, kind="stable")]
-
-    def margins(self, y: Array) -> Array:
-        """What must not be negative for the equilibrium to be one of the mode: `holds`, and its events."""
-        x, p = y[:-1], self.at(y[-1])
-        found = [] if self.mode.admissible is None else [float(self.mode.admissible(x, p, self.mode.sign))]
-        for way_out in self.exits:
-            if not way_out.mark or way_out.reset is not None:
-                found.append(-way_out.direction * float(way_out.event.function(x, 0.0, p)))
-        return np.array(found)
-
-    def place(self, y: Array, tangent: Array, units: Array) -> _Place:
-        """A point with the functions that change sign at a special point, in the order of `KINDS`."""
-        mu = self.eigenvalues(y)
-        sums = [(a + b) / (abs(a) + abs(b) or 1.0) for a, b in combinations(mu, 2)]
-        det = np.prod(mu / (np.max(np.abs(mu)) or 1.0)).real
-        inside = float(np.min(self.margins(y), initial=np.inf))
-        inside = inside / (1 + abs(inside)) if math.isfinite(inside) else 1.0
-        return _Place(y, tangent, units, np.array([tangent[-1], np.prod(sums).real if sums else 1.0, det, inside]))
-
-    def normal_form(self, place: _Place, omega: float) -> NormalForm:
-        """That of a Hopf bifurcation, its Lyapunov coefficient 0 where it is one of a point aside."""
-        field, sign, x, value = self.mode.field, self.mode.sign, place.y[:-1], float(place.y[-1])
-        form, aside = normal_form(field, sign, x, self.at(value), omega), BESIDE_IT * float(place.units[-1])
-        other = normal_form(field, sign, x + aside * form.x_by_p[:, self.i], self.at(value + aside), omega)
-        return form if abs(other.l1 - form.l1) < abs(form.l1) else form._replace(l1=0.0)
-
-    def crossed(self, place: _Place) -> bool:
-        """Whether two curves of equilibria cross at a point: [f_x f_p] has a rank less than n there."""
-        here = rates(self.mode.field, self.mode.sign, place.y[:-1], self.at(place.y[-1]))
-        sizes = np.linalg.svd(np.column_stack([here.A, here.by_p[:, self.i]]) * place.units, compute_uv=False)
-        return bool(sizes[-1] <= CROSSED * sizes[0])
-
-
-KINDS = FOLD_POINT, HOPF, BRANCH_POINT, BOUNDARY = "fold", "Hopf", "branch point", "boundary"
 
 
 def equilibria(
@@ -291,7 +181,7 @@ def equilibria(
     back: float | None = None,
     parameters: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
-    largest_step: float = LONGEST,
+    largest_step: float = LONGEST_ARC,
     max_points: int = 2000,
     **states: float,
 ) -> EquilibriumBranch:
@@ -342,7 +232,7 @@ def equilibria(
         raise InputError(f"{system.name}: time enters it, and it has no equilibria; follow a cycle of it")
     p, x = system.values(parameters), system.state(given_once(start, states), parameters)
     name = system.mode(mode).name if mode is not None else system.modes[0].name
-    curve = _Curve(system, name, p, known("parameter", vary, system.names.parameters))
+    curve = Curve(system, name, p, known("parameter", vary, system.names.parameters))
     here, to = float(p[curve.i]), number("to", to)
     back = here if back is None else number("back", back)
     if to == here or (to - here) * (back - here) > 0:
@@ -351,10 +241,10 @@ def equilibria(
     steps = _Steps(curve, name, vary, bounds, longest, [_first(curve, x, float(np.sign(to - here)))])
     ended = steps.run(max_points)
     points = tuple(steps.equilibrium(place.y) for place in steps.places)
-    return EquilibriumBranch(vary, points, tuple(steps.special), ended)
+    return EquilibriumBranch(vary, points, tuple(steps.special), tuple(steps.missed), ended)
 
 
-def _first(curve: _Curve, x: Array, sense: float) -> _Place:
+def _first(curve: Curve, x: Array, sense: float) -> Place:
     """The equilibrium next to the states, and the way on.  Raises NoOrbit."""
     name, value = curve.mode.name, float(curve.p[curve.i])
     found = at_rest(curve.mode.field, curve.mode.sign, x, curve.p)
@@ -366,81 +256,87 @@ def _first(curve: _Curve, x: Array, sense: float) -> _Place:
     if np.any(curve.margins(y) <= 0):
         sentence = f"the equilibrium next to the states is none of mode {name!r}, or lies on its boundary{near}"
         raise NoOrbit(f"{sentence}; ask for another mode, or start elsewhere", Status.INADMISSIBLE)
-    units = _units(np.zeros(y.size), y)
+    units = units_of(np.zeros(y.size), y)
     tangent = curve.tangent(y, units, np.append(np.zeros(x.size), sense))
     assert tangent is not None
     return curve.place(y, tangent, units)
-
-
-def _units(before: Array, y: Array) -> Array:
-    """(n + 1,) the largest magnitudes so far; 1 for what has been zero."""
-    larger = np.maximum(np.where(before == 1.0, 0.0, before), np.abs(y))
-    return np.where(larger > 0, larger, 1.0)
 
 
 @dataclass
 class _Steps:
     """A walk along the curve, with what is met; the places grow with it."""
 
-    curve: _Curve
+    curve: Curve
     mode: str
     vary: str
     bounds: tuple[float, float]
     longest: float
-    places: list[_Place]
+    places: list[Place]
 
     def __post_init__(self) -> None:
         self.special: list[SpecialEquilibrium] = []
+        self.missed: list[Missed] = []
 
     def run(self, max_points: int) -> str:
         """Steps to the end of the branch; why it ends."""
-        ds = min(FIRST, self.longest)
+        ds = min(FIRST_ARC, self.longest)
         while len(self.places) < max_points:
             place = self.places[-1]
             step = self.curve.ahead(place, ds)
             while step is None:
                 ds /= 2
-                if ds < SHORTEST:
+                if ds < SHORTEST_ARC:
                     return f"no step from {self.vary} = {place.y[-1]:.8g} converged"
                 step = self.curve.ahead(place, ds)
             after, corrections = step
             beyond = not self.bounds[0] <= after.y[-1] <= self.bounds[1]
             if beyond:
-                after = self.landed(place, ds, after)
+                landed = self.landed(place, after)
+                if landed is None:
+                    return f"no step from {self.vary} = {place.y[-1]:.8g} leads to the end of the range"
+                after = landed
             if (ended := self.met(place, after)) or beyond:
                 return ended or f"{self.vary} reached {after.y[-1]:.6g}, the end of the range"
-            self.places[-1] = self.curve.in_units(after, _units(after.units, after.y))
+            self.places[-1] = self.curve.in_units(after, units_of(after.units, after.y))
             ds = min(ds * (1.5 if corrections <= QUICK else 0.8), self.longest)
         return f"stopped after {max_points} points at {self.vary} = {self.places[-1].y[-1]:.6g}"
 
-    def landed(self, place: _Place, ds: float, after: _Place) -> _Place:
+    def landed(self, place: Place, after: Place) -> Place | None:
         """The point of a step at which the parameter meets its bound."""
         bound = self.bounds[1] if after.y[-1] > self.bounds[1] else self.bounds[0]
         if place.y[-1] == bound:  # the first step
             return place
         found = self.root(place, after, lambda at: float(at.y[-1]) - bound)
-        return replace(found, y=np.append(found.y[:-1], bound))
+        return None if found is None else replace(found, y=np.append(found.y[:-1], bound))
 
-    def met(self, before: _Place, after: _Place) -> str:
+    def met(self, before: Place, after: Place) -> str:
         """Put the special points of a step and the point behind it to what is there; why the branch ends there."""
         for a, b in pairwise(self.parted(before, after)):
             signs = zip(KINDS, a.values, b.values, strict=True)
             changes = [kind for kind, f, g in signs if f * g < 0 or (g == 0 and f != 0)]
-            for kind in changes:
-                if kind == BRANCH_POINT and FOLD_POINT in changes:
-                    continue
-                at = self.root(a, b, partial(_value_of, kind))
-                point = self.special_point(kind, at)
-                if point is not None:
+            located = [(kind, self.root(a, b, partial(value_of, kind))) for kind in changes]
+            located.sort(key=lambda one: 0.0 if one[1] is None else float((one[1].y - a.y) / a.units @ a.tangent))
+            for kind, at in located:
+                point = None if at is None else self.special_point(kind, at)
+                if at is None:
+                    self.miss(kind, a, b)
+                elif point is not None and not (kind == BRANCH_POINT and FOLD_POINT in changes):
                     self.special.append(point)
-                if kind == BOUNDARY:
+                if kind == BOUNDARY and at is not None and point is not None:
                     self.places.append(at)
-                    assert point is not None
                     return point.meaning
+            grow = [int(np.sum(self.curve.eigenvalues(at.y).real > 0)) for at in (a, b)]
+            if not changes and grow[0] != grow[1]:
+                self.miss("change of stability", a, b)
         self.places.append(after)
         return ""
 
-    def parted(self, a: _Place, b: _Place) -> list[_Place]:
+    def miss(self, kind: str, a: Place, b: Place) -> None:
+        """Say that something was not located."""
+        between = f"{self.vary} = {a.y[-1]:.8g} and {b.y[-1]:.8g}"
+        self.missed.append(Missed(kind, f"a {kind} between {between} was not located; shorter steps may lead there"))
+
+    def parted(self, a: Place, b: Place) -> list[Place]:
         """The ends of a step, and points between that part the zeros of every monitor."""
         length = float(np.linalg.norm((b.y - a.y) / a.units))
         step = self.curve.ahead(a, length / 2) if length > SHORTEST_PART else None
@@ -452,8 +348,8 @@ class _Steps:
             return [a, m, b] if np.any(f[0] * f[1] < 0) or np.any(f[1] * f[2] < 0) else [a, b]
         return [*self.parted(a, m), *self.parted(m, b)[1:]]
 
-    def root(self, a: _Place, b: _Place, function: Callable[[_Place], float]) -> _Place:
-        """The point between two at which a function is zero."""
+    def root(self, a: Place, b: Place, function: Callable[[Place], float]) -> Place | None:
+        """The point between two at which a function is zero; None where the steps there do not lead to one."""
         length = float((b.y - a.y) / a.units @ a.tangent)
         f_a, f_b = function(a), function(b)
         if f_b == 0:
@@ -470,9 +366,9 @@ class _Steps:
             if abs(f) <= least:
                 least, best = abs(f), step[0]
             if f == 0 or search.bracket.width <= max(AT_A_POINT, CLOSED * length):
-                break
+                return best
             search = search.told(s, f)
-        return best
+        return None
 
     def equilibrium(self, y: Array) -> Equilibrium:
         """A point as the user reads it."""
@@ -480,7 +376,7 @@ class _Steps:
         parameters = dict(zip(system.names.parameters, map(float, p), strict=True))
         return Equilibrium(system, self.mode, parameters, system.names.numbers(y[:-1], p), self.curve.eigenvalues(y))
 
-    def special_point(self, kind: str, at: _Place) -> SpecialEquilibrium | None:
+    def special_point(self, kind: str, at: Place) -> SpecialEquilibrium | None:
         """A located point; None where two real eigenvalues of opposite signs look like a Hopf bifurcation."""
         kind = BRANCH_POINT if kind == FOLD_POINT and self.curve.crossed(at) else kind
         here, form, name = self.equilibrium(at.y), None, f"{self.vary} = {float(to_error(at.y[-1], 1e-10)):.10g}"
@@ -502,15 +398,10 @@ class _Steps:
         return SpecialEquilibrium(kind, here, self.vary, meaning, form)
 
 
-def _value_of(kind: str, place: _Place) -> float:
-    """The function that changes sign at a kind of special point."""
-    return float(place.values[KINDS.index(kind)])
-
-
 def _turns_through(f: float, g: float, h: float) -> bool:
     """Whether the parabola through three values, the second one half-way, has zeros that their signs do not show."""
     if f * g < 0 or g * h < 0:
-        return f * g < 0 and g * h < 0
+        return False
     bends, slope = 2 * (f - 2 * g + h), 4 * g - 3 * f - h
     turn = -slope / (2 * bends) if bends else math.nan
     return bool(0 < turn < 1 and (f + turn * (slope + turn * bends)) * g < 0)

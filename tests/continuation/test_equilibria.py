@@ -190,6 +190,22 @@ def test_no_cycle_is_born_far_away(small):
     assert 2 * math.pi / cycle.period == pytest.approx(form.omega, rel=0.1)
 
 
+def test_two_pairs_that_pass_at_once_are_missed_and_said_to_be():
+    """Two oscillators that are the same: no product changes its sign."""
+
+    def field(x, p):
+        one, other = ({k: getattr(x, k + n) for k in "xy"} for n in "12")
+        found = {}
+        for n, z in zip("12", (one, other), strict=True):
+            found |= {"x" + n: p.l * z["x"] - z["y"] - z["x"] ** 3, "y" + n: p.l * z["y"] + z["x"]}
+        return found
+
+    twins = System("twins", ("x1", "y1", "x2", "y2"), {"l": -1.03}, (Mode("m", field),))
+    branch = equilibria(twins, vary="l", to=1.0, x1=0.0, y1=0.0, x2=0.0, y2=0.0)
+    assert not branch.special and [missed.kind for missed in branch.missed] == ["change of stability"]
+    assert "change of stability between" in str(branch)
+
+
 def test_a_saddle_whose_eigenvalues_cancel_is_no_hopf_point():
     saddle = System("saddle", ("x", "y"), {"l": -1.0}, (Mode("m", lambda x, p: {"x": (1 + p.l / 2) * x.x, "y": -x.y}),))
     assert equilibria(saddle, vary="l", to=1.0, x=0.0, y=0.0).special == ()
@@ -245,6 +261,24 @@ def test_what_has_no_equilibria_is_refused():
         born_at(fold.special[0])
     with pytest.raises(InputError, match="between 0 and 1"):
         born_at(equilibria(NORMAL, vary="l", to=1.0, x=0.0, y=0.0).special[0], small=1.0)
+
+
+def test_the_cycle_that_is_born_meets_no_event():
+    """Beyond x = 0.05 everything is pulled back, and other cycles are there."""
+    far = Event("far", lambda x, p: x.x - 0.05, +1, to="back")
+    near = Event("near", lambda x, p: x.x - 0.05, -1, to="turns")
+
+    def pulled(x, p):
+        return {"x": -x.y - 0.5 * (x.x - 0.05), "y": x.x}
+
+    system = System(
+        "two", ("x", "y"), {"l": -1.0, "a": -0.7, "b": 0.3},
+        (Mode("turns", turning, ends=(far,)), Mode("back", pulled, ends=(near,))),
+    )  # fmt: skip
+    (hopf,) = equilibria(system, "turns", vary="l", to=1.0, x=0.0, y=0.0).special
+    cycle = born_at(hopf, small=0.5)
+    assert 0 < cycle.amplitude < 0.05 and {arc.mode for arc in cycle.arcs} == {"turns"}
+    assert cycle.amplitude**2 == pytest.approx(cycle.parameters["l"] / 0.7, rel=1e-6)
 
 
 def test_a_born_cycle_is_the_one_that_motions_settle_on():
