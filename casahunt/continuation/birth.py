@@ -22,6 +22,7 @@ from ..checks import of_kind, require
 from ..collocation.scheme import scheme
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import Function, System
+from ..hybrid.problem import Kind
 from ..motion.march import Segment
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Closure, Section, with_sections
@@ -79,7 +80,7 @@ def born_at(
 
     Raises
     ------
-    InputError : cycles are not born at such a point.
+    InputError : cycles are not born at such a point, or the mode is stated in closed form.
     NoOrbit : the cycle was not computed.
 
     Examples
@@ -102,7 +103,10 @@ def born_at(
     if not require("small", small, above=0.0) < 1:
         raise InputError(f"small = {small:g}: must lie between 0 and 1")
     if hopf.kind != HOPF or hopf.normal_form is None:
-        raise InputError(f"special point {hopf.kind!r}: must be a Hopf bifurcation; cycles are born at no other")
+        raise InputError(f"{hopf.meaning}: must be a Hopf bifurcation, and no degenerate one; cycles are born there")
+    if hopf.equilibrium.system.mode(hopf.equilibrium.mode).flow is not None:
+        sentence = f"mode {hopf.equilibrium.mode!r} has a closed form, and its cycles are not computed"
+        raise InputError(f"{sentence}; state it by its field alone")
     options, measured = options or Options(tol=1e-9), measured_of(hopf.equilibrium.system, measure)
     largest = _largest_radius(hopf, hopf.normal_form)
     for part in NEARER ** np.arange(BIRTHS):
@@ -176,15 +180,15 @@ def _foretold(hopf: SpecialEquilibrium, form: NormalForm, rho: float) -> _Foreto
     return _Foretold(hopf, form, x, p, rho, by, w, k)
 
 
-def _segments(told: _Foretold, section: Section, degree: int, kind: str, flows: bool) -> list[Segment]:
+def _segments(told: _Foretold, section: Section, degree: int, kind: Kind) -> list[Segment]:
     """The two halves of a turn, from plane to plane."""
     half, s = INTERVALS_OF_A_TURN // 2, scheme(degree, kind)
-    breaks = np.array([0.0, 1.0]) if flows else np.linspace(0.0, 1.0, half + 1)
+    breaks = np.linspace(0.0, 1.0, half + 1)
     found = []
     for first, way_out in zip((0.0, 0.5), section.exits(told.system.names.entries), strict=True):
         turns = first + (breaks[:-1, None] + np.diff(breaks)[:, None] * s.points) / 2
         states = told.states(turns)
-        w = states[:, 0] if flows else states.reshape(len(states), -1)
+        w = states.reshape(half, -1)
         end = told.states(np.array(first + 0.5))
         found.append(Segment(section.mode, way_out.event.name, math.pi / told.w, breaks, w, end))
     return found
@@ -213,8 +217,7 @@ def _solved(told: _Foretold, measured: str | Function, options: Options, began: 
     whole = Closure.of(np.eye(n), np.zeros(n), 1)
     problem = Family(system, tuple(map(float, p)), whole, vary, measured, (section,))
     degree, kind = options.scheme_of(problem)
-    flows = system.mode(section.mode).flow is not None
-    segments = _segments(told, section, degree, kind, flows)
+    segments = _segments(told, section, degree, kind)
     if (closure := _mirrored(told, section, segments, p)) is not None:
         segments, problem = segments[:1], Family(system, problem.values, closure, vary, measured, (section,))
     cycle = problem.cycle(tuple((s.mode, s.event) for s in segments), problem.closure.repeats)
@@ -224,8 +227,6 @@ def _solved(told: _Foretold, measured: str | Function, options: Options, began: 
     solved = solve_adaptively(problem, start, options, solver="newton", border=row)
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
-    if solved.t.cycle != cycle:
-        return "the cycle meets an event"
     value = problem.moved(vary, solved.solution.parameter)
     orbit: SystemOrbit = orbit_of(solved, problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     return orbit if _as_born(orbit, told, options.tol) else f"the one found at {vary} = {value:.8g} is another one"

@@ -189,7 +189,7 @@ def normal_form(field: Field, sign: float, x: Array, p: Array, omega: float) -> 
     known = abs(c.real) > CANCELLED * float(np.abs(parts).sum())
     carried = np.array([forms(q, column)[0] for column in x_by_p.T]).reshape(p.size, x.size).T
     grows = np.conj(r) @ (turned + carried)
-    return NormalForm(omega, q, r, c, h_11.real, h_20, c.real / omega if known else 0.0, grows, x_by_p)
+    return NormalForm(omega, q, r, c, h_11.real, h_20, c.real / omega if known and omega else 0.0, grows, x_by_p)
 
 
 def _complex_forms(

@@ -93,7 +93,8 @@ class SpecialEquilibrium(Result):
     equilibrium : the equilibrium there.
     vary : name of the parameter.
     meaning : one sentence for the user.
-    normal_form : of a Hopf bifurcation, else None; `l1` is its first Lyapunov coefficient, `omega` the frequency.
+    normal_form : of a Hopf bifurcation, else None; `l1` is its first Lyapunov coefficient, `omega` the frequency.  None
+        where another eigenvalue is zero there too.
 
     Examples
     --------
@@ -394,7 +395,8 @@ class _Steps:
                 return None
             form = self.curve.normal_form(at, abs(a.imag))
             others = [c for c in mu if c not in (a, b)]
-            meaning = f"Hopf bifurcation at {name}: {_born(form, self.curve.i, self.vary, others)}"
+            born = "degenerate, for other eigenvalues are zero too"
+            meaning = f"Hopf bifurcation at {name}: {_born(form, self.curve.i, self.vary, others) if form else born}"
         return SpecialEquilibrium(kind, here, self.vary, meaning, form)
 
 

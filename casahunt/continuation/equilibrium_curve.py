@@ -170,7 +170,7 @@ class Curve:
         inside = inside / (1 + abs(inside)) if math.isfinite(inside) else 1.0
         return Place(y, tangent, units, np.array([tangent[-1], np.prod(sums).real if sums else 1.0, det, inside]))
 
-    def normal_form(self, place: Place, omega: float) -> NormalForm:
+    def normal_form(self, place: Place, omega: float) -> NormalForm | None:
         """The normal form of a Hopf bifurcation, its Lyapunov coefficient 0 where it is one of a point aside.
 
         Parameters
@@ -180,11 +180,17 @@ class Curve:
 
         Returns
         -------
-        NormalForm.
+        NormalForm; None where another eigenvalue is zero there, or the pair is two real ones next to it.
         """
         field, sign, x, value = self.mode.field, self.mode.sign, place.y[:-1], float(place.y[-1])
-        form, aside = normal_form(field, sign, x, self.at(value), omega), BESIDE_IT * float(place.units[-1])
-        other = normal_form(field, sign, x + aside * form.x_by_p[:, self.i], self.at(value + aside), omega)
+        aside = BESIDE_IT * float(place.units[-1])
+        try:
+            form = normal_form(field, sign, x, self.at(value), omega)
+            other = normal_form(field, sign, x + aside * form.x_by_p[:, self.i], self.at(value + aside), omega)
+        except np.linalg.LinAlgError:
+            return None
+        if not (form.omega > 0 and other.omega > 0 and math.isfinite(abs(form.c))):
+            return None
         return form if abs(other.l1 - form.l1) < abs(form.l1) else form._replace(l1=0.0)
 
     def crossed(self, place: Place) -> bool:

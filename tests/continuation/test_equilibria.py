@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from casahunt.continuation import born_at, equilibria, follow
 from casahunt.errors import InputError, NoOrbit
@@ -279,6 +281,67 @@ def test_the_cycle_that_is_born_meets_no_event():
     cycle = born_at(hopf, small=0.5)
     assert 0 < cycle.amplitude < 0.05 and {arc.mode for arc in cycle.arcs} == {"turns"}
     assert cycle.amplitude**2 == pytest.approx(cycle.parameters["l"] / 0.7, rel=1e-6)
+
+
+def test_a_mode_in_closed_form_is_refused():
+    """A linear oscillator: every cycle is one of many."""
+
+    def flow(x, t, p):
+        c, s = ca.exp(p.d * t) * ca.cos(t), ca.exp(p.d * t) * ca.sin(t)
+        return {"x": c * x.x - s * x.y, "y": s * x.x + c * x.y}
+
+    system = System("linear", ("x", "y"), {"d": -1.0}, (Mode("turns", flow=flow),))
+    (hopf,) = equilibria(system, vary="d", to=1.0, x=0.1, y=0.0).special
+    assert abs(hopf.value) < 1e-10 and hopf.normal_form.l1 == 0
+    with pytest.raises(InputError, match="closed form"):
+        born_at(hopf)
+
+
+def test_a_fold_that_is_a_hopf_point_is_degenerate():
+    """Rossler's equations at c^2 = 4 a b with a = b: eigenvalues 0, +-i omega."""
+
+    def field(x, p):
+        return {"x": -x.y - x.z, "y": x.x + p.a * x.y, "z": p.b + x.z * (x.x - p.c)}
+
+    system = System("Rossler", ("x", "y", "z"), {"a": 0.2, "b": 0.2, "c": 2.0}, (Mode("m", field),))
+    branch = equilibria(system, vary="c", to=0.1, x=0.0, y=0.0, z=0.0)
+    found = {special.kind: special for special in branch.special}
+    assert found["fold"].value == pytest.approx(0.4, rel=1e-9) and found["Hopf"].value == pytest.approx(0.4, rel=1e-6)
+    assert found["Hopf"].normal_form is None and "degenerate" in found["Hopf"].meaning
+    with pytest.raises(InputError, match="no degenerate one"):
+        born_at(found["Hopf"])
+
+
+def membrane(x, p):
+    """Morris and Lecar's, with the numbers of Rinzel and Ermentrout (1989), table 7.1: Hopf."""
+    m = (1 + ca.tanh((x.v + 1.2) / 18)) / 2
+    w = (1 + ca.tanh((x.v - 2) / 30)) / 2
+    leak, fast, slow = 2 * (x.v + 60), 4.4 * m * (x.v - 120), 8 * x.w * (x.v + 84)
+    return {"v": (p.I - leak - fast - slow) / 20, "w": 0.04 * ca.cosh((x.v - 2) / 60) * (w - x.w)}
+
+
+def test_a_membrane_of_large_voltages_and_small_openings():
+    """Published: Hopf bifurcations at 93.86 and 212, both subcritical; here by the trace at the rest of a voltage."""
+    system = System("Morris-Lecar", ("v", "w"), {"I": 0.0}, (Mode("m", membrane),))
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("I")
+    entries = membrane(SimpleNamespace(v=x[0], w=x[1]), SimpleNamespace(I=y))
+    f = ca.vertcat(entries["v"], entries["w"])
+    trace = ca.Function("trace", [x, y], [ca.trace(ca.jacobian(f, x)), f])
+
+    def at(v):
+        w = (1 + math.tanh((v - 2) / 30)) / 2
+        current = -20 * float(trace([v, w], 0.0)[1][0])
+        return float(trace([v, w], current)[0]), current
+
+    truth = [at(brentq(lambda v: at(v)[0], *ends, xtol=1e-13))[1] for ends in ((-40, -10), (0, 20))]
+    assert truth == pytest.approx([93.86, 212.0], abs=0.05)
+    branch = equilibria(system, vary="I", to=300.0, v=-60.0, w=0.0)
+    assert [s.kind for s in branch.special] == ["Hopf", "Hopf"] and not branch.missed
+    assert [s.value for s in branch.special] == pytest.approx(truth, rel=1e-9)
+    assert all(s.normal_form.l1 > 0 for s in branch.special)
+    for special, way in zip(branch.special, (-1, 1), strict=True):
+        cycle = born_at(special)
+        assert way * (cycle.parameters["I"] - special.value) > 0 and not cycle.stable
 
 
 def test_a_born_cycle_is_the_one_that_motions_settle_on():
