@@ -7,7 +7,10 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from problems import belt, table1
 
@@ -80,3 +83,43 @@ def test_what_is_printed(capsys):
     assert len(promised) == 2
     for sentence in (*promised, "12.00103129"):
         assert sentence in said
+
+
+def test_the_brusselator(scope):
+    """Hopf bifurcation at b = 1 + a^2, omega = a; x = a, y = b/a."""
+    hopf = scope["hopf"]
+    assert hopf.value == pytest.approx(2.0, rel=1e-10) and hopf.normal_form.omega == pytest.approx(1.0, rel=1e-10)
+    assert hopf.equilibrium.states == pytest.approx({"x": 1.0, "y": 2.0}, rel=1e-10) and hopf.normal_form.l1 < 0
+    assert 2 < scope["oscillation"].parameters["b"] < 2.1 and scope["oscillation"].stable
+    settled = scope["find_cycle"](scope["brusselator"], parameters={"b": 3.0}, x=1.2, y=3.0)
+    assert scope["grown"].periods[-1] == pytest.approx(settled.period, rel=1e-8) and not scope["rest"].missed
+
+
+def test_the_converter(scope):
+    """Its flip by the exact map of a turn, open and then closed, with the jump of the field at the ramp."""
+    p = scope["converter"].parameters
+    A = np.array([[-1 / (p["R"] * p["C"]), 1 / p["C"]], [-1 / p["L"], 0]])
+
+    def flows(x, t, E):
+        settled = -np.linalg.solve(A, [0.0, E / p["L"]])
+        return settled + expm(A * t) @ (x - settled)
+
+    def start(t, E):
+        before, after = expm(A * t), expm(A * (p["T"] - t))
+        zero = np.zeros(2)
+        ends = flows(flows(zero, t, 0.0), p["T"] - t, E)
+        return np.linalg.solve(np.eye(2) - after @ before, ends)
+
+    def trace_and_determinant(E):
+        rise = (p["high"] - p["low"]) / p["T"]
+        t = brentq(lambda t: flows(start(t, E), t, 0.0)[0] - p["low"] - rise * t, 0.1 * p["T"], 0.99 * p["T"])
+        x = flows(start(t, E), t, 0.0)
+        rates = A @ x
+        jump = np.eye(2) + np.outer([0.0, E / p["L"]], [1.0, 0.0]) / (rates[0] - rise)
+        M = expm(A * (p["T"] - t)) @ jump @ expm(A * t)
+        return 1 + np.trace(M) + np.linalg.det(M)
+
+    flip = brentq(trace_and_determinant, 24.0, 25.0, xtol=1e-13)
+    (special,) = scope["follow"](scope["regular"], "E", to=25.0).special
+    assert special.kind == "flip" and special.value == pytest.approx(flip, rel=1e-8)
+    assert scope["regular"].period == pytest.approx(p["T"], rel=1e-12)

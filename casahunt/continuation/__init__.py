@@ -18,8 +18,13 @@ recut.py            another plane for a cycle that is cut by planes
 cut_elsewhere.py    another plane for a cycle that meets events, too
 touching.py         cycles that touch an event
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
+equilibrium.py      equilibria of a field, and the normal form of their Hopf bifurcations
+equilibrium_curve.py the curve of equilibria of a mode
+equilibrium_branch.py equilibria of a mode, followed in a parameter
+birth.py            the cycle that is born at a Hopf bifurcation
 terminations.py     where cycles end: shrunk, grown, at an equilibrium
 through_rest.py     through the rest that a forced cycle shrinks to
+whole.py            half of a symmetric cycle made whole where a parameter breaks the symmetry
 branch.py           a branch as it is handed out
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
@@ -45,8 +50,10 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .birth import born_at
     from .branch import Branch
     from .branching import branch_off
+    from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import largest, smallest
     from .fold import Fold
     from .following import follow
@@ -56,13 +63,16 @@ if TYPE_CHECKING:
     from .two_parameters import SpecialCurve, special_curve
 
 __all__ = [
-    "Branch", "End", "Fold", "Missed", "SpecialCurve", "SpecialPoint", "branch_off", "follow", "grazing", "largest",
-    "smallest", "special_curve", "user_monitor",
+    "Branch", "End", "Equilibrium", "EquilibriumBranch", "Fold", "Missed", "SpecialCurve", "SpecialEquilibrium",
+    "SpecialPoint", "born_at", "branch_off", "equilibria", "follow", "grazing", "largest", "smallest", "special_curve",
+    "user_monitor",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
+        "birth": ("born_at",),
         "branch": ("Branch",),
+        "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),
         "fold": ("Fold",),

@@ -8,6 +8,12 @@ Two pieces one after the other, the first moved by +eps du and the second by -ep
 twice the period where the piece was the period, a lopsided one where it was half of a symmetric cycle.  The phases of
 the second piece are those of the first, or their mirror images.  The new cycle is solved with its distance held and
 the parameter free; it can be followed from there.
+
+    lambda - lambda_0 = a eps^2,    d lambda/d eps = 2 a eps,    multipliers mu_i^2, one of them +1
+
+A cycle is next to the point where its pieces are 2 eps du apart, where lambda follows this law, and where no multiplier
+but the one that is +1 has gone through the unit circle: then there is no other special point between.  Else it is
+looked for nearer.
 """
 
 from __future__ import annotations
@@ -25,20 +31,26 @@ from ..hybrid.vector_form import TURNS
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Closure, Section, with_sections
 from ..orbits.family import Family
-from ..orbits.orbit import Orbit, orbit_of, unknowns_of
+from ..orbits.orbit import Complaint, Orbit, orbit_of, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.restart import Start
 from ..orbits.sequences import segments_of
 from .bifurcations import FLIP, SYMMETRY_LOST
-from .curve import along
+from .curve import along, curve_point, parameter_value
 from .special_points import SpecialPoint
 
 Array = np.ndarray
 
 OFF = 0.02
 """Distance of the new cycle from the old one, in units of the state scale."""
-OFF_AGAIN, OFF_TRIES = 0.25, 5
+OFF_AGAIN, OFF_TRIES = 0.25, 8
 """Where the new cycle is not found at a distance, it is looked for at this part of it, until so many have failed."""
+BY_THE_LAW = 0.25
+"""Next to the point the laws of lowest order in eps hold to this part; at a fold d lambda/d eps is off by all of it."""
+KNOWN_TO = 10.0
+"""lambda - lambda_0 is known to so many of the errors of lambda."""
+NEAR_ONE = 0.5
+"""The multiplier that is +1 at the point has moved by less than this; where it has moved by 2 the next flip is met."""
 SINGULAR = 1e-4
 """Smallest over largest singular value below which there is a direction that turns over."""
 
@@ -53,8 +65,8 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
     vary
         name of the parameter.
     off
-        how far from the old cycle, in units of the state scale, or nearer where nothing is found as far; of a lopsided
-        pair -off gives the other one.
+        how far from the old cycle, in units of the state scale: a quarter of it, a sixteenth ... where the cycle as far
+        off lies beyond another special point, or is not found; of a lopsided pair -off gives the other one.
     options
         tolerance and method; default those of the orbit at the special point.
 
@@ -84,22 +96,57 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     problem = replace(family, closure=_twice(family.closure), sections=_both_sections(family))
-    for nearer in range(OFF_TRIES):
-        distance = off * OFF_AGAIN**nearer
-        start, row = _two_pieces(orbit, family, problem, distance, along(family, vary))
+    t, u, setting = unknowns_of(orbit)
+    du = _turned_over(t, u, setting)
+    direction = du[t.node_index[0]]
+    row = np.append(direction, [0.0, 0.0])
+    for distance in off * OFF_AGAIN ** np.arange(OFF_TRIES):
+        start = _two_pieces(orbit, family, problem, distance * du, along(family, vary))
         solved = solve_adaptively(problem, start, options, solver="newton", border=row)
-        if solved.status.ok:
-            break
-    else:
-        sentence = f"what branches off at the {special.meaning} was not computed: {solved.complaint()}"
-        raise NoOrbit(sentence, solved.status)
-    problem = problem.with_value(vary, problem.moved(vary, solved.solution.parameter))
-    found: Orbit = orbit_of(solved, problem, wall_s=time.perf_counter() - began)
-    first, second = found.arcs[0].states[0, 0], found.arcs[len(orbit.arcs)].states[0, 0]
-    if np.max(np.abs(orbit.cycle.opened(first) - second) / found.scale) < abs(distance) * 1e-2:
-        sentence = f"next to the {special.meaning}: only the old cycle was found"
-        raise NoOrbit(sentence, Status.NOT_CONVERGED)
-    return found
+        if not solved.status.ok:
+            fault = solved.complaint()
+            continue
+        value = problem.moved(vary, solved.solution.parameter)
+        found: Orbit = orbit_of(solved, problem.with_value(vary, value), wall_s=time.perf_counter() - began)
+        fault = Complaint(_not_next_to(found, orbit, vary, distance * direction), Status.NOT_CONVERGED)
+        if not fault:
+            return found
+    raise NoOrbit(f"what branches off at the {special.meaning} was not computed: {fault}", fault.status)
+
+
+def _not_next_to(found: Orbit, orbit: Orbit, vary: str, off: Array) -> str:
+    """Why a cycle is not the one that branches off next to an orbit; "" where it is.
+
+    `off` (n,) is where its first node was looked for, from that of the orbit, in units of the state scale.
+    """
+    if len(found.arcs) != 2 * len(orbit.arcs):
+        return "the phases of the cycle next to it are others"
+    point, second = curve_point(found, vary), len(orbit.arcs)
+    rates = point.t.nodes_of(point.du)[point.t.phase_start] * point.setting.scale
+    opened, scale = orbit.cycle.opened, orbit.scale
+    still = opened(np.zeros(scale.size))
+    along_it = (opened(off * scale) - still) / scale
+    apart = (opened(found.arcs[0].states[0, 0]) - found.arcs[second].states[0, 0]) / (2 * scale)
+    moving = (opened(rates[0]) - still - rates[second]) / (2 * scale)
+    eps, rate = (float(x @ along_it) / float(along_it @ along_it) for x in (apart, moving))
+    if not abs(eps - 1) <= BY_THE_LAW:
+        return f"the cycle found next to it is {eps:.2g} times as far off as was asked (0 is the old one)"
+    gone = orbit.problem.distance(vary, parameter_value(found, vary))
+    unknown = KNOWN_TO * max(orbit.parameter_error, found.parameter_error)
+    by_the_law = abs(eps * point.row[-1] / rate - 2 * gone) <= BY_THE_LAW * abs(2 * gone) + unknown
+    if not (by_the_law and _same_sides(orbit, found)):
+        return f"the cycle found at {vary} = {parameter_value(found, vary):.8g} lies beyond another special point"
+    return ""
+
+
+def _same_sides(orbit: Orbit, found: Orbit) -> bool:
+    """Whether a cycle that branches off has its multipliers where two rounds of an orbit have them, one next to +1."""
+    if not (orbit.multipliers.trusted and found.multipliers.trusted):
+        return True
+    twice, once = found.multipliers.full[1:], orbit.multipliers.half[1:]
+    one, minus_one = int(np.argmin(np.abs(twice - 1))), int(np.argmin(np.abs(once + 1)))
+    unstable = [int(np.sum(np.abs(np.delete(mu, k)) > 1)) for mu, k in ((twice, one), (once, minus_one))]
+    return bool(abs(twice[one] - 1) <= NEAR_ONE and unstable[0] == unstable[1])
 
 
 def _twice(closure: Closure) -> Closure:
@@ -129,13 +176,12 @@ def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
     return lin.expand(y, 0.0) / float(np.linalg.norm(y[: t.n]))
 
 
-def _two_pieces(orbit: Orbit, family: Family, problem: Family, off: float, dp: Array) -> tuple[Start, Array]:
-    """(starting point, border row) of two pieces of a cycle, moved by +off du and by -off du."""
+def _two_pieces(orbit: Orbit, family: Family, problem: Family, du: Array, dp: Array) -> Start:
+    """Two pieces of a cycle, the first moved by du and the second by -du."""
     t, u, setting = unknowns_of(orbit)
-    du = _turned_over(t, u, setting)
     signature = (*t.cycle.signature, *_second_piece(orbit, problem, setting))
     new = transcribe(problem.cycle(signature, 1), (*t.counts, *t.counts), t.degree, t.kind)
-    first, second = u + off * du, u - off * du
+    first, second = u + du, u - du
 
     def opened(states: Array) -> Array:
         return t.cycle.opened(states * setting.scale) / setting.scale
@@ -145,9 +191,7 @@ def _two_pieces(orbit: Orbit, family: Family, problem: Family, off: float, dp: A
     nodes = np.concatenate([t.nodes_of(first)[:-1], opened(t.nodes_of(second))])
     durations = np.concatenate([t.durations_of(first), t.durations_of(second)])
     fractions = np.concatenate([np.zeros(0), *(np.diff(b) for b in 2 * phase_breaks(t, setting.fractions))])
-    row = np.concatenate([du[t.node_index[0]], [0.0, 0.0]])
-    start = new, new.pack(w, nodes, durations), replace(setting, fractions=fractions, dp=dp)
-    return start, row / np.linalg.norm(row)
+    return new, new.pack(w, nodes, durations), replace(setting, fractions=fractions, dp=dp)
 
 
 def _second_piece(orbit: Orbit, both: Family, setting: Setting) -> Signature:

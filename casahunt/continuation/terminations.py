@@ -30,17 +30,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from ..checks import to_error
 from ..collocation.interval import field_at
-from ..compiled import alone, kept
 from ..hybrid.roots import boundary, secant
-from ..hybrid.system import Field
 from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
+from . import equilibrium
 from .curve import parameter_value
 from .recut import cut_by_planes
 from .special_points import SpecialPoint
@@ -61,8 +59,6 @@ POWERS = (0.02, 50.0)
 """Powers p that are looked for."""
 LEAST_CHANGE = 0.03
 """Between orbits that differ by less than this part of their b no power is told."""
-AT_REST, REST_ROUNDS = 1e-13, 20
-"""Newton's method for the equilibrium ends at a step of this relative size."""
 STANDS_STILL, AT_AN_EQUILIBRIUM = 1e-7, 1e-4
 """A parameter that has changed by less than this, in lambda; a cycle that somewhere moves by less than this part of its
 range in a period."""
@@ -341,38 +337,10 @@ def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyO
 
     def growth(value: float) -> float:
         p = problem.with_value(vary, float(value)).vector()
-        return _growth(field, sign, centre, p, omega)
+        return equilibrium.growth(field, sign, centre, p, omega)
 
     value, left = secant(growth, here, here + way, tolerance=1e-13 * omega)
     if not (abs(left) <= 1e-9 * omega and abs(value - here - way) <= AS_FORETOLD * abs(way) + 1e-9 * abs(here)):
         return None
     meaning = f"Hopf bifurcation at {vary} = {value:.10g}: the cycle has shrunk to an equilibrium, and ends there"
     return SpecialPoint("Hopf", last, meaning, float(value), vary)
-
-
-@kept(maxsize=16)
-def _linearised(field: Field, n: int, parameters: int) -> ca.Function:
-    x, p, sign = ca.SX.sym("x", n), ca.SX.sym("p", parameters), ca.SX.sym("sign")
-    f = field(x, p, sign)
-    return ca.Function("linearised", [x, p, sign], [ca.densify(f), ca.densify(ca.jacobian(f, x))])
-
-
-@alone
-def _growth(field: Field, sign: float, x: Array, p: Array, omega: float) -> float:
-    """Real part of the eigenvalue next to i omega, at the equilibrium next to x; nan where there is none."""
-    function = _linearised(field, x.size, p.size)
-    for _ in range(REST_ROUNDS):
-        f, A = (np.array(part) for part in function(x, p, sign))
-        if not (np.isfinite(f).all() and np.isfinite(A).all()):
-            return math.nan
-        try:
-            step = np.linalg.solve(A, f).ravel()
-        except np.linalg.LinAlgError:
-            return math.nan
-        x = x - step
-        if np.max(np.abs(step)) <= AT_REST * max(1.0, float(np.max(np.abs(x)))):
-            break
-    else:
-        return math.nan
-    values = np.linalg.eigvals(np.array(function(x, p, sign)[1]))
-    return float(values[np.argmin(np.abs(values - 1j * omega))].real)

@@ -29,8 +29,8 @@ from .plane_curve import Place, Reading, follow, root_across
 from .sheet import DIFFERENCE, Axis, Sheet, finer, sheet_of
 from .special_charts import SpecialChart, Task, special_chart, where
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
-from .whole import keeps_symmetry
 from .touching import touch_at
+from .whole import keeps_symmetry
 
 Array = np.ndarray
 

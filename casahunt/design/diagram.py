@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import effort
-from ..continuation.fold import next_fold
 from ..continuation.crossings import crossings
+from ..continuation.fold import next_fold
 from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
 from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit, Status

@@ -39,6 +39,8 @@ Array = np.ndarray
 BROKEN = 1e-6  # a condition below zero by this much does not hold
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
+STANDS, STANDS_FOR = 1e-13, 50
+"""Of a motion at rest no state moves by more than this part of its size, in so many phases in a row: by rounding."""
 HIDES = (
     ", or a part of the field that changes suddenly was stepped over: a function that shows it, of order one, is named "
     "as the `feature` of the mode"
@@ -101,11 +103,12 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
-        begins = _begins(after, mode)
-        segment, mode = _phase(system, mode, x, p, s, scale, tol, max_time - time, max_intervals - used, begins)
+        segment, mode = _phase(system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals))
         segments.append(segment)
         if strict:
-            _check(system, segments, p, time, met)
+            if (still := _at_rest_since(segments, scale)) < len(segments):
+                return [*segments[:still], _at_rest(segments[still:], max_time - time)]
+            _check(system, segments, p, scale, time, met)
         time, used, after = time + segment.duration, used + segment.count, segment
         if segment.event == "" or until(segment) or (used < max_intervals and time >= max_time):
             return segments
@@ -137,24 +140,68 @@ def _phase(
     s: Scheme,
     scale: Array,
     tol: float,
-    max_time: float,
-    intervals: int,
-    begins: _Begins,
+    after: Segment | None,
+    spent: tuple[float, int],
+    most: tuple[float, int],
 ) -> tuple[Segment, str]:
-    """(segment, next mode) of one phase, in closed form where there is one."""
+    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
-    segment, successor = _followed(system, name, x, stepper, tol, max_time, intervals, begins)
+    begins, left = _begins(after, name), (most[0] - spent[0], most[1] - spent[1])
+    try:
+        segment, successor = _followed(system, name, x, stepper, tol, *left, begins)
+    except TooMany as many:
+        took = spent[0] + float(many.args[0])
+        raise MarchFailure(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals") from None
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
-def _check(system: System, segments: list[Segment], p: Array, time: float, met: str) -> None:
+def _at_rest_since(segments: list[Segment], scale: Array) -> int:
+    """Number of the first of the phases since which nothing moves but by rounding; how many there are where it does.
+
+    What gets larger is a motion that has begun next to an equilibrium and leaves it.
+    """
+    last, many = segments[-1], len(segments) - STANDS_FOR
+    if many < 0 or np.any(np.abs(last.end - last.start) > STANDS * scale):
+        return len(segments)
+    since = len(segments)
+    while since and _is_noise(segments[since - 1], last.end, scale):
+        since -= 1
+    earlier, later = (
+        np.max(np.ptp(np.vstack([_nodes(s) for s in half]), axis=0) / scale)
+        for half in (segments[many : -STANDS_FOR // 2], segments[-STANDS_FOR // 2 :])
+    )
+    return since if since <= many and later <= earlier else len(segments)
+
+
+def _nodes(segment: Segment) -> Array:
+    """(N + 1, n) its states between the intervals and at both ends."""
+    return np.vstack([segment.w[:, : segment.end.size], segment.end])
+
+
+def _is_noise(segment: Segment, x: Array, scale: Array) -> bool:
+    """Whether a phase stays at x, but for rounding."""
+    return not np.any(np.abs(_nodes(segment) - x) > STANDS * scale)
+
+
+def _at_rest(noise: list[Segment], left: float) -> Segment:
+    """The motion at rest, for ever or as long as is asked for, in the place of phases that are rounding.
+
+    `left` [s] is what was left of the time when the last of them began.
+    """
+    first = noise[0]
+    duration = left + sum(segment.duration for segment in noise[:-1])
+    return Segment(first.mode, "", duration, np.array([0.0, 1.0]), np.tile(first.start, (1, 2)), first.start.copy())
+
+
+def _check(system: System, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
     """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
     last = segments[-1]
     _check_holds(system.modes[last.mode], last, p, time)
-    _check_start(system, last, p, time, segments[-2].event if len(segments) > 1 else met)
+    if len(segments) == 1 or not _is_noise(last, last.start, scale):
+        _check_start(system, last, p, time, segments[-2].event if len(segments) > 1 else met)
     time += last.duration
     if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
         raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
@@ -193,8 +240,7 @@ def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
     if mode.admissible is None or not np.isfinite(segment.duration):
         return
-    nodes = np.vstack([segment.w[:, : segment.end.size], segment.end])
-    values = np.asarray(mode.admissible(nodes.T, p, mode.sign))
+    values = np.asarray(mode.admissible(_nodes(segment).T, p, mode.sign))
     wrong = np.flatnonzero(values < -mode.slack - BROKEN)
     if wrong.size:
         at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]
@@ -278,7 +324,7 @@ def _followed(
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
-        raise MarchFailure(f"mode {name!r}: no exit after {reached.time:.3g} s and {max_intervals} intervals") from None
+        raise TooMany(reached.time) from None
     by_intervals = not reached.over
     if by_intervals:
         watch, limits = Watch(exits, mode.feature, stepper), (tol, max_time, max_intervals)

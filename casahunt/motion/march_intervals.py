@@ -17,6 +17,7 @@ from .march_series import Reached
 from .march_step import Foretold, Previous, foretold
 from .march_watch import TooLong, Watch
 from .segment import MarchFailure
+from .series import TooMany
 
 Array = np.ndarray
 
@@ -78,7 +79,7 @@ def collocated(
 
     Raises
     ------
-    MarchFailure : a step size that vanishes, or too many intervals.
+    MarchFailure, TooMany : a step size that vanishes; more intervals than there may be, with the time that they take.
     """
     stepper, (tol, max_time, max_intervals) = watch.stepper, limits
     t, start, d, h = begun.time, begun.x, stepper.scheme.degree, min(begun.length, max_time - begun.time)
@@ -91,7 +92,7 @@ def collocated(
         if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
             return Reached(t, start, None, True, h)
         if len(pieces) >= max_intervals:
-            raise MarchFailure(f"mode {name!r}: no exit after {t:.3g} s and {len(pieces)} intervals")
+            raise TooMany(t)
         effort.interval()
         found = _attempt(watch, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):

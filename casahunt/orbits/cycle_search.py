@@ -59,6 +59,8 @@ SEVERAL_TIMES = 1e-7
 period."""
 EXACTLY = 1e-8
 """A motion that comes back so near shows no more by going on."""
+RESTS = 1e-6
+"""A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
 OUTGROWN = 1e4
@@ -298,10 +300,22 @@ class _Search:
     def check_hope(self, r: Recurrence) -> None:
         """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
         if r.distance < EXACTLY:
+            if self.rests(r.phases):
+                raise self.not_met("the motion comes to rest")
             raise self.not_met(f"the motion repeats after {_phases_of(r)}, but its cycle was not computed")
         self.long += r.phases > FEW_PHASES
         if self.long >= MOST_LONG:
             raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
+
+    def rests(self, phases: int) -> bool:
+        """Whether the motion has become so small that its returns say nothing, and becomes smaller."""
+        if self.turning is not None or len(self.segments) < 2 * phases:
+            return False
+        before, last = (
+            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale)
+            for loop in (self.segments[-2 * phases : -phases], self.segments[-phases:])
+        )
+        return bool(last <= RESTS and last < before)
 
     def check_patience(self) -> None:
         """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""

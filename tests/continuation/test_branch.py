@@ -370,3 +370,11 @@ def test_multipliers_that_are_not_trusted_have_no_sign():
     for monitor in (bifurcations.BRANCH_POINT, bifurcations.FLIP, bifurcations.NEIMARK_SACKER):
         assert not monitor.sure(Unknown(), None)
     assert not bifurcations.NEIMARK_SACKER.confirmed(Unknown())
+
+
+def test_a_branch_of_many_points_is_said_in_few_lines():
+    branch = follow(bouncing(), "a", to=0.05, options=TIGHT)
+    many = replace(branch, special=branch.special * 40)
+    lines = str(many).splitlines()
+    assert len(str(branch).splitlines()) == 2 and "more" not in str(branch)
+    assert len(lines) == 10 and lines[-1] == "and 32 more"

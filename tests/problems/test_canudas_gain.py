@@ -10,8 +10,13 @@ from scipy.integrate import solve_ivp
 from casahunt.continuation import branch_off, follow
 from casahunt.continuation.curve import curve_point
 from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.border import curve_border
+from casahunt.orbits.orbit import unknowns_of
 from problems import canudas_gain
+
+FLIPS = (47.99822556, 48.43318444)
+"""K at which the lopsided pair flips, to the digits that are given."""
 
 
 def started(K: float):
@@ -126,3 +131,60 @@ def test_branching_is_looked_for_nearer():
     first = branch_off(breaking, "K", off=0.02)
     x, y = first.arcs[0].states[0, 0], first.arcs[1].states[0, 0]
     assert 1e-5 < np.max(np.abs(x + y) / first.scale) < 0.02
+
+
+def assert_next_to(special, off: float) -> None:
+    """The cycle that branches off has the parameter of the square-root law, and the multiplier of its normal form.
+
+    x -> -(1 + nu) x + c x^3 has the pair c x^2 = -nu with the multiplier 1 - 4 nu of two rounds, in which that of x = 0
+    is 1 + 2 nu: to first order the one moves by -2 times as much as the other.
+    """
+    by, mu = [], []
+    for part in (1.0, 0.5):
+        first = branch_off(special, "K", off=off * part)
+        by.append(first.parameters["K"] - special.value)
+        mu.append(first.multipliers.full[1].real - 1)
+    assert by[0] == pytest.approx(4 * by[1], rel=0.1) and mu[0] == pytest.approx(4 * mu[1], rel=0.1)
+    old = special.orbit
+    problem = old.problem.with_value("K", special.value + by[1])
+    beside = finished(
+        solve_adaptively(problem, unknowns_of(old), Options(tol=1e-8), solver="newton"), problem, Options(), 0.0, "it"
+    )
+    assert mu[1] == pytest.approx(-2 * ((beside.multipliers.leading**2).real - 1), rel=0.1)
+
+
+@pytest.mark.slow
+def test_what_branches_off_lies_before_the_next_flip():
+    """The lopsided pair from K = 48.4446 flips at 48.43318 already."""
+    branch = follow(started(44.0), "K", to=60.0, back=40.0, options=Options(tol=canudas_gain.TOL))
+    for special, off in zip(branch.special[:2], (0.005, 0.0003), strict=True):
+        assert special.kind == "symmetry breaking"
+        assert_next_to(special, off)
+    second = branch.special[1]
+    for off in (0.5, 0.02, -0.02):
+        first = branch_off(second, "K", off=off)
+        assert FLIPS[1] < first.parameters["K"] < second.value and abs(first.multipliers.full[1]) < 1
+    x, y = (branch_off(second, "K", off=off).arcs[0].states[0, 0] for off in (3e-4, -3e-4))
+    middle = second.orbit.arcs[0].states[0, 0]
+    assert (x - middle) @ (y - middle) < 0  # one and the other of the pair
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("off", [0.02, -0.02])
+@pytest.mark.parametrize("tol", [1e-6, 1e-9])
+def test_cycles_of_twice_the_period_are_next_to_the_lopsided_flips(off, tol):
+    branch = follow(started(44.0), "K", to=60.0, back=40.0, options=Options(tol=tol))
+    first = branch_off(branch.special[1], "K", off=off)
+    pair = follow(first, "K", to=40.0, back=100.0, options=Options(tol=tol), largest_step=0.3)
+    flips = {special.value: special for special in pair.special if special.kind == "flip"}
+    assert sorted(flips) == pytest.approx(FLIPS, rel=1e-7)
+    for value in sorted(flips):
+        twice = branch_off(flips[value], "K")
+        assert twice.period == pytest.approx(2 * flips[value].orbit.period, rel=1e-3) and twice.stable
+        assert FLIPS[0] < twice.parameters["K"] < FLIPS[1]
+        for far in (0.01, 0.02, -0.02):  # no farther off than was asked, or than a quarter of it, or a sixteenth ...
+            arcs = branch_off(flips[value], "K", off=far).arcs
+            away = np.linalg.norm((arcs[0].states[0, 0] - arcs[2].states[0, 0]) / flips[value].orbit.scale) / 2
+            quarters = np.round(np.log(abs(far) / away) / np.log(4))
+            assert away * 4**quarters == pytest.approx(abs(far), rel=0.25)
+        assert_next_to(flips[value], 1e-5)
