@@ -3,8 +3,8 @@
     A | plane | A | event | B      ->      A | event | B
 
 Along a branch the events move past the plane, and the phase between the two shrinks to nothing: no phase of the motion
-does.  Then the plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of its
-longest phase: if its events vanish it is a cycle still, cut by nothing else.
+does.  Then the plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of
+its longest phase: if its events vanish it is a cycle still, cut by nothing else.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
 
 
 def _halved(family: Family, orbit: Orbit, options: Options) -> Any:
-    """A forced cycle that is cut by nothing, from the middle of its longest collocated phase on to the image of that."""
+    """A forced cycle that is cut by nothing, from the middle of its longest collocated phase to the image of that."""
     start, posed = unknowns_of(orbit), family.asked()
     t = start[0]
     k = max((k for k in range(t.phases) if t.counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)

@@ -42,7 +42,7 @@ from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, specia
 from .terminations import POINT_KIND, SHRUNK_TO, End, comes_to, hopf_point, ranges
 from .through_rest import through_rest
 from .vanishing import solved_at, vanishing_soon
-from .walk import FIRST_STEP, SMALLEST_STEP, walk
+from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
 from .whole import as_whole_as_needed
 
 Array = np.ndarray
@@ -274,7 +274,7 @@ def _at_bound(run: _Run[AnyOrbit], beyond: AnyOrbit) -> End:
     bound = run.how["high"] if run.value(beyond) > run.how["high"] else run.how["low"]
     reached = solved_at(beyond.problem.with_value(vary, bound), unknowns_of(beyond), run.options)
     if reached is None:
-        return End("range", f"the next cycle that was found lies beyond {vary} = {bound:.6g}, the end of the range", bound)
+        return End("range", f"the next cycle that was found lies beyond {vary} = {bound:.6g}, the end of the range")
     run.add(passed=run.line.rest())
     run.add(reached)
     return End("range", f"{vary} reached {bound:.6g}, the end of the range", bound)
@@ -330,7 +330,7 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
         try:
             after = next(steps)
         except StopIteration as end:
-            return end.value if isinstance(end.value, Complaint) else End(end.value.kind, str(end.value), run.value(run.last))
+            return _ended(run, end.value)
         except NoOrbit as error:
             return Complaint(str(error), error.status)
         before = run.last
@@ -359,6 +359,11 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
             run.add(passed=run.line.rest())
             run.add(passed=Passed((special_point(GRAZING, over[0], vary),)))
             return over[1]
+
+
+def _ended(run: _Run[AnyOrbit], why: str) -> End | Complaint:
+    """Why a walk has ended, with the value of the parameter where it was to end."""
+    return End(why.kind, str(why), run.value(run.last)) if isinstance(why, Stopped) else cast(Complaint, why)
 
 
 def _first_shrinks(before: Orbit, after: Orbit) -> bool:

@@ -87,8 +87,8 @@ UNBOUNDED = (
     "{period}: which is where it ends"
 )
 VERTICAL = (
-    "{name} stands still at {value} while the size of the cycle changes and a multiplier is 1: a vertical family, every "
-    "size having its cycle there, in which the branch ends"
+    "{name} stands still at {value} while the size of the cycle changes and a multiplier is 1: a vertical family, in "
+    "which every size has its cycle, and the branch ends"
 )
 
 
@@ -99,9 +99,9 @@ class End(Result):
     Attributes
     ----------
     kind : "range" (a bound of the parameter is reached), "points", "time" (as many as were asked for), "closed" (it
-        meets its own image), "Hopf", "shrinks to a point", "grows without bound", "vertical family", "homoclinic orbit",
-        "level reached", "grazing" (no cycle was found behind one) or "stuck" (no step converged: nothing is known of
-        what follows).
+        meets its own image, or where it began), "Hopf", "shrinks to a point", "grows without bound", "vertical
+        family", "homoclinic orbit", "level reached", "grazing" (no cycle was found behind one) or "stuck" (no step
+        converged: nothing is known of what follows).
     sentence : the same in words.
     value : value of the parameter that the branch tends to; NaN where it only stops.
     error : estimated absolute error of that.

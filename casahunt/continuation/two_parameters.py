@@ -167,8 +167,9 @@ def special_curve(
     axis, start = _axis(orbit, vary, other, to, back)
     require("points", points, at_least=2)
     if not keeps_symmetry(orbit, (vary, other), (math.inf, to)):
-        sentence = f"along {vary} and {other} the cycle of {orbit.problem.title} loses the symmetry by which half of it"
-        raise NoOrbit(f"{sentence} was computed: a {special.kind} of symmetric cycles has no curve there", Status.NOT_FOUND)
+        sentence = f"along {vary} and {other} the cycle of {orbit.problem.title} loses the symmetry by which half of"
+        no_curve = f"it was computed: a {special.kind} of symmetric cycles has no curve there"
+        raise NoOrbit(f"{sentence} {no_curve}", Status.NOT_FOUND)
     task, orbit = _task(special, orbit, vary, monitor, options)
     sheet = sheet_of(orbit, vary, axis, start, options=finer(options), spacing=1 / (points - 1), like=None)
     chart = _first(task, sheet)

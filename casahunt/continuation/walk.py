@@ -187,7 +187,7 @@ def _room(point: Point, solved: Solved, options: Options) -> float:
     easy = SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS
     effort = min(easy / max(solved.iterations, 1), MOST_BY_EFFORT)
     if solved.off <= PREDICTED:
-        effort = max(effort, 1.0)  # the prediction was good: it is the mesh that took long, and a shorter step's would too
+        effort = max(effort, 1.0)  # the prediction was good: it is the mesh that took long, as a shorter step's would
     if options.sketched or point.bend is None or not point.bend.drift.any():
         return effort
     # On a mesh that moves along the fourth root of the error says what the next one will be; elsewhere it is no guide.

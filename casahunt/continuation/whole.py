@@ -56,8 +56,8 @@ def as_whole_as_needed(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]
         return orbit
     found = _whole(orbit, options)
     if found is None:
-        sentence = f"along {' and '.join(vary)} the cycle of {family.title} loses its symmetry, and the whole of it was not"
-        raise NoOrbit(f"{sentence} computed: start where it is not symmetric", Status.NOT_CONVERGED)
+        sentence = f"along {' and '.join(vary)} the cycle of {family.title} loses its symmetry, and the whole of it was"
+        raise NoOrbit(f"{sentence} not computed: start where it is not symmetric", Status.NOT_CONVERGED)
     return found
 
 
@@ -76,7 +76,8 @@ def keeps_symmetry(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]) ->
     family = orbit.problem
     if not isinstance(family, Family) or orbit.repeats == 1:
         return True
-    return all(_image(orbit, family.with_value(name, value)) is not None for name, value in _looked_at(family, vary, to))
+    places = _looked_at(family, vary, to)
+    return all(_image(orbit, family.with_value(name, value)) is not None for name, value in places)
 
 
 def _looked_at(family: Family, vary: Sequence[str], to: Sequence[float]) -> list[tuple[str, float]]:
