@@ -17,7 +17,7 @@ bouncing_ball.py      on a shaking table, both branches of its fold, beyond its 
 canudas.py            a servo with LuGre friction, stiff
 canudas_gain.py       the same round the fold in its gain, and the lopsided pair
 
-Branches whose special points and ends are known (`branches`, followed by scripts/branches.py), of rossler.py, too:
+Branches whose special points and ends are known (`branches`, followed by scripts/branches.py), of rossler.py and canudas_gain.py, too:
 
 rings.py              folds, flips, a torus, an isola in closed form
 lorenz.py             a Hopf point, homoclinic orbits, a loss of symmetry, a fold
@@ -32,6 +32,7 @@ impact_pair.py        a ball between two walls: a fold and a loss of symmetry in
 threshold_harvest.py  a cycle that comes to slide
 cubic_friction.py     stick and slip, slip alone, rest
 buck.py               a converter with a clock, its cascade
+ends.py               ends that few branches have: without bound, to a point, at a level
 
 The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.
 """

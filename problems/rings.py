@@ -8,6 +8,7 @@ isola           g = 1 - lam^2 - w^2                 a closed curve of cycles: fo
 hysteresis      g = lam + s w - w^3                 folds at lam = -2 (s/3)^(3/2), +2 (s/3)^(3/2)
 band            (u, v)' = R(a/2) diag(m, -1/5) R(-a/2) (u, v) + half a turn in a turn of a, m = k (width^2 - lam^2)
                 multipliers -exp(2 pi m), -exp(-2 pi/5): flips at lam = -width, width
+crossing        z' = lam z - z^2                    z = 0 has the multiplier exp(2 pi lam), meets z = lam at lam = 0
 torus           x' = (z - b) x - 7/2 y, y' = (z - b) y + 7/2 x, z' = lam + z - z^3/3 - (x^2 + y^2) (1 + c z)
 
 In the last, z = b and r^2 = (lam + b - b^3/3)/(1 + b c): a torus branches off where the trace 1 - b^2 - c r^2 of the
@@ -22,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from casahunt.hybrid import Mode, System
@@ -53,6 +55,11 @@ def _band(x: Any, p: Any) -> dict[str, Any]:
     }
 
 
+def _crossing(x: Any, p: Any) -> dict[str, Any]:
+    g = 1 - x.x**2 - x.y**2
+    return {"x": g * x.x - x.y, "y": g * x.y + x.x, "z": p.lam * x.z - x.z**2}
+
+
 def _torus(x: Any, p: Any) -> dict[str, Any]:
     g, r2 = x.z - p.b, x.x**2 + x.y**2
     z = p.lam + x.z - x.z**3 / 3 - r2 * (1 + p.c * x.z)
@@ -67,6 +74,7 @@ BAND = System(
     {"lam": -1.0, "width": 0.3, "k": 0.1},
     (Mode("smooth", field=_band),),
 )
+CROSSING = System("two crossing cycles", ("x", "y", "z"), {"lam": -0.3}, (Mode("smooth", field=_crossing),))
 TORUS = System("Langford's torus", ("x", "y", "z"), {"lam": 3.0, "b": B, "c": C}, (Mode("smooth", field=_torus),))
 
 
@@ -94,6 +102,8 @@ def branches() -> Iterator[Course]:
     )  # fmt: skip
     yield from (_hysteresis(s) for s in (1.0, 0.03))
     yield from (_flips(width) for width in (0.3, 0.05))
+    crossing = partial(find_cycle, CROSSING, x=1.0, y=0.0, z=0.1)
+    yield Course("crossing", crossing, "lam", 0.3, (("branch point", 0.0),))
     bifurcates = (1 - B**2) / C * (1 + B * C) - B + B**3 / 3
     points = (("Neimark-Sacker", bifurcates), ("Hopf", B**3 / 3 - B))
     yield Course("torus", lambda: find_cycle(TORUS, x=math.sqrt(3.0), y=0.0, z=B), "lam", -1.0, points, ("Hopf",))

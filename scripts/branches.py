@@ -42,6 +42,8 @@ from casahunt.continuation import Branch, follow  # noqa: E402
 from problems.gallery import Course, compared  # noqa: E402
 
 TENTH = 0.1
+MOST = 6
+"""Points of a row that are printed."""
 MANY = 5000
 """Points after which a branch of small steps is given up."""
 CHANGES = {"fold": 1, "flip": 1, "symmetry breaking": 1, "branch point": 1, "Neimark-Sacker": 2}
@@ -78,11 +80,11 @@ class Row:
         return bool(wrong) or self.end not in self.ends
 
     def __str__(self) -> str:
-        listed = ", ".join(f"{kind} {value:.9g}" for kind, value in self.found) or "-"
+        listed = ", ".join(f"{kind} {value:.9g}" for kind, value in self.found[:MOST]) or "-"
         said = [f"{self.name:32} {self.steps:8} {self.points:5} {self.seconds:7.2f} s  {self.end:20} {listed}"]
         for what in ("lost", "invented", "missed", "uncounted", "turns"):
             if there := getattr(self, what):
-                said.append(f"    {what}: " + "; ".join(map(str, there[:6])) + (" ..." if len(there) > 6 else ""))
+                said.append(f"    {what}: " + "; ".join(map(str, there[:MOST])) + (" ..." if len(there) > MOST else ""))
         if self.end not in self.ends:
             said.append(f"    end: should be {' or '.join(self.ends)}")
         return "\n".join(said)
@@ -211,7 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         failures += sum(row.fails for row in both) + bool(differ)
         print(*both, sep="\n")
         if differ:
-            print(f"    differ: {differ}")
+            print(f"    differ, {len(differ)}: {differ[:MOST]}")
         sys.stdout.flush()
         rows += both
     print(f"{len(rows)} runs, {failures} failures, longest {max((row.seconds for row in rows), default=0.0):.1f} s")
