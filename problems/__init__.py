@@ -17,7 +17,8 @@ bouncing_ball.py      on a shaking table, both branches of its fold, beyond its 
 canudas.py            a servo with LuGre friction, stiff
 canudas_gain.py       the same round the fold in its gain, and the lopsided pair
 
-Branches whose special points and ends are known (`branches`, followed by scripts/branches.py), of rossler.py and canudas_gain.py, too:
+Branches whose special points and ends are known (`branches`, followed by scripts/branches.py), as those of rossler.py
+and canudas_gain.py:
 
 rings.py              folds, flips, a torus, an isola in closed form
 lorenz.py             a Hopf point, homoclinic orbits, a loss of symmetry, a fold

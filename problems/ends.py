@@ -1,18 +1,18 @@
 """Branches that end as few do, and some that seem to: each end in closed form.
 
-friction    x'' = -x + d x' - sign(x'), d -> 0            half a cycle takes the top x to q (x - 1) - 1, q = exp(pi d/(2 w)),
-            so that it is (q + 1)/(q - 1): the amplitude grows without bound as 4/(pi d)
-relay       u = -+1 on 1/(s + 1)^3 with hysteresis eps    the half period h solves F(h) = eps, F(h) = tanh(h/2) -
-            h/2/cosh(h/2)^2 - h^2/4 tanh(h/2)/cosh(h/2)^2; a fold at its minimum, a point at eps = F(0) = 0
-level       x' = 1 - x up to a level, -1 - x down to -1/2    the time up is log(3/2/(1 - level)): none reaches level = 1
-thermostat  x' = 1 - x up to 2/5 + h, -x down to 2/5 - h     a point at h = 0
-rest        a forced cycle of amplitude F, F through 0       no end: that of -F is that of F half a period later
-load        x'' + x'/5 + x + x^3 = cos(3/2 t) + load         symmetric at load = 0 alone: half a cycle is not enough
-reset       y'' = y'/5 + k u - y'^3, u' = -y, u = 0 where y = 0    y and T grow as k^(-1/2)
-Bouc-Wen    x'' = F cos(w t) - x'/10 - x/5 - 4/5 z, z' = x' - |x'| z/2 - 3/10 x' |z|    no end, and nothing on the way
+friction      x'' = -x + d x' - sign(x'), d -> 0: half a cycle takes the top x to q (x - 1) - 1, q = exp(pi d/(2 w)), so
+              that it is (q + 1)/(q - 1), and grows without bound as 4/(pi d)
+relay         u = -+1 on 1/(s + 1)^3 with hysteresis eps: half the period, h, solves F(h) = eps,
+              F = tanh(h/2) - (h/2 + h^2/4 tanh(h/2))/cosh(h/2)^2: a fold at its minimum, a point at eps = F(0) = 0
+level         x' = 1 - x up to a level, -1 - x down to -1/2: the time up is log(3/2/(1 - level)), there is no level of 1
+thermostat    x' = 1 - x up to 2/5 + h, -x down to 2/5 - h: a point at h = 0
+rest          a forced cycle of amplitude F, F through 0: no end, that of -F is that of F half a period later
+load          x'' + x'/5 + x + x^3 = cos(3/2 t) + load: symmetric at load = 0 alone, half a cycle is not enough
+reset         y'' = y'/5 + k u - y'^3, u' = -y, u = 0 where y = 0, k -> 0: y and T grow as k^(-1/2)
+Bouc-Wen      x'' = cos(w t) - x'/10 - x/5 - 4/5 z, z' = x' - |x'| z/2 - 3/10 x' |z|: no end, nothing on the way
 
-Sources: the relay, Ya. Z. Tsypkin, Relay Control Systems, Cambridge 1984; the reset, J. C. Clegg, Transactions of the AIEE
-77 II (1958) 41-42; Y. K. Wen, Journal of the Engineering Mechanics Division 102 (1976) 249-263.  The others are made.
+Sources: Ya. Z. Tsypkin, Relay Control Systems, Cambridge 1984; J. C. Clegg, Transactions of the AIEE 77 II (1958)
+41-42; Y. K. Wen, Journal of the Engineering Mechanics Division 102 (1976) 249-263.  The others are made.
 """
 
 from __future__ import annotations

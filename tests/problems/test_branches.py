@@ -6,11 +6,15 @@ All of them, by default and by tenth-size steps: `python scripts/branches.py`.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
-from problems import chua, gears, impact_pair, rings
+from casahunt.continuation import follow
+from casahunt.orbits import find_cycle
+from problems import chua, ends, gears, impact_pair, rings
 from problems.gallery import Course, compared
 from scripts import branches
 from scripts.peers import branch_truths
@@ -111,10 +115,6 @@ def test_points_are_matched_one_by_one():
 
 def test_a_point_that_is_dropped_is_noticed():
     """By the list, by the count of multipliers, and, where it is a fold, by the parameter that turns round."""
-    from dataclasses import replace
-
-    from casahunt.continuation import follow
-
     course = next(c for c in rings.branches() if c.caption == "hysteresis, s = 1")
     branch = follow(course.start(), course.vary, to=course.to, largest_step=0.1)
     at = branches.places(branch)
@@ -122,3 +122,34 @@ def test_a_point_that_is_dropped_is_noticed():
     without = replace(branch, special=branch.special[1:])
     at = branches.places(without)
     assert len(branches.uncounted(without, at)) == 1 and len(branches.turns(without, at)) == 1
+
+
+def test_a_symmetry_by_chance_is_not_followed():
+    """The cycle is its own mirror image without the load only: with it, it is the one that a motion settles on."""
+    course = COURSES["load"]
+    branch = follow(course.start(), course.vary, to=course.to)
+    settled = find_cycle(ends.FORCED, parameters={"load": course.to}, x=0.0, v=0.0).extrema("x")
+    reached = branch.orbits[-1].extrema("x")
+    assert reached.high.value == pytest.approx(settled.high.value, rel=1e-7)
+    assert reached.low.value == pytest.approx(settled.low.value, rel=1e-7)
+
+
+def test_periods_and_sizes_of_the_ends():
+    """In front of its end each cycle is the one of its closed form."""
+    friction = follow(ends.dragged(), "d", to=0.0).orbits[-1]
+    d = friction.problem.value("d")
+    assert d * friction.amplitude == pytest.approx(4 / math.pi, rel=0.01)
+    level = follow(COURSES["level"].start(), "level", to=0.99).orbits[-1]
+    assert level.period == pytest.approx(math.log(1.5 / 0.01) + math.log(1.99 / 0.5), rel=1e-8)
+    h = 0.05
+    thermostat = follow(COURSES["thermostat"].start(), "h", to=h).orbits[-1]
+    up, down = math.log((0.6 + h) / (0.6 - h)), math.log((0.4 + h) / (0.4 - h))
+    assert thermostat.period == pytest.approx(up + down, rel=1e-8)
+
+
+def test_the_fold_of_the_relay_is_the_minimum_of_its_closed_form():
+    def F(h):
+        return math.tanh(h / 2) - (h / 2 + h**2 / 4 * math.tanh(h / 2)) / math.cosh(h / 2) ** 2
+
+    found = minimize_scalar(F, bounds=(0.5, 3.0), method="bounded", options={"xatol": 1e-9})
+    assert found.fun == pytest.approx(ends.RELAY_FOLD, rel=1e-11)
