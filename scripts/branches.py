@@ -183,12 +183,12 @@ def unstable(orbit: Any) -> int | None:
 
 
 def turns(branch: Branch[Any], at: Sequence[int]) -> list[float]:
-    """Values at which the parameter turns round and no fold, and no grazing, is in the steps beside."""
+    """Values at which the parameter turns round and no fold, and no grazing, is in the two steps on either side."""
     way = np.diff(branch.values)
     way = np.where(np.abs(way) > STILL * np.maximum(1, np.abs(branch.values[1:])), np.sign(way), 0)
     folds = {j for special, j in zip(branch.special, at, strict=True) if special.kind in ("fold", "grazing")}
     turned = [i for i in range(1, len(way)) if way[i] * way[i - 1] < 0]
-    return [float(branch.values[i]) for i in turned if not folds & {i - 1, i}]
+    return [float(branch.values[i]) for i in turned if not folds & {i - 2, i - 1, i, i + 1}]
 
 
 def run(course: Course, limit: float) -> tuple[list[Row], list[tuple[str, float]]]:
