@@ -19,6 +19,23 @@ canudas_gain.py       the same round the fold in its gain, and the lopsided pair
 
 Cycles followed to their birth from a point (hopf_like.py: what the files share): boundary_equilibria.py,
 folds_and_foci.py, kicks_and_relays.py.
+Branches whose special points and ends are known (`branches`, followed by scripts/branches.py), as those of rossler.py
+and canudas_gain.py:
+
+rings.py              folds, flips, a torus, an isola in closed form
+lorenz.py             a Hopf point, homoclinic orbits, a loss of symmetry, a fold
+brusselator.py        the birth of a cycle
+fitzhugh_nagumo.py    canards: folds that no step sees
+hindmarsh_rose.py     spikes that flip
+morris_lecar.py       Hopf points, folds, a saddle-node on the cycle
+duffing.py            forced: folds, a loss of symmetry, a flip
+chua.py               three linear zones, cycles that fill a disc
+gears.py              forced, with backlash: grazings in closed form
+impact_pair.py        a ball between two walls: a fold and a loss of symmetry in closed form
+threshold_harvest.py  a cycle that comes to slide
+cubic_friction.py     stick and slip, slip alone, rest
+buck.py               a converter with a clock, its cascade
+ends.py               ends that few branches have: without bound, to a point, at a level
 
 The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.
 """

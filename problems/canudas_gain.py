@@ -10,7 +10,9 @@ Source of the system: canudas.py.  Source of the numbers: scripts/peers/gallery_
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from casahunt.continuation import Branch, branch_off, follow
@@ -18,6 +20,7 @@ from casahunt.hybrid import System
 from casahunt.orbits import Options, find_cycle
 
 from . import canudas
+from .gallery import Course
 
 TOL = 1e-7
 
@@ -87,3 +90,11 @@ def lopsided(special: Any, off: float) -> Branch[Any]:
     """
     first = branch_off(special, "K", off=off)
     return follow(first, "K", to=40.0, back=100.0, options=Options(tol=TOL))
+
+
+def branches() -> Iterator[Course]:
+    """Round the fold next to which it loses and regains its symmetry."""
+    start = {"x": 1.0, "v": 0.0, "w": 0.0, "z": 0.0}
+    begins = partial(find_cycle, SYSTEM, "backwards", tol=TOL, parameters={"K": 44.0}, start=start)
+    special = (*(("symmetry breaking", K) for K in BREAKING), ("fold", FOLD))
+    yield Course("Canudas, all gains", begins, "K", 60.0, special, within=1e-7)

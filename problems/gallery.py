@@ -45,6 +45,61 @@ class Found(NamedTuple):
     truth: Truth
 
 
+class Course(NamedTuple):
+    """A branch of a gallery and what is known of it from outside.
+
+    Attributes
+    ----------
+    caption : what it is.
+    start : -> the orbit that it starts at.
+    vary, to : the parameter, and the value that it is followed towards.
+    special : (kind, value of the parameter) of all its special points, in any order.
+    end : kind of its end; where a word more fits, all of them.
+    how : further arguments of `follow`.
+    within : relative error, in units of the larger of one and the value, to which the values are computed by default.
+    """
+
+    caption: str
+    start: Callable[[], SystemOrbit]
+    vary: str
+    to: float
+    special: tuple[tuple[str, float], ...]
+    end: tuple[str, ...] = ("range",)
+    how: Mapping[str, Any] = {}
+    within: float = 1e-7
+
+
+class Compared(NamedTuple):
+    """Special points of a branch beside those that are known: what is `lost`, and what is `invented`."""
+
+    lost: tuple[tuple[str, float], ...]
+    invented: tuple[tuple[str, float], ...]
+
+
+def compared(found: Iterable[tuple[str, float]], known: Iterable[tuple[str, float]], within: float) -> Compared:
+    """Match special points by kind and value.
+
+    Parameters
+    ----------
+    found, known
+        (kind, value) of each.
+    within
+        largest error of a value, in units of the larger of one and the value.
+
+    Returns
+    -------
+    Compared: both empty where each has its partner.
+    """
+    left, invented = list(known), []
+    for kind, value in found:
+        near = [one for one in left if one[0] == kind and abs(one[1] - value) <= within * max(1.0, abs(one[1]))]
+        if near:
+            left.remove(min(near, key=lambda one: abs(one[1] - value)))
+        else:
+            invented.append((kind, value))
+    return Compared(tuple(left), tuple(invented))
+
+
 def root(function: Callable[[float], float], near: float) -> float:
     """A root of a function, by the secant method to rounding; for the closed forms.
 

@@ -12,12 +12,13 @@ S. H. Strogatz, Nonlinear Dynamics and Chaos, section 12.3.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from casahunt.hybrid import Mode, System
 from casahunt.orbits import find_cycle
 
-from .gallery import Found, Truth, portrait, present
+from .gallery import Course, Found, Truth, portrait, present
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
@@ -76,6 +77,17 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
         settled = (c, turns) in NEXT_TO
         orbit = find_cycle(SYSTEM, tol=tol, parameters={"c": c}, settled=settled, start=start)
         yield Found(f"c = {c:g}, turns: {turns}", orbit, truth)
+
+
+FLIPS = {1: 2.832445027862, 2: 3.837358168409, 4: 4.124214732075}
+"""By turns, in c; scripts/peers/branch_truths.py."""
+
+
+def branches() -> Iterator[Course]:
+    """The cascade, cycle by cycle."""
+    for turns, c in ((1, 2.5), (2, 3.5), (4, 4.0)):
+        start = partial(find_cycle, SYSTEM, parameters={"c": c}, x=-c, y=0.0, z=0.0)
+        yield Course(f"Rossler, turns: {turns}", start, "c", 5.0, (("flip", FLIPS[turns]),))
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
