@@ -291,9 +291,9 @@ def test_an_event_that_leads_on_may_be_passed_inside_a_phase():
     assert all(arc.event != "rises" for arc in orbit.arcs)
 
 
-@pytest.mark.parametrize("top, unclear", [(-0.4, False), (-0.05, True)])
+@pytest.mark.parametrize("top, unclear", [(-0.9, False), (-0.4, True), (-0.05, True)])
 def test_where_an_event_may_have_been_passed_the_intervals_are_unclear(top, unclear):
-    """A polynomial that peaks between its points, above zero by less than it resolves, or not at all."""
+    """A polynomial that peaks between its points, above zero or below by less than it resolves, or clear of it."""
     t, u, setting = unknowns_of(find_cycle(through_zero("swings"), x=0.9, v=0.3, tol=1e-6))
     u = u.copy()
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
