@@ -57,7 +57,7 @@ def test_a_touch_far_from_the_last_cycle_is_come_to_by_steps(keeps_clear):
     assert back.problem.value("K") == pytest.approx(DIES, rel=1e-8)
 
 
-@pytest.mark.parametrize("largest_step", [None, 0.03])
+@pytest.mark.parametrize("largest_step", [None, pytest.param(0.03, marks=pytest.mark.slow)])
 def test_a_reversal_that_is_born_within_the_slack(largest_step):
     """Behind the fold the slack is 5 % of K wide: no step leads on from its edge with the phases of before."""
     branch = follow(at(44.0), "K", to=100.0, back=3.4, options=OPTIONS, monitors=())

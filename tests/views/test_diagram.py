@@ -69,6 +69,7 @@ def test_diagram(capsys, tmp_path):
     assert [float(row["gain"]) for row in rows_of(out / "switch.csv")] == pytest.approx(gains, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_diagram_of_both_models(capsys, tmp_path):
     code, text, err = run(capsys, "diagram", "--from", 0.55, "--out", tmp_path, "--json", "--quiet")
     assert (code, err) == (0, "")
