@@ -13,8 +13,9 @@ every name, in a process of its own, these questions are asked:
     gallery    the cycles of problems/, and the branch of canudas_gain.py with its special points
 
 An answer is words: phases, status, stability, kinds of special points, what is missing, why it ended, the kind of a
-verdict, or the sentence of a refusal, its numbers left out; and numbers with their errors.  What is given up after the
-work W counts as a refusal.  Special points are located to the tolerance.
+verdict, or the sentence of a refusal, its numbers left out; and numbers with their errors, of which those are compared
+that both processors know.  Special points are located to the tolerance.  What is given up after the work W, which is a
+limit of this script, is no answer: it is counted and not compared.
 
 Prints a table and everything that differs in its words, or in a number by more than the sum of both errors; exit code 1
 if anything does.
@@ -61,7 +62,8 @@ ROUNDING = 1e-11
 NUMBER = re.compile(r"[-+]?\d+([.,]\d+)*(e[-+]?\d+)?")
 
 Answer = dict[str, Any]
-"""{"words": [...], "numbers": [[value, absolute error], ...]}: JSON gives it back as it was."""
+"""{"words": [...], "numbers": {name: [value, absolute error], ...}}: JSON gives it back as it was."""
+GIVEN_UP: Answer = {"words": ["given up"], "numbers": {}}
 
 
 def environment(processor: str) -> dict[str, str]:
@@ -78,12 +80,14 @@ def environment(processor: str) -> dict[str, str]:
 def said(orbit: Any) -> Answer:
     """What is said of a cycle."""
     m = orbit.multipliers
-    relative = ((orbit.period, orbit.period_error), (orbit.amplitude, orbit.amplitude_error))
-    numbers = [[value, value * error] for value, error in relative]
+    numbers = {
+        "period": [orbit.period, orbit.period * orbit.period_error],
+        "amplitude": [orbit.amplitude, orbit.amplitude * orbit.amplitude_error],
+    }
     if m.trusted:
-        numbers.append([abs(m.leading), m.leading_error])
+        numbers["leading multiplier"] = [abs(m.leading), m.leading_error]
     words = [str(orbit.signature), orbit.status.name, f"{len(orbit.arcs)} phases", f"stable {orbit.stable}"]
-    return {"words": [*words, f"trusted {m.trusted}"], "numbers": numbers}
+    return {"words": words, "numbers": numbers}
 
 
 def said_of_branch(branch: Any, tol: float) -> Answer:
@@ -91,7 +95,8 @@ def said_of_branch(branch: Any, tol: float) -> Answer:
     points = [f"{s.kind}, {len(s.orbit.arcs)} phases" for s in branch.special]
     missed = [f"missed: {m.kind}, {without_numbers(m.meaning)}" for m in branch.missed]
     words = [*points, *missed, without_numbers(branch.ended)]
-    return {"words": words, "numbers": [[s.value, tol * abs(s.value)] for s in branch.special]}
+    values = {f"{k + 1}, {s.kind}": [s.value, tol * abs(s.value)] for k, s in enumerate(branch.special)}
+    return {"words": words, "numbers": values}
 
 
 def without_numbers(sentence: str) -> str:
@@ -104,10 +109,11 @@ def asked(question: Any, limit: float) -> tuple[Any, Answer | None]:
     with effort.watched(None, limit=limit):
         try:
             return question(), None
-        except (NoOrbit, effort.GivenUp) as refusal:
-            status = getattr(refusal, "status", None)
-            kind = f"{type(refusal).__name__} {status.name if status else ''}"
-            return None, {"words": [kind, without_numbers(str(refusal))], "numbers": []}
+        except effort.GivenUp:
+            return None, GIVEN_UP
+        except NoOrbit as refusal:
+            status = refusal.status.name if refusal.status else "there is none"
+            return None, {"words": ["refused", status, without_numbers(str(refusal))], "numbers": {}}
 
 
 def servo_answers(
@@ -119,11 +125,11 @@ def servo_answers(
     if refusal is None:
         gains.setdefault(name, fold.gain)
         answer = said(fold.orbit)
-        # At the fold the leading multiplier is 1 by definition, and only next to it has it digits.
-        numbers = [*answer["numbers"][:2], [fold.gain, fold.gain * fold.gain_error]]
-        refusal = {"words": answer["words"][:3], "numbers": numbers}
+        # At the fold the leading multiplier is 1, and on which side of it the orbit lies is rounding.
+        known = {"leading multiplier": [1.0, 0.0], "gain": [fold.gain, fold.gain * fold.gain_error]}
+        refusal = {"words": answer["words"][:3], "numbers": answer["numbers"] | known}
     yield f"{name}, fold", refusal
-    if name not in gains:
+    if name not in gains:  # the first processor has found none
         return
     rng, stable = np.random.default_rng([seed, number, 1]), None
     for what in ("stable", "unstable"):
@@ -140,7 +146,7 @@ def servo_answers(
     start = {"position": 1 + 2 * float(f"{stable.amplitude:.6g}"), "time": PERIODS * float(f"{stable.period:.6g}")}
     motion, refusal = asked(lambda: simulate(servo, model, stable.gain, **start), limit)
     yield f"{name}, motion at gain {stable.gain!r}", refusal or {
-        "words": [motion.verdict.kind, motion.status.name, without_numbers(motion.ended)], "numbers": [],
+        "words": [motion.verdict.kind, motion.status.name, without_numbers(motion.ended)], "numbers": {},
     }  # fmt: skip
 
 
@@ -184,9 +190,12 @@ def on_processor(processor: str, task: dict[str, Any]) -> dict[str, Any]:
 
 def unlike(a: Answer | None, b: Answer | None) -> str:
     """How two answers differ: "words", "digits" or not at all."""
-    if a is None or b is None or a["words"] != b["words"] or len(a["numbers"]) != len(b["numbers"]):
+    if GIVEN_UP in (a, b):
+        return ""
+    if a is None or b is None or a["words"] != b["words"]:
         return "words"
-    for (x, dx), (y, dy) in zip(a["numbers"], b["numbers"], strict=True):
+    for name in a["numbers"].keys() & b["numbers"].keys():
+        (x, dx), (y, dy) = a["numbers"][name], b["numbers"][name]
         if not abs(x - y) <= dx + dy + ROUNDING * max(abs(x), abs(y)):
             return "digits"
     return ""
@@ -207,12 +216,13 @@ def table(runs: dict[str, dict[str, Answer]]) -> str:
     """How many answers of each kind there are and differ, and these."""
     found, (first, *_) = differences(runs), runs
     kinds = dict.fromkeys(kind_of(q) for q in runs[first])
-    lines = [f"{'':20s}{'asked':>7s}{'refused':>9s}{'words':>7s}{'digits':>8s}"]
+    lines = [f"{'':20s}{'asked':>7s}{'refused':>9s}{'given up':>10s}{'words':>7s}{'digits':>8s}"]
     for kind in [*kinds, ""]:
         part = [q for q in runs[first] if kind in ("", kind_of(q))]
-        refused = sum(not runs[first][q]["numbers"] and "Orbit" in runs[first][q]["words"][0] for q in part)
+        refused = sum(runs[first][q]["words"][:1] == ["refused"] for q in part)
+        given_up = sum(GIVEN_UP in [run.get(q) for run in runs.values()] for q in part)
         counts = [sum(how in found.get(q, {}).values() for q in part) for how in ("words", "digits")]
-        lines.append(f"{kind or 'all':20s}{len(part):7d}{refused:9d}{counts[0]:7d}{counts[1]:8d}")
+        lines.append(f"{kind or 'all':20s}{len(part):7d}{refused:9d}{given_up:10d}{counts[0]:7d}{counts[1]:8d}")
     for question, others in found.items():
         lines.append(f"{question}: {', '.join(f'{name} differs in {how}' for name, how in others.items())}")
         lines += [f"  {name}: {runs[name].get(question)}" for name in (first, *others)]

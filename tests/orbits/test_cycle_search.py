@@ -16,6 +16,7 @@ from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.orbit import Orbit, unknowns_of
+from casahunt.orbits.watching import cut, watched
 from problems import rossler
 
 START = {"x": 2.0, "v": 0.0}
@@ -35,6 +36,17 @@ def assert_period(orbit: Orbit, truth: float) -> None:
     """The error estimate holds, and is what was asked for."""
     assert abs(orbit.period / truth - 1) <= 3 * orbit.period_error + 1e-14
     assert orbit.status.ok
+
+
+@pytest.mark.parametrize("more", [-1e-3, 0.0, 1e-3])
+def test_where_a_motion_is_cut_does_not_hang_on_rounding(more):
+    """All states of a symmetric motion go from minus their size to plus their size: none is the largest."""
+    system = van_der_pol()
+    p = np.array(list(system.parameters.values()))
+    seen = watched(system, "smooth", np.array([2.0, 0.0]), p, "gauss")
+    seen = seen._replace(late=seen.late * np.array([[1.0], [1.0 + more]]))
+    ((section,), turning) = cut(system, seen, p)
+    assert section.state == "x" and turning is None
 
 
 # Smooth systems -------------------------------------------------------------------------------------------------------

@@ -10,13 +10,14 @@ from scripts import processors
 
 
 def said(*words: str, **numbers: tuple[float, float]) -> processors.Answer:
-    return {"words": list(words), "numbers": [list(pair) for pair in numbers.values()]}
+    return {"words": list(words), "numbers": {name: list(pair) for name, pair in numbers.items()}}
 
 
 @pytest.mark.parametrize(("other", "how"), [
     (said("stable", gain=(1.0 + 3e-8, 2e-8)), ""),  # the sum of both errors
     (said("stable", gain=(1.0 + 4e-8, 2e-8)), "digits"), (said("stable", gain=(float("nan"), 2e-8)), "digits"),
-    (said("unstable", gain=(1.0, 1e-8)), "words"), (said("stable"), "words"), (None, "words"),
+    (said("unstable", gain=(1.0, 1e-8)), "words"), (None, "words"),
+    (said("stable"), ""), (said("stable", period=(2.0, 0.0)), ""), (processors.GIVEN_UP, ""),  # known by one alone
 ])  # fmt: skip
 def test_what_differs(other, how):
     first = said("stable", gain=(1.0, 1e-8 + 1e-13))
