@@ -20,7 +20,7 @@ import numpy as np
 from ..event_map.slopes import AT_SET_POINT
 from ..servo import Servo
 
-TIMES_IN_A_TURN, MOST_TIMES = 64, 10**6
+TIMES_IN_A_TURN, MOST_LOOKED_AT = 64, 10**6
 """Times in 2 pi/omega, the fastest that x2 turns, at which its sign is looked at; at most so many."""
 
 
@@ -46,7 +46,7 @@ def creeps(servo: Servo, gain: float) -> bool:
         return True
     end = math.log(AT_SET_POINT) / slowest
     step = 2 * math.pi / (omega * TIMES_IN_A_TURN)
-    if end > MOST_TIMES * step:
+    if end > MOST_LOOKED_AT * step:
         return False
     weights = modes[1] * np.linalg.solve(modes, np.array([-1.0, 0.0, kp / ki]))
     times = step * np.arange(1, 2 + int(end / step))
