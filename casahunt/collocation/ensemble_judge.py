@@ -26,7 +26,6 @@ from .admissibility import (
     NOTHING_LEFT,
     PASSED,
     RESOLUTION,
-    comes_and_goes,
     dense_rule,
     judge,
     largest_of_phase,
@@ -34,6 +33,7 @@ from .admissibility import (
 )
 from .ensemble import Settings, nodes_of_many
 from .joints import linear_in_time
+from .near_events import comes_and_goes
 from .over_arrays import OverArrays
 from .transcription import Transcription
 
