@@ -54,6 +54,14 @@ def floors(session: nox.Session) -> None:
     session.run("python", "-m", "pytest", "-W", "ignore::DeprecationWarning", *files)
 
 
+@nox.session
+def processor(session: nox.Session) -> None:
+    """The quick tests with the rounding of another processor (x86-64; the features' names are those of numpy 2.4)."""
+    _installed(session)
+    session.env.update({"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4"})
+    session.run("python", "-m", "pytest", *session.posargs)
+
+
 @nox.session(default=False)
 def slow(session: nox.Session) -> None:
     """The tests that take longer."""

@@ -74,6 +74,7 @@ def test_results_as_they_are_shown(capsys):
     assert "0.05004697" in printed and "amplitude" in printed and len(scope["axes"]) == 3
 
 
+@pytest.mark.slow
 def test_many_servos(capsys):
     scope = run("uncertainty.md")
     folds = scope["folds"]

@@ -25,6 +25,7 @@ ensemble_stages.py the stages of many members eliminated
 ensemble.py       the equations of many members at once, linearised
 ensemble_error.py the errors of many solutions at once
 remesh.py         the mesh that makes it as small as asked for
+near_events.py    is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
 ensemble_judge.py the same of many roots at once
 """

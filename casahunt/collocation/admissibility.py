@@ -22,7 +22,7 @@ distance from that end, so that what must be clear of zero is its slope.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -30,10 +30,12 @@ from numpy.polynomial import legendre
 
 from ..hybrid.system import Exit, Feature
 from .joints import event_rate, flow_at, linear_in_time
+from .near_events import comes_and_goes
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
+Place = tuple[Transcription, Array, Setting]
 
 RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
@@ -41,7 +43,8 @@ NOISE = 1e-10
 PASSED = 1e-6
 """An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
 BARELY = 1e-8
-"""The same of one that is passed, and passed back, by less than that: a cycle that touches shows no more."""
+"""The same of one that is passed, and passed back, by less than that: a cycle that touches shows no more.  Intervals
+that do not resolve as little where one is all but met are unclear, whichever side of zero they show."""
 AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
@@ -126,7 +129,7 @@ def _stands_still(t: Transcription, u: Array) -> bool:
     return bool(np.max(np.ptp(states, axis=0)) <= STILL * max(1.0, float(np.max(np.abs(states)))))
 
 
-def unclear_on_halves(t: Transcription, better: tuple[Transcription, Array, Setting] | None) -> Array:
+def unclear_on_halves(t: Transcription, better: Place | None) -> Array:
     """Where a solution that is a motion is none, or not clearly one, after a Newton step on its halved mesh.
 
     An interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
@@ -142,13 +145,32 @@ def unclear_on_halves(t: Transcription, better: tuple[Transcription, Array, Sett
     -------
     (N,) bool, for the intervals of t.
     """
-    unclear = np.zeros(t.intervals, dtype=bool)
-    if better is not None:
-        verdict = judge(*better)
-        unclear |= verdict.unclear.reshape(-1, 2).any(axis=1)
-        if verdict.violated and not unclear.any():
-            unclear[t.phase_intervals(verdict.phase)] = True
-    return unclear
+    return judged_on_halves(t, Verdict("", -1, np.zeros(t.intervals, dtype=bool)), better).unclear
+
+
+def judged_on_halves(t: Transcription, verdict: Verdict, better: Place | None) -> Verdict:
+    """A solution that is a motion, judged again by what a Newton step on its halved mesh makes of it.
+
+    Where an event is all but met, the solution itself may be known less well than it passes that, or keeps clear.
+
+    Parameters
+    ----------
+    t, verdict
+        transcription of the solution, and the verdict on it.
+    better
+        as in `unclear_on_halves`.
+
+    Returns
+    -------
+    Verdict, with what is unclear there and what is passed by little.
+    """
+    if better is None:
+        return verdict
+    finer = judge(*better)
+    unclear: Array = np.asarray(finer.unclear.reshape(-1, 2).any(axis=1))
+    if finer.violated and not unclear.any():
+        unclear[t.phase_intervals(finer.phase)] = True
+    return replace(verdict, unclear=unclear, barely=finer.barely)
 
 
 def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array) -> tuple[str, bool]:
@@ -164,7 +186,7 @@ def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array
         states = flow_at(phase.mode, start, float(t.durations_of(u)[k]) * BETWEEN, p)
     by_little = False
     for way_out in phase.exits:
-        values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
+        values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)[None]
         doubt: Array | float = 0.0
         if t.counts[k]:
             values = values.reshape(-1, t.degree + 1)
@@ -174,26 +196,17 @@ def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array
         slack = PASSED * size
         beyond = (np.minimum.accumulate(values.ravel()) < -slack).reshape(values.shape) & (values > slack)
         if not beyond.any():
-            beyond = _comes_and_goes(values, BARELY * size)
-            if beyond.any() and _leaves(way_out, phase.mode.name, states, p):
-                seen = beyond & (values > BARELY * size + doubt)
+            seen, unknown = comes_and_goes(values, doubt, BARELY * size)
+            if (seen.any() or unknown.any()) and _leaves(way_out, phase.mode.name, states, p):
                 by_little |= bool(seen.any())
                 if t.counts[k] and not seen.any():
-                    unclear[own] |= beyond.any(axis=1)
+                    unclear[own] |= unknown.any(axis=1)
             continue
         if not (beyond & (values > slack + doubt)).any():
             unclear[own] |= beyond.any(axis=1)
         elif way_out.mark or _leaves(way_out, phase.mode.name, states, p):
             return way_out.event.name, False
     return "", by_little
-
-
-def _comes_and_goes(values: Array, least: float) -> Array:
-    """Where values are above `least` between two times at which they are as far below zero."""
-    flat = values.ravel()
-    before, behind = np.minimum.accumulate(flat), np.minimum.accumulate(flat[::-1])[::-1]
-    between = (np.maximum(before, behind) < -least).reshape(values.shape)
-    return np.asarray(between & (values > least))
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:

@@ -20,10 +20,12 @@ import numpy as np
 from ..compiled import kept
 from ..hybrid.system import Mode, Phase
 from .admissibility import (
+    BARELY,
     BETWEEN,
     NOISE,
     NOTHING_LEFT,
     PASSED,
+    RESOLUTION,
     dense_rule,
     judge,
     largest_of_phase,
@@ -31,6 +33,7 @@ from .admissibility import (
 )
 from .ensemble import Settings, nodes_of_many
 from .joints import linear_in_time
+from .near_events import comes_and_goes
 from .over_arrays import OverArrays
 from .transcription import Transcription
 
@@ -84,7 +87,8 @@ class _Solutions:
             for way_out in phase.exits:
                 asked |= self._may_pass(k, way_out.event.function, way_out.direction)
         for b in np.flatnonzero(good & asked).tolist():
-            good[b] = judge(self.t, self.u[b], self.s.one(b)).admissible
+            verdict = judge(self.t, self.u[b], self.s.one(b))
+            good[b] = verdict.admissible and verdict.barely < 0
         return good
 
     def _ends_that_way(self, k: int, phase: Phase) -> Array:
@@ -117,11 +121,16 @@ class _Solutions:
         own = t.phase_intervals(k)
         x = self.w[:, own].reshape(B, -1, t.n) if t.counts[k] else self._flown(k, t.cycle.phases[k].mode)
         (values,) = self._at(_event(event, t.n, self.s.p.shape[1]), x)
-        values = direction * values
+        values, doubt = direction * values[:, None], np.zeros((B, 1, 1))
         if t.counts[k]:
-            values = np.matmul(values.reshape(B, -1, t.degree + 1), dense_rule(t.degree, t.kind)[0]).reshape(B, -1)
-        slack = PASSED * np.maximum(1.0, np.abs(values).max(axis=1))[:, None]
-        return np.asarray(((np.minimum.accumulate(values, axis=1) < -slack) & (values > slack)).any(axis=1))
+            values = values.reshape(B, -1, t.degree + 1)
+            doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[:, :, None]
+            values = np.matmul(values, dense_rule(t.degree, t.kind)[0])
+        size = np.maximum(1.0, np.abs(values).max(axis=(1, 2)))[:, None, None]
+        perhaps = np.logical_or(*comes_and_goes(values, doubt, BARELY * size)).any(axis=(1, 2))
+        values, slack = values.reshape(B, -1), PASSED * size[:, :, 0]
+        passed = (np.minimum.accumulate(values, axis=1) < -slack) & (values > slack)
+        return np.asarray(perhaps | passed.any(axis=1))
 
     def _inside(self) -> Array:
         """(B,) whether the conditions of all collocated phases hold and nothing hides in an interval."""

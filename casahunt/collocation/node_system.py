@@ -66,6 +66,7 @@ class NodeSystem:
         self._factorisation: ca.Linsol | None = None
         self._solvers: dict[int, _LinearSolve] = {}
         self._rows, self._cols = row[self._order], column[self._order]
+        self._border = np.flatnonzero(self._rows == last)  # of the nonzeros; that of lambda is the last one
 
     @alone
     def _solver(self, columns: int) -> _LinearSolve:
@@ -144,9 +145,16 @@ class NodeSystem:
 
         Returns
         -------
-        (y,).
+        (y,), whose last entry is exact where the border row has no other: rounding moves no parameter that is held.
         """
-        return (self._solvers.get(0) or self._solver(0))(nonzeros, rhs)
+        y = (self._solvers.get(0) or self._solver(0))(nonzeros, rhs)
+        if self._holds(nonzeros):
+            y[-1] = rhs[-1] / nonzeros[self._border[-1]]
+        return y
+
+    def _holds(self, nonzeros: Array) -> bool:
+        """Whether the border row is about lambda alone."""
+        return not nonzeros[self._border[:-1]].any() and bool(nonzeros[self._border[-1]])
 
     def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
         """Solve the transposed node system: the adjoints of linear functionals of y.
@@ -209,13 +217,15 @@ class NodeSystem:
 
         Returns
         -------
-        (B, k, y); NaN for a member whose matrix is singular.
+        (B, k, y); NaN for a member whose matrix is singular, exact where it holds lambda, as in `solve`.
         """
         columns = rhs.shape[1] if transposed else -rhs.shape[1]
         solve = self._solvers.get(columns) or self._solver(columns)
         out = np.empty_like(rhs)
         for b in range(len(rhs)):
             out[b] = solve(nonzeros[b], rhs[b])
+            if not transposed and self._holds(nonzeros[b]):
+                out[b, :, -1] = rhs[b, :, -1] / nonzeros[b, self._border[-1]]
         return out
 
     def dense(self, nonzeros: Array) -> Array:

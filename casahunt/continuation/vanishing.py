@@ -33,8 +33,8 @@ SHRINKS_TO, SLOWEST = 0.25, 0.95
 """Part of its duration that is left of the phase in one step; where the step fails, its root, which is at most this."""
 VANISHED_PART = 1e-7
 """Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
-MESHES_OF_A_TOUCH = 3
-"""How often a mesh is halved for the touch."""
+MESHES_OF_A_TOUCH = 6
+"""How often a mesh is halved for the touch, two as a rule; one that moves even then, by the tolerance, is none."""
 SOON = 0.7
 """A phase that has shrunk to this part from one orbit to the next vanishes, by a square root, within as long a way."""
 AS_FAR = 3.0
@@ -88,7 +88,10 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     end = _shrunk(t, u, setting, k, 1e-3 * options.tol)
     if end is None:
         return None
-    t, u, setting, lam = _on_fine_mesh((t, end[0], setting), end[1], k, options.tol)
+    fine = _on_fine_mesh((t, end[0], setting), end[1], k, options.tol)
+    if fine is None:
+        return None
+    t, u, setting, lam = fine
     there = problem.with_value(vary, problem.moved(vary, lam))
     fewer = there.vanishing(t, u, setting.moved(lam))
     if fewer is None or fewer[0] != k:
@@ -133,8 +136,11 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: floa
     return u, lam
 
 
-def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float]:
-    """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle."""
+def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float] | None:
+    """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle.
+
+    None where it still moves on the last one that is solved on: that is no place where anything is touched.
+    """
     t, u, setting = start
     for _ in range(MESHES_OF_A_TOUCH):
         finer, v, there = on_breaks((t, u, setting), halved(phase_breaks(t, setting.fractions)))
@@ -143,12 +149,12 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
         row = t.system.border(durations=durations)
         solution = newton(finer, v, there, border=row, parameter=lam, accuracy=1e-3 * tol)
         if not solution.status.ok:
-            break
+            return None
         off = abs(solution.parameter - lam)
         t, u, setting, lam = finer, solution.u, there, solution.parameter
         if off <= tol:
-            break
-    return t, u, setting, lam
+            return t, u, setting, lam
+    return None
 
 
 def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> tuple[AnyOrbit, AnyOrbit] | None:

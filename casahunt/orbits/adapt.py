@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..collocation.admissibility import Verdict, judge, unclear_on_halves
+from ..collocation.admissibility import Verdict, judge, judged_on_halves
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
 from ..collocation.newton import Solution, Solver, newton, size_of_step
@@ -207,7 +207,8 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tup
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent), verdict
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
-        verdict = replace(verdict, unclear=unclear_on_halves(t, e.better))
+        verdict = judged_on_halves(t, verdict, e.better)
+        spent.barely = verdict.barely
         if verdict.admissible:
             return _known(root, e, spent), verdict
     note = f"error estimate {e.error:.2g}"

@@ -38,6 +38,9 @@ STANDSTILL = 1e-8
 """Ranges of all states below this part of their sizes are rest."""
 GREW, LARGER = 1e12, 1e2
 """A state this much larger than all states were at the start, and than 1, grows without bound; it may be growing."""
+AS_MUCH = 0.9
+"""The motion is cut at the first state whose range, in its size, is this part of the largest one at least: in a
+symmetric motion they are all twice their sizes, and which is the largest would be rounding."""
 WENT_ROUND = 2.0
 """Turns of an angle that show that it goes round."""
 
@@ -200,7 +203,7 @@ def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], T
     low, high = late.min(axis=1), late.max(axis=1)
     moves, angles = (high - low) / seen.scale, turns(system) > 0
     moves[angles] = -1.0  # an angle that turns passes a plane once
-    i = int(np.argmax(moves))
+    i = int(np.flatnonzero(moves >= min(AS_MUCH * moves.max(), moves.max()))[0])
     level = (low[i] + high[i]) / 2
     swings = np.count_nonzero(np.diff(late[i] > level)) > 1 and moves[i] > STANDSTILL
     if not swings and angles.any():

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from layout import cycle_of, laid_out, still
 
-from casahunt.collocation.admissibility import RESOLUTION, Verdict, hides, judge, unclear_on_halves
+from casahunt.collocation.admissibility import (
+    RESOLUTION,
+    Verdict,
+    hides,
+    judge,
+    judged_on_halves,
+    unclear_on_halves,
+)
 from casahunt.collocation.ensemble import settings_of
 from casahunt.collocation.ensemble_judge import admissible_many
 from casahunt.collocation.transcription import Setting
@@ -295,3 +302,44 @@ def test_an_event_is_met_from_its_own_side(direction):
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
     many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
     assert judge(t, u, setting).admissible is admissible_many(t, u[None], many)[0].item() is (direction <= 0)
+
+
+# Events that are all but met ---------------------------------------------------------------------------------------
+
+
+def hump(top, wiggle=0.0):
+    """x[0] comes up to `top` in the middle of the phase; its last Legendre coefficient is about the wiggle's."""
+
+    def motion(tau):
+        return np.stack([top - (tau - 0.6) ** 2 + wiggle * np.cos(40 * tau), zero(tau)], axis=1) / SCALE
+
+    exits = (Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another"),)
+    cycle = cycle_of(FREE)
+    cycle = replace(cycle, phases=(replace(cycle.phases[0], exits=exits),))
+    t, u, fractions = laid_out(cycle, [FOUR], [motion], [1.0], degree=4)
+    return t, u, Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+
+
+@pytest.mark.parametrize(("top", "wiggle", "unclear", "barely"), [
+    (3e-7, 0.0, False, 0), (3e-9, 0.0, False, -1), (-3e-7, 0.0, False, -1),  # known exactly
+    (3e-7, 1e-6, True, -1), (-3e-7, 1e-6, True, -1), (3e-9, 1e-6, True, -1),  # known to 1e-6, on whichever side
+    (-1e-4, 1e-6, False, -1), (3e-9, 1e-10, False, -1),  # known well enough
+])  # fmt: skip
+def test_an_event_that_is_all_but_met_must_be_resolved(top, wiggle, unclear, barely):
+    t, u, setting = hump(top, wiggle)
+    verdict = judge(t, u, setting)
+    assert not verdict.violated and verdict.barely == barely
+    assert verdict.unclear.tolist() == [False, False, unclear, False]
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    assert admissible_many(t, u[None], many).tolist() == [not unclear and barely < 0]
+
+
+@pytest.mark.parametrize(("own", "finer", "barely"), [(-1e-4, 3e-7, 0), (3e-7, -1e-4, -1)])
+def test_the_halved_mesh_says_whether_an_event_is_met(own, finer, barely):
+    """What it makes of a solution is nearer to the truth than what that shows itself."""
+    t, u, setting = hump(own)
+    verdict = judge(t, u, setting)
+    assert (verdict.barely == -1) is (barely == 0)
+    coarse = laid_out(t.cycle, [FOUR[::2]], [lambda tau: np.zeros((tau.size, 2))], [1.0], degree=4)[0]
+    assert judged_on_halves(coarse, verdict, hump(finer)).barely == barely
+    assert judged_on_halves(coarse, verdict, None) is verdict

@@ -69,6 +69,19 @@ def test_linearised_as_alone(members):
     assert lin.finite().all()
 
 
+def test_a_parameter_that_is_held_stays_where_it_is(members):
+    """To the last bit, by rows of any size: what rounding leaves of a zero would be a parameter that has moved."""
+    t, u, settings = members
+    lin, sizes = linearise_many(t, u, settings), np.random.default_rng(4).uniform(0.1, 9, B)
+    held = np.array([t.system.border(parameter=size) for size in sizes])
+    assert (lin.solve(held, lin.rhs()[:, None])[:, 0, -1] == 0).all()
+    alone = t.linearise(u[0], settings.one(0))
+    assert alone.step(held[0])[2] == 0
+    assert alone.step(held[0], 2.0)[2] == alone.tangent(held[0])[1][-1] * 2 == 2 / sizes[0]
+    free = t.system.border(nodes=np.ones((t.phases + 1, t.n)), parameter=1.0)
+    assert alone.step(free)[2] != 0
+
+
 def test_several_directions(members):
     """The columns of a direction in parameter space are those of a setting with that dp."""
     t, u, settings = members

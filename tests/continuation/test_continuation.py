@@ -37,7 +37,7 @@ def test_natural_continuation_uses_given_range():
     assert "reached" in why
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_natural_diagram_ends_at_the_fold_and_says_where(model):
     branch = collect(Servo(), model, diagram(Servo(), model, start=0.6, natural=True))
     assert branch.orbits[-1].gain == pytest.approx(FOLDS[model], rel=1e-6)

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casahunt.continuation import follow
+from casahunt.continuation import follow, vanishing
 from casahunt.continuation.phase_change import _on_the_way, change_of_phases
 from casahunt.continuation.special_points import GRAZING
 from casahunt.continuation.vanishing import solved_at
@@ -57,7 +57,16 @@ def test_a_touch_far_from_the_last_cycle_is_come_to_by_steps(keeps_clear):
     assert back.problem.value("K") == pytest.approx(DIES, rel=1e-8)
 
 
-@pytest.mark.parametrize("largest_step", [None, 0.03])
+def test_a_touch_that_moves_with_the_mesh_is_none(monkeypatch):
+    """A mesh of another cycle can be off by half a per cent of K; the answer then comes from nearer by."""
+    before = at(13.4)
+    touch = vanishing.touched(before, "K", OPTIONS)
+    assert touch is not None and touch.problem.value("K") == pytest.approx(DIES, rel=1e-8)
+    monkeypatch.setattr(vanishing, "MESHES_OF_A_TOUCH", 0)
+    assert vanishing.touched(before, "K", OPTIONS) is None
+
+
+@pytest.mark.parametrize("largest_step", [None, pytest.param(0.03, marks=pytest.mark.slow)])
 def test_a_reversal_that_is_born_within_the_slack(largest_step):
     """Behind the fold the slack is 5 % of K wide: no step leads on from its edge with the phases of before."""
     branch = follow(at(44.0), "K", to=100.0, back=3.4, options=OPTIONS, monitors=())

@@ -60,8 +60,11 @@ def ball():
     return {"fold": down.special[0], "flip": up.special[0]}
 
 
-@pytest.mark.parametrize("kind, truth", [("fold", fold_and_slope), ("flip", flip_and_slope)])
-@pytest.mark.parametrize("other, to", [("e", 0.3), ("w", 60.0)])
+@pytest.mark.parametrize("kind, truth, other, to", [
+    ("fold", fold_and_slope, "e", 0.3), ("flip", flip_and_slope, "w", 60.0),
+    pytest.param("fold", fold_and_slope, "w", 60.0, marks=pytest.mark.slow),
+    pytest.param("flip", flip_and_slope, "e", 0.3, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_fold_and_flip_of_the_bouncing_ball(ball, kind, truth, other, to):
     """0.2 to 1 s for 12 cycles."""
     curve = special_curve(ball[kind], "a", other, to=to, options=TIGHT)

@@ -19,6 +19,7 @@ from casahunt.design.uncertainty.set import Uncertainty
 from casahunt.errors import InputError, NoOrbit
 
 
+@pytest.mark.slow
 def test_what_is_in_the_way_is_said(servo, plain):
     with pytest.raises(NoOrbit, match="cannot be met") as error:
         tune(servo, "switch", demands=Demands(phase_margin=55, delay=0.01))

@@ -196,6 +196,7 @@ def test_worst_corner_of_a_monotone_box(servo, fold):
     assert worst.servo.friction.static == 0.54
 
 
+@pytest.mark.slow
 def test_a_batch_does_not_decide_on_the_worst_corner(servo, fold, monkeypatch):
     """What a batch says of the corner that would be the worst is computed alone; here it lies about another one."""
     from casahunt.design.uncertainty import worst_corner as module

@@ -42,7 +42,7 @@ def intervals(orbit: Orbit) -> int:
 
 
 @pytest.mark.parametrize("degree", [2, 7])
-@pytest.mark.parametrize("tol", [1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("tol", [1e-5, pytest.param(1e-7, marks=pytest.mark.slow), 1e-9])
 @pytest.mark.parametrize("case", CASES)
 def test_the_estimate_is_honest(case, tol, degree):
     """Neither ten times too small nor a hundred times too large; of low degrees, where there is an error to see."""

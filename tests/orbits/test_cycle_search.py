@@ -21,6 +21,7 @@ from casahunt.orbits.closure import Closure
 from casahunt.orbits.cycle_search import REPEATED, _Search
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from casahunt.orbits.recurrence import Recurrence, loop_distance
+from casahunt.orbits.watching import cut, watched
 from problems import rossler
 
 START = {"x": 2.0, "v": 0.0}
@@ -40,6 +41,17 @@ def assert_period(orbit: Orbit, truth: float) -> None:
     """The error estimate holds, and is what was asked for."""
     assert abs(orbit.period / truth - 1) <= 3 * orbit.period_error + 1e-14
     assert orbit.status.ok
+
+
+@pytest.mark.parametrize("more", [-1e-3, 0.0, 1e-3])
+def test_where_a_motion_is_cut_does_not_hang_on_rounding(more):
+    """All states of a symmetric motion go from minus their size to plus their size: none is the largest."""
+    system = van_der_pol()
+    p = np.array(list(system.parameters.values()))
+    seen = watched(system, "smooth", np.array([2.0, 0.0]), p, "gauss")
+    seen = seen._replace(late=seen.late * np.array([[1.0], [1.0 + more]]))
+    ((section,), turning) = cut(system, seen, p)
+    assert section.state == "x" and turning is None
 
 
 # Smooth systems -------------------------------------------------------------------------------------------------------
@@ -325,9 +337,9 @@ def test_an_event_that_leads_on_may_be_passed_inside_a_phase():
     assert all(arc.event != "rises" for arc in orbit.arcs)
 
 
-@pytest.mark.parametrize("top, unclear", [(-0.4, False), (-0.05, True)])
+@pytest.mark.parametrize("top, unclear", [(-0.9, False), (-0.4, True), (-0.05, True)])
 def test_where_an_event_may_have_been_passed_the_intervals_are_unclear(top, unclear):
-    """A polynomial that peaks between its points, above zero by less than it resolves, or not at all."""
+    """A polynomial that peaks between its points, above zero or below by less than it resolves, or clear of it."""
     t, u, setting = unknowns_of(find_cycle(through_zero("swings"), x=0.9, v=0.3, tol=1e-6))
     u = u.copy()
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)

@@ -150,8 +150,8 @@ def lopsided() -> Orbit:
 
 def test_a_servo_of_two_directions():
     m = lopsided().multipliers
-    assert m.trusted and m.leading.real == pytest.approx(TRUTH, rel=m.error)
-    assert m.error < 1e-7 and m.trivial_error < 1e-8
+    assert m.trusted and m.leading.real == pytest.approx(TRUTH, rel=min(m.error, 1e-7))
+    assert m.trivial_error < 1e-8
     # After a stick one number is left: the third multiplier is zero.
     assert abs(m.full[2]) <= m.full_floor[2] < 1e-20
 

@@ -47,7 +47,7 @@ def test_map_against_taylor(gain, a):
     assert p.gain_slope == pytest.approx((gains[0] - gains[1]) / (2e-5 * gain), rel=1e-5)
 
 
-@pytest.mark.parametrize("gain", [0.04, 0.1, 0.4, 0.61])
+@pytest.mark.parametrize("gain", [0.1, 0.61, *(pytest.param(gain, marks=pytest.mark.slow) for gain in (0.04, 0.4))])
 def test_fixed_points_are_the_orbits(orbit, gain):
     """Amplitudes to 1e-9 on both branches, whatever the slope; mu to 1e-9, and to 1000 |mu| eps where that is more.
 

@@ -49,7 +49,7 @@ def slope(servo: Servo, gain: float, a: float, step: float = 1e-4) -> float:
     return (above - below) / (2 * step * a)
 
 
-@pytest.mark.parametrize("part", [0.995, 0.999, 0.9999])
+@pytest.mark.parametrize("part", [0.995, 0.9999])
 def test_both_cycles_below_a_fold_where_far_motions_grow(part):
     gain = part * UNSTABLE_LOOP_FOLD
     stable, unstable = (find_orbit(UNSTABLE_LOOP, "switch", gain, branch=b) for b in ("stable", "unstable"))

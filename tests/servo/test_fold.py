@@ -49,7 +49,7 @@ def test_reference_folds(model, tol, limit):
     assert fold.error_estimate <= tol
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_extended_system(model):
     """J v = 0, |v| = 1 at the fold: the full sparse Jacobian is singular there, by a dense SVD."""
     import casadi as ca

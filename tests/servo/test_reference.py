@@ -178,23 +178,27 @@ def test_below_the_reports_bound(orbit):
 
 
 OTHER_SERVOS = [
-    ({}, 0.3),
     ({}, 0.005),
-    ({"friction.static": 0.50}, 0.35),
     ({"friction.coulomb": 0.3}, 0.2),
-    ({"friction.stribeck_velocity": 0.03}, 0.1),
     ({"friction.stribeck_velocity": 0.002}, 0.1),
-    ({"servo.inertia": 0.05}, 0.5),
     ({"servo.inertia": 0.001}, 0.01),
-    ({"servo.motor_gain": 1.0}, 2.0),
-    ({"friction.viscous": 0.2}, 0.3),
     ({"friction.viscous": 0.0}, 0.2),
     ({"controller.integral_time": 0.12, "controller.lead_time": 0.25}, 0.2),
+]
+MORE_SERVOS = [
+    ({}, 0.3),
+    ({"friction.static": 0.50}, 0.35),
+    ({"friction.stribeck_velocity": 0.03}, 0.1),
+    ({"servo.inertia": 0.05}, 0.5),
+    ({"servo.motor_gain": 1.0}, 2.0),
+    ({"friction.viscous": 0.2}, 0.3),
     ({"controller.integral_time": 1.5, "controller.lead_time": 0.05}, 0.1),
 ]
 
 
-@pytest.mark.parametrize(("changes", "gain"), OTHER_SERVOS)
+@pytest.mark.parametrize(
+    ("changes", "gain"), [*OTHER_SERVOS, *(pytest.param(*more, marks=pytest.mark.slow) for more in MORE_SERVOS)]
+)
 def test_other_switch_servos_against_taylor_series(changes, gain):
     servo = Servo().replace(**changes)
     found = find_orbit(servo, "switch", gain, options=Options(tol=1e-9))
@@ -215,8 +219,8 @@ def test_unstable_switch_cycles_against_taylor_series(orbit, gain):
     ("changes", "gain"),
     [
         ({}, 0.12),  # a pair of reversals is about to vanish
-        ({}, 0.5),
-        ({"friction.static": 0.50}, 0.3),
+        pytest.param({}, 0.5, marks=pytest.mark.slow),
+        pytest.param({"friction.static": 0.50}, 0.3, marks=pytest.mark.slow),
         pytest.param({"friction.stiffness": 1e5, "friction.damping": 16.16}, 0.2, marks=pytest.mark.slow),
         pytest.param({"friction.damping": 0.0}, 0.1, marks=pytest.mark.slow),  # a hundred reversals
         ({"servo.inertia": 0.05}, 0.3),

@@ -47,7 +47,10 @@ def test_the_fold_of_a_rigid_servo_with_hardly_any_drop():
     assert found.orbit.amplitude == pytest.approx(amplitude, rel=1e-6)  # the tolerance: first order beside a fold
 
 
-@pytest.mark.parametrize("servo", [dropping(0.44065), ENDS_BELOW], ids=["hardly any drop", "cycles end below"])
+@pytest.mark.parametrize("servo", [
+    pytest.param(dropping(0.44065), id="hardly any drop", marks=pytest.mark.slow),
+    pytest.param(ENDS_BELOW, id="cycles end below"),
+])  # fmt: skip
 def test_a_lugre_fold_far_below_that_of_the_rigid_servo(servo):
     """Just below it some motion goes farther out, just above it none does."""
     found = find_fold(servo, "lugre")

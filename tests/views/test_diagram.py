@@ -166,6 +166,7 @@ def test_a_range_below_the_bound_of_the_linear_loop():
     assert find_orbit(servo, "switch", start).half_multiplier < 1
 
 
+@pytest.mark.slow
 def test_diagram_of_both_models(capsys, tmp_path):
     code, text, err = run(capsys, "diagram", "--from", 0.55, "--out", tmp_path, "--json", "--quiet")
     assert (code, err) == (0, "")

@@ -38,6 +38,7 @@ from ..event_map.fixed_points import map_at
 from ..event_map.scan import half_cycle, patience, state_scale
 from ..hunting import Model
 from ..servo import Servo
+from .small_swings import creeps
 
 Array = np.ndarray
 
@@ -131,7 +132,11 @@ Swing = Callable[[float], tuple[float, float]]
 
 
 def _swing(servo: Servo, model: Model, gain: float, regularised: bool) -> Swing:
+    small = linear_range(servo, model, gain) * (1 + 1e-9) if model == "switch" and creeps(servo, gain) else 0.0
+
     def switch(b: float) -> tuple[float, float]:
+        if b <= small:
+            return 0.0, 0.0
         found = map_at(servo, gain, b)
         ratio = found.position / b
         return abs(ratio), math.copysign(1.0, ratio) * (found.slope - ratio)
