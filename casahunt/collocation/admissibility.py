@@ -96,8 +96,6 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     nodes = t.nodes_of(u) * setting.scale
     durations = t.durations_of(u)
     inside = _Inside(t, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale, nodes, setting.p)
-    if _stands_still(t, u):
-        return Verdict("nothing moves: the solution is an equilibrium, and no cycle", 0, inside.unclear)
     barely = -1
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
@@ -121,8 +119,18 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     return Verdict("", -1, inside.unclear, barely)
 
 
-def _stands_still(t: Transcription, u: Array) -> bool:
-    """Whether a solution is an equilibrium, which solves the equations of any cycle whose events do not mind."""
+def stands_still(t: Transcription, u: Array) -> bool:
+    """Whether a solution is an equilibrium, which solves the equations of any cycle whose events do not mind.
+
+    Parameters
+    ----------
+    t, u
+        transcription and unknowns.
+
+    Returns
+    -------
+    True where no state moves; never where there are closed forms or jumps.
+    """
     if not all(t.counts) or any(phase.reset is not None for phase in t.cycle.phases):
         return False
     states = t.intervals_of(u).reshape(-1, t.n)

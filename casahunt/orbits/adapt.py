@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..collocation.admissibility import Verdict, judge, judged_on_halves
+from ..collocation.admissibility import Verdict, judge, judged_on_halves, stands_still
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
 from ..collocation.newton import Solution, Solver, newton, size_of_step
@@ -102,6 +102,8 @@ def _adapted(task: _Task, root: _Root, spent: _Spent) -> Solved:
         spent.iterations += root.solution.iterations
         if not root.solution.status.ok:
             return accepted or root.ended(root.solution.status, spent)
+        if stands_still(root.t, root.solution.u):
+            return root.ended(Status.INADMISSIBLE, spent, "nothing moves: it is an equilibrium, and no cycle")
         verdict = judge(root.t, root.solution.u, root.moved)
         spent.barely = verdict.barely
         if verdict.violated:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casahunt.continuation import behind_grazing, branch
+from casahunt.continuation import behind_grazing, following
 
 
 def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):
@@ -38,10 +38,11 @@ def test_a_cycle_behind_a_grazing_is_nearly_the_same(other, alike):
     ],
 )  # fmt: skip
 def test_a_first_phase_that_has_become_short(monkeypatch, before, after, same, shrinks):
-    monkeypatch.setattr(branch, "Family", SimpleNamespace)
+    monkeypatch.setattr(following, "Family", SimpleNamespace)
+    monkeypatch.setattr(following, "beside_the_plane", lambda orbit: np.inf)
 
     def orbit(durations, signature):
         arcs = [SimpleNamespace(duration=duration) for duration in durations]
         return SimpleNamespace(arcs=arcs, problem=SimpleNamespace(), signature=signature)
 
-    assert branch._first_shrinks(orbit(before, "phases"), orbit(after, "phases" if same else "others")) is shrinks
+    assert following._first_shrinks(orbit(before, "phases"), orbit(after, "phases" if same else "others")) is shrinks

@@ -234,11 +234,15 @@ def test_a_phase_vanishes_only_where_it_shrinks(sticking, monkeypatch):
     short = replace(next_.arcs[1], duration=0.5 * first.arcs[1].duration)
     later = replace(next_, arcs=(next_.arcs[0], short, next_.arcs[2]))
     assert vanishing.vanishing_soon(first, next_, "belt", OPTIONS) is None  # SOON
-    monkeypatch.setattr(vanishing, "solved_at", lambda problem, start, options: later)
+    monkeypatch.setattr(vanishing, "curve_point", lambda orbit, vary, sense: sense)
+    monkeypatch.setattr(vanishing, "backwards", lambda point: -point)
+    monkeypatch.setattr(vanishing, "step_along", lambda point, *others: (later, point))
     monkeypatch.setattr(vanishing, "touched", lambda orbit, vary, options: replace(orbit, problem=far))
     far = later.problem.with_value("belt", 0.62)
     assert vanishing.vanishing_soon(first, later, "belt", OPTIONS) is not None
     far = later.problem.with_value("belt", 0.8)  # AS_FAR: four of the last steps away
+    assert vanishing.vanishing_soon(first, later, "belt", OPTIONS) is None
+    far = later.problem.with_value("belt", 0.605)  # where it comes from
     assert vanishing.vanishing_soon(first, later, "belt", OPTIONS) is None
 
 

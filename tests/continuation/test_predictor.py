@@ -229,7 +229,7 @@ def test_a_fold_next_to_an_orbit_is_met_in_three_steps(monkeypatch):
 
 @pytest.mark.parametrize(("off", "iterations", "moving", "room"), [
     (0.05, 4, True, 7 / 4), (0.05, 14, True, 1.0), (0.05 / 16, 14, True, 2.0), (1e-9, 14, True, 4.0),
-    (1e-9, 14, False, 0.5), (1.0, 1, True, 2.0),
+    (1e-9, 14, False, 1.0), (0.06, 14, False, 0.5), (1.0, 1, True, 2.0),
 ])  # fmt: skip
 def test_how_much_longer_the_next_step_may_be(stiff, off, iterations, moving, room):
     point = along(stiff)
