@@ -45,10 +45,12 @@ from .special_points import SpecialPoint
 
 Array = np.ndarray
 
-SHRUNK_TO = 1e-3
+MUCH_SMALLER = 1e-2
 """A cycle is next to an end when its size, or one over it, is less than this part of what it was ..."""
 BARELY_SHRUNK = 0.3
 """... or less than this where no step leads on."""
+SHRUNK_TO = 1e-3
+"""One that is cut by a plane has lost it when its states range over less than this part of what they did."""
 NOT_SMALLER = 1e-6
 """Below this part of what it was it is a point: what is left is rounding of what it goes round."""
 WELL_KNOWN = 1e-10
@@ -222,7 +224,7 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     values = [parameter_value(orbit, vary) for orbit in four]
     unit = orbits[-1].problem.unit(vary)
     for b, kind, words, sign in ((sizes, POINT_KIND, POINT, 1), (1 / sizes, "grows without bound", UNBOUNDED, -1)):
-        if b[-1] > (BARELY_SHRUNK if stuck else SHRUNK_TO):
+        if b[-1] > (BARELY_SHRUNK if stuck else MUCH_SMALLER):
             continue
         law = law_of(values, b)
         if law is None or not (stuck or law.error <= WELL_KNOWN * unit or b[-1] <= NOT_SMALLER):

@@ -271,6 +271,8 @@ def step_along(
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     way = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
     row = point.row
+    if orbit.signature != last.signature and sorted(orbit.signature) == sorted(last.signature):
+        return "the corrector went through a point, to the same cycles from another of their phases on"
     if orbit.signature != last.signature:  # `way` knows nothing of ln T_1 there
         row = with_other_phases(row, last.arcs[0].duration, orbit.arcs[0].duration)
     if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > ASTRAY * ds:
