@@ -128,10 +128,11 @@ class Crossings(Generic[AnyOrbit]):
     def go_on_from(self, orbit: AnyOrbit, *, same: bool = False) -> None:
         """The last orbit again in other coordinates (`same`), or the one behind a gap; after `rest`."""
         last = self._signs.last
-        if same:
-            for kind, (station, value) in last.items():
-                if station.orbit is self._start:
-                    last[kind] = station._replace(orbit=orbit), value
+        for kind, (station, value) in tuple(last.items()):
+            if not same:  # multipliers may jump there, and the parameter turns round without a fold
+                del last[kind]
+            elif station.orbit is self._start:
+                last[kind] = station._replace(orbit=orbit), value
         self._start, self._line = orbit, []
 
     def unresolved(self) -> tuple[Missed, ...]:

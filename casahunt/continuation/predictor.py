@@ -247,7 +247,7 @@ def straight(here: Place, sign: float) -> Bend:
     return Bend(z, np.empty((0, z.value.size)), lengths, np.zeros_like(lengths), here.way)
 
 
-def bent(here: Place, there: Place, sign: float) -> Bend:
+def bent(here: Place, there: Place, sign: float) -> Bend | None:
     """The cubic through two points of a branch and their tangents.
 
     Parameters
@@ -259,10 +259,12 @@ def bent(here: Place, there: Place, sign: float) -> Bend:
 
     Returns
     -------
-    Bend.
+    Bend; None where the motions are so unlike that the mesh of the one is none for the other.
     """
     sized, s = alive(here.t, here.u), there.s
     there = _on_mesh_of(here, there)
+    if not np.all(there.fractions > 0):
+        return None
     lengths = np.log(here.fractions)
     drift = (np.log(there.fractions) - lengths) / s
     z, other = (logarithms(_moving(place, drift), sign, sized) for place in (here, there))

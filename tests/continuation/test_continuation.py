@@ -228,7 +228,7 @@ VARIANTS = {
 def test_whole_diagrams(model, changes):
     """From K = 0.0321 round the fold to K = 0.0321 without a hand on it."""
     servo = Servo().replace(**changes)
-    branch = collect(servo, model, diagram(servo, model, options=Options(tol=1e-9), largest_step=0.5))
+    branch = collect(servo, model, diagram(servo, model, start=0.0321, options=Options(tol=1e-9), largest_step=0.5))
     assert branch.gains[0] == branch.gains[-1] == 0.0321
     assert [s.kind for s in branch.special].count("fold") == 1
     assert all(o.status.ok and o.error_estimate <= 1e-9 for o in branch.orbits)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from casahunt.continuation import behind_grazing, follow
+from casahunt.continuation import behind_grazing, follow, touching
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.family import Family
 from problems import impact_oscillator
@@ -108,7 +108,7 @@ def test_a_touch_that_leads_nowhere_ends_the_branch(monkeypatch, hidden):
     """Where it is not located no digit is claimed that is not known; where nothing follows, that is said."""
     monkeypatch.setattr(behind_grazing, "_clear_of_it", lambda *args: None)
     if hidden == "_touching":
-        monkeypatch.setattr(behind_grazing, "_touching", lambda *args: "")
+        monkeypatch.setattr(touching, "_touching", lambda *args: "")
     else:
         monkeypatch.setattr(Family, "with_touch", lambda *args: None)
     branch = follow(find_cycle(impact_oscillator.SYSTEM, parameters={"A": 0.09}, x=0.0, v=0.0), "A", to=0.2)
