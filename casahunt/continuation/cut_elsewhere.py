@@ -4,7 +4,8 @@
 
 Along a branch the events move past the plane, and the phase between the two shrinks to nothing: no phase of the motion
 does.  Then the plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of
-its longest phase: if its events vanish it is a cycle still, cut by nothing else.
+its longest phase: if its events vanish it is a cycle still, cut by nothing else.  It gets one where two phases are
+all that it has, and one of them may vanish.
 """
 
 from __future__ import annotations
@@ -30,11 +31,14 @@ NEXT_TO_IT = 0.2
 def beside_the_plane(orbit: Orbit) -> float:
     """The phase of a cycle that may be about to vanish, in parts of its neighbour, if it ends or begins at a plane.
 
-    Infinite where it lies between two events, and where none may.
+    Or if it is the only one of a forced cycle but for one, which is then cut by nothing.  Infinite elsewhere, and where
+    no phase is short.
     """
     marks, durations = _marks(orbit), [arc.duration for arc in orbit.arcs]
     k = may_vanish(durations)
-    if k is None or marks[k] == marks[k - 1]:
+    family = orbit.problem
+    alone = len(marks) == 2 and isinstance(family, Family) and family.system.forcing_period is not None
+    if k is None or marks[k] == marks[k - 1] and not (alone and not any(marks)):
         return math.inf
     return durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
 
