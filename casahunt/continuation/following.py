@@ -37,7 +37,7 @@ from .crossings import Crossings, Passed, crossings
 from .curve import parameter_value
 from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
 from .recut import cut_alike, cut_by_planes, left_behind, recut
-from .reunion import beside, met_at, reunion
+from .reunion import met_at, reunion, short_of
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, End, comes_to, hopf_point, ranges
 from .through_rest import through_rest
@@ -457,8 +457,7 @@ def _met_itself(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
     kinds = (FOLD.kind, BRANCH_POINT.kind, met.reached.kind)
     others = tuple(monitor for monitor in run.looked_for if monitor.kind not in kinds)
     # Behind the point follow the images: what lies before it is seen between the last orbit and one next to it.
-    near = beside(before, after, met, vary, run.options)[1]
-    near = near if met.off(near) > 0 else after
+    near = short_of(before, after, met, vary, run.options) or after
     found, missed = crossings(before, near, vary=vary, monitors=others, options=run.options)
     special = (*(special for special in found if not met.off(special.orbit) <= 0), point)
     run.add(*([point.orbit] if met.same_period else []), passed=Passed(special, tuple(missed)))

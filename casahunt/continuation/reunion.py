@@ -42,6 +42,8 @@ BESIDE_MINUS_ONE, MINUS_ONE_ROUNDS = 1e-5, 8
 """How far aside, in lambda, the second cycle is when the multiplier -1 is sought; the most steps of that search."""
 ALREADY = 1e-2
 """An orbit less far from its image than this, in parts of the way from one orbit to the next, may be its own image."""
+SHORT_OF_IT = 0.05
+"""An orbit less far from its image than this, in the same parts, has passed what there is before that."""
 MUCH_NEARER, APPROACHES = 0.3, 16
 """How far from its image, in the same parts, an orbit may be that tells where it is its own; tries to come there."""
 SYMMETRY_REACHED = replace(
@@ -149,7 +151,7 @@ def met_at(
     -------
     Special point, whose orbit is computed on half of the phases; what is missed where it is not located.
     """
-    problem, begin = _half(*beside(before, after, met, vary, options), met, vary)
+    problem, begin = _half(*_beside(before, after, met, vary, options), met, vary)
     first, found = begin[0].nodes_of(begin[1])[0] * begin[2].scale, []
     step = float(np.linalg.norm(secant(before, after, vary)))
 
@@ -168,22 +170,13 @@ def met_at(
     return Missed(kind, f"{sentence}; another tolerance may lead there")
 
 
-def beside(
+def _beside(
     before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options
 ) -> tuple[AnyOrbit, AnyOrbit]:
     """Two orbits of the branch next to the one that is its own image, the second one much nearer to it.
 
     A step of a walk may have gone over to the cycles that are their own image, or far across: shorter ones come up to
     the point.  The two orbits as they are where none does.
-
-    Parameters
-    ----------
-    before, after, met, vary, options
-        as in `met_at`.
-
-    Returns
-    -------
-    The two orbits.
     """
     first, pair = 1.0, (before, after)
     here, length = before, float(np.linalg.norm(secant(before, after, vary)))
@@ -200,6 +193,30 @@ def beside(
         if not isinstance(outcome, str):
             after = outcome[0]
     return pair
+
+
+def short_of(before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options) -> AnyOrbit | None:
+    """An orbit between the first one and the one that is its own image, next to that.
+
+    Parameters
+    ----------
+    before, after, met, vary, options
+        as in `met_at`.
+
+    Returns
+    -------
+    Orbit; None where no step leads next to it.
+    """
+    point = curve_point(before, vary, like=secant(before, after, vary))
+    low, high = 0.0, float(np.linalg.norm(secant(before, after, vary)))
+    for _ in range(APPROACHES):
+        ds = (low + high) / 2
+        outcome = step_along(point, before, vary, ds, *before.problem.range_of(vary), options)
+        off = -1.0 if isinstance(outcome, str) else met.off(outcome[0])
+        if 0 < off <= SHORT_OF_IT and not isinstance(outcome, str):
+            return outcome[0]
+        low, high = (ds, high) if off > 0 else (low, ds)
+    return None
 
 
 def _half(before: Orbit, after: Orbit, met: Reunion, vary: str) -> tuple[Family, Start]:
