@@ -67,9 +67,10 @@ GIVEN_UP: Answer = {"words": ["given up"], "numbers": {}}
 
 
 def environment(processor: str) -> dict[str, str]:
-    """The variables of a process on that processor."""
+    """The variables of a process on that processor; `own` without those that the user has set."""
+    asked = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES")
     if processor == OWN:
-        return dict(os.environ)
+        return {name: value for name, value in os.environ.items() if name not in asked}
     try:
         from numpy._core._multiarray_umath import __cpu_dispatch__ as faster  # type: ignore[import-not-found]
     except ImportError:  # numpy 1

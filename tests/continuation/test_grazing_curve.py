@@ -85,6 +85,7 @@ def two_stops(event: bool) -> System:
     return System("two stops", ("x", "v"), parameters, (mode,), forcing_period=lambda p: 2 * ca.pi / p.w)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("event, words, off", [(True, "'knock'", 1e-4), (False, "no motion of the system", 2e-3)])
 def test_a_grazing_curve_ends_where_another_event_is_touched(event, words, off):
     """The cycle that touches the upper stop reaches -1: the lower one is in its way from b = 1 on.

@@ -199,6 +199,7 @@ def turn_of_rossler(a, b, c, x, steps):
     return found.y[:3, -1], found.y[3:, -1].reshape(3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other, to", [pytest.param("a", 0.3, marks=pytest.mark.slow), ("b", 0.5)])
 def test_flips_of_rosslers_system(other, to):
     """At three points of the curve an integrator finds the cycle closed, with a multiplier -1; 2 s for 12 cycles."""
@@ -216,6 +217,7 @@ def test_flips_of_rosslers_system(other, to):
     np.testing.assert_allclose((curve.slopes[1:] + curve.slopes[:-1]) / 2, chords, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_where_duffings_cycle_loses_its_symmetry():
     """Half a turn, mirrored, has a multiplier -1, by an integrator; 0.8 s for 12 cycles."""
     import casadi as ca

@@ -49,6 +49,7 @@ def test_the_worst_friction_of_a_set_counts(unscanned, servo):
 # Controller times
 
 
+@pytest.mark.slow
 def test_a_longer_lead_lowers_the_gain_to_its_bound(unscanned, servo):
     found = tune(servo, "switch", free=["lead_time"], bounds={"lead_time": (0.15, 0.18)}, options=Options(tol=1e-8))
     # Swapping the times leaves the motion alone with K/tau_i fixed: another servo's fold gives the answer.

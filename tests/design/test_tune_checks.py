@@ -76,6 +76,7 @@ def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     assert not shown["ok"] and shown["result"] == "not everything verified" and len(shown["unverified"]) >= 1
 
 
+@pytest.mark.slow
 def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
     """A search that stops too early is found out by the corners, and goes on from there."""
     box = Uncertainty({"friction.static": (0.525, 0.535)})
@@ -131,6 +132,7 @@ def test_a_set_with_servos_that_cannot_hunt(unscanned, servo):
     assert found.verification.ok
 
 
+@pytest.mark.slow
 def test_a_motion_that_grows_speaks_against_a_tuning(servo, plain):
     assert scanned(servo, "switch", 0.9 * plain.fold_gain)[1] == "cycle"
     assert scanned(servo, "lugre", plain.gain)[1] == "clear"

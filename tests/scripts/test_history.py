@@ -22,6 +22,7 @@ def large_caches():
     history.restored()
 
 
+@pytest.mark.slow
 def test_four_servos_in_two_orders(large_caches):
     """Each with empty caches, then together, in another order, with caches of one entry."""
     alone: dict[history.Question, history.Answer] = {}

@@ -29,6 +29,7 @@ def test_a_few_cases_and_the_files(tmp_path, capsys):
     assert "solved where a cycle exists" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_a_wrong_orbit_is_called_wrong(model, monkeypatch):
     """An answer that is off by 1e-4, with the estimate of a right one."""
@@ -49,6 +50,7 @@ def test_a_wrong_orbit_is_called_wrong(model, monkeypatch):
     assert desk.verdict(case).verdict == SOLVED
 
 
+@pytest.mark.slow
 def test_a_false_denial_is_called_wrong():
     case = Case("K/K_fold", "0.3", "switch", "stable", share=0.3)
     desk = Desk(quick=True)

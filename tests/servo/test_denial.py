@@ -132,6 +132,7 @@ def turns(servo: Servo, gain: float, a: float, until: float) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_a_bristle_hunts_where_rigid_friction_does_not():
     """One motion grows, another shrinks, to the same swings: a stable cycle, denied by no theorem on rigid friction.
 

@@ -49,7 +49,7 @@ def slope(servo: Servo, gain: float, a: float, step: float = 1e-4) -> float:
     return (above - below) / (2 * step * a)
 
 
-@pytest.mark.parametrize("part", [0.995, 0.9999])
+@pytest.mark.parametrize("part", [0.995, pytest.param(0.9999, marks=pytest.mark.slow)])
 def test_both_cycles_below_a_fold_where_far_motions_grow(part):
     gain = part * UNSTABLE_LOOP_FOLD
     stable, unstable = (find_orbit(UNSTABLE_LOOP, "switch", gain, branch=b) for b in ("stable", "unstable"))
@@ -101,7 +101,8 @@ def test_a_denial_names_the_located_fold(model, gain, branch):
     assert float(named) == pytest.approx(FOLD[model], abs=5.5 * 10.0 ** -(len(named) - 2)) and len(named) >= 7
 
 
-@pytest.mark.parametrize("distance", [pytest.param(1e-5, marks=pytest.mark.slow), 1e-8])
+@pytest.mark.slow
+@pytest.mark.parametrize("distance", [1e-5, 1e-8])
 def test_a_hair_on_either_side_of_the_fold(distance):
     fold = FOLD["switch"]
     for branch in ("stable", "unstable"):

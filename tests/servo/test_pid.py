@@ -159,6 +159,7 @@ def test_switch_cycles_with_complex_zeros(branch):
     assert found.half_multiplier == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_lugre_cycle_with_complex_zeros():
     found = find_orbit(COMPLEX, "lugre", 0.6, options=FINE)
     x, half, largest = lugre_half_cycle(COMPLEX, 0.6, found.sample()[1][:, 0])

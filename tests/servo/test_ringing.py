@@ -36,6 +36,7 @@ def assert_flown(servo, orbit) -> None:
     assert flown.t_events[0].size == len(orbit.arcs) - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stiffness", "reversals"), [(1e6, 80), pytest.param(1e7, 250, marks=pytest.mark.slow)])
 def test_a_stiff_bristle_rings_out(stiffness, reversals):
     servo = Servo().replace(**{"friction.stiffness": stiffness})

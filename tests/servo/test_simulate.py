@@ -126,6 +126,7 @@ def test_other_switch_motions_against_taylor_series(gain, start, changes):
     assert found.status.ok
 
 
+@pytest.mark.slow
 def test_lugre_against_taylor_series():
     """The first swing and the ring-down after it, in which bristle rates reach 1e5 1/s."""
     found = simulate(TABLE_1, "lugre", 0.04, time=0.6, tol=1e-9)

@@ -39,6 +39,7 @@ ENDS_BELOW = replace(
 fold, and the LuGre fold lies between.  (Drawn at random.)"""
 
 
+@pytest.mark.slow
 def test_the_fold_of_a_rigid_servo_with_hardly_any_drop():
     servo = dropping(0.4415)
     found = find_fold(servo, "switch")
@@ -129,6 +130,7 @@ def test_lower_gains_come_closer_together_only_where_cycles_end():
     assert from_there(ENDS_BELOW, 0.0065)[0] == pytest.approx(1.4)
 
 
+@pytest.mark.slow
 def test_no_gain_is_searched_carefully_twice(monkeypatch):
     searched = []
     monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
