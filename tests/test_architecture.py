@@ -216,6 +216,7 @@ def test_everything_public_is_documented():
 MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
 SOURCES = sorted(path for folder in ("casahunt", "scripts") for path in (ROOT / folder).rglob("*.py"))
 LONG = {
+    "casahunt/continuation/following.py follow": "a docstring of fifty lines; the rest is checks and one call",
     "casahunt/continuation/walk.py walk": "a docstring of forty lines; the rest is one loop",
     "casahunt/servo/simulation/simulate.py simulate": "a docstring of forty lines; the rest is checks and one call",
 }

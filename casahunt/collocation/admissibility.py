@@ -54,7 +54,7 @@ BETWEEN = np.linspace(0, 1, 33)
 """Parts of an interval, or of a phase in closed form, at which a condition is looked at."""
 
 
-STILL = 1e-9
+MOVES_BELOW = 1e-9
 """States that range over less than this part of their scale do not move: tolerances of cycles are larger."""
 
 
@@ -134,7 +134,7 @@ def stands_still(t: Transcription, u: Array) -> bool:
     if not all(t.counts) or any(phase.reset is not None for phase in t.cycle.phases):
         return False
     states = t.intervals_of(u).reshape(-1, t.n)
-    return bool(np.max(np.ptp(states, axis=0)) <= STILL * max(1.0, float(np.max(np.abs(states)))))
+    return bool(np.max(np.ptp(states, axis=0)) <= MOVES_BELOW * max(1.0, float(np.max(np.abs(states)))))
 
 
 def unclear_on_halves(t: Transcription, better: Place | None) -> Array:

@@ -5,18 +5,19 @@
 moving_mesh.py      meshes that move with a branch
 predictor.py        the last two points of a branch, interpolated and carried on
 curve.py            the curve of a branch: its points and tangents
-walk.py             by pseudo-arclength or by natural continuation
+walk.py             orbits along it, by pseudo-arclength
+natural_walk.py     at prescribed values of the parameter
 vanishing.py        where a phase shrinks to nothing
-phase_change.py     where between two orbits the phases change
 special_points.py   folds, symmetry breaking, superstable and grazing cycles: what they are
+cut_elsewhere.py    another plane for a cycle that meets events, too
+touching.py         cycles that touch an event
+phase_change.py     where between two orbits the phases change
 locating.py         the orbit between two at which a monitor vanishes
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 recut.py            another plane for a cycle that is cut by planes
-cut_elsewhere.py    another plane for a cycle that meets events, too
-touching.py         cycles that touch an event
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
 equilibrium.py      equilibria of a field, and the normal form of their Hopf bifurcations
 equilibrium_curve.py the curve of equilibria of a mode
@@ -26,6 +27,8 @@ terminations.py     where cycles end: shrunk, grown, at an equilibrium
 through_rest.py     through the rest that a forced cycle shrinks to
 whole.py            half of a symmetric cycle made whole where a parameter breaks the symmetry
 branch.py           a branch as it is handed out
+run.py              a branch on its way
+closed.py           where a branch closes
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
 fold_conditions.py  the conditions of a fold as constraints of a larger problem

@@ -37,7 +37,7 @@ from .walk import step_along
 
 Array = np.ndarray
 
-MOST_HALVINGS = 5
+LOOKED_INSIDE = 5
 """A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
 LOOKED_AT = np.linspace(0.0, 1.0, 17)
 """Parts of a step at which parabolas are compared."""
@@ -126,7 +126,13 @@ class Crossings(Generic[AnyOrbit]):
         return found
 
     def go_on_from(self, orbit: AnyOrbit, *, same: bool = False) -> None:
-        """The last orbit again in other coordinates (`same`), or the one behind a gap; after `rest`."""
+        """Go on from another orbit; after `rest`.
+
+        Parameters
+        ----------
+        orbit, same
+            the last one again, in other coordinates (`same`), or the one behind a gap.
+        """
         last = self._signs.last
         for kind, (station, value) in tuple(last.items()):
             if not same:  # multipliers may jump there, and the parameter turns round without a fold
@@ -156,7 +162,7 @@ class Crossings(Generic[AnyOrbit]):
                 special.append(special_point(GRAZING, grazing, self._vary))
         earlier = self._line[k - 2] if k > 1 and not before.opens else None
         later = self._line[k + 1] if k + 1 < len(self._line) else None
-        stations = [before, *self._looked_inside(before, after, earlier, later, MOST_HALVINGS), after]
+        stations = [before, *self._looked_inside(before, after, earlier, later, LOOKED_INSIDE), after]
         for x, y in pairwise(stations):
             for monitor in self._monitors:
                 one = self._turned if monitor.kind == FOLD.kind else self._changed

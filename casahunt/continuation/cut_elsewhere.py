@@ -44,7 +44,17 @@ def beside_the_plane(orbit: Orbit) -> float:
 
 
 def same_events(one: Orbit, other: Orbit) -> bool:
-    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first."""
+    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first.
+
+    Parameters
+    ----------
+    one, other
+        the cycles.
+
+    Returns
+    -------
+    True where they do.
+    """
     if one.signature == other.signature:
         return True
     a, b = (
@@ -87,11 +97,9 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
 
 def _halved(family: Family, orbit: Orbit, options: Options) -> Any:
     """A forced cycle that is cut by nothing, from the middle of its longest collocated phase to the image of that."""
-    start, posed = unknowns_of(orbit), family.asked()
-    t = start[0]
-    k = max((k for k in range(t.phases) if t.counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)
-    start = None if k is None else family.starting_at(k, *start) if k else start
-    if start is None:
+    like, posed = unknowns_of(orbit), family.asked()
+    k = max((k for k in range(like[0].phases) if like[0].counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)
+    if k is None or (start := family.starting_at(k, *like) if k else like) is None:
         return None
     whole, *others = segments_of(*start)
     names = posed.image(whole, family.vector(), orbit.scale)

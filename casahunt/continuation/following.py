@@ -31,14 +31,15 @@ from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from ..orbits.starts import may_vanish
 from .behind_grazing import behind_grazing, from_strongest
-from .bifurcations import BRANCH_POINT, monitors_of
+from .bifurcations import monitors_of
 from .branch import Branch
-from .crossings import Crossings, Passed, crossings
+from .closed import came_round, met_itself
+from .crossings import Crossings, Passed
 from .curve import parameter_value
 from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
 from .recut import cut_alike, cut_by_planes, left_behind, recut
-from .reunion import met_at, reunion, short_of
-from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
+from .run import Run
+from .special_points import GRAZING, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, End, comes_to, hopf_point, ranges
 from .through_rest import through_rest
 from .vanishing import solved_at, vanishing_soon
@@ -48,10 +49,6 @@ from .whole import as_whole_as_needed
 Array = np.ndarray
 
 NOT_ENDED = End("", "")
-LEAST_ROUND = 6
-"""Orbits that a closed branch has at least: round two folds."""
-THE_SAME = 100.0
-"""Tolerances to which a cycle that is met again is the same: ranges are read off samples."""
 
 
 class _Pause(Enum):
@@ -61,48 +58,6 @@ class _Pause(Enum):
     CUT_SHRINKS = auto()  # an event is about to move past the plane that cuts the cycle
     LEFT_BEHIND = auto()  # the plane that cuts the cycle is left behind
     NEXT_TO_NOTHING = auto()  # the cycle has shrunk to nothing
-
-
-@dataclass
-class _Run(Generic[AnyOrbit]):
-    """A branch on its way: what it has come to, and what stays the same."""
-
-    branch: Branch[AnyOrbit]
-    line: Crossings[AnyOrbit]
-    looked_for: tuple[Monitor, ...]
-    options: Options
-    max_points: int
-    progress: Callable[[AnyOrbit], None] | None
-    how: dict[str, Any]
-
-    @property
-    def last(self) -> AnyOrbit:
-        """The last orbit."""
-        return self.branch.orbits[-1]
-
-    def value(self, orbit: AnyOrbit) -> float:
-        """The parameter there."""
-        return parameter_value(orbit, self.branch.vary)
-
-    def within(self, orbit: AnyOrbit) -> bool:
-        """Whether its parameter is within the range."""
-        return bool(self.how["low"] <= self.value(orbit) <= self.how["high"])
-
-    def add(self, *orbits: AnyOrbit, passed: Passed[AnyOrbit] | None = None) -> None:
-        """Orbits further on, and what was passed."""
-        b, p = self.branch, passed or Passed()
-        self.branch = replace(
-            b, orbits=(*b.orbits, *orbits), special=(*b.special, *p.special), missed=(*b.missed, *p.missed)
-        )
-        for orbit in orbits:
-            if self.progress is not None:
-                self.progress(orbit)
-
-    def replaced(self, orbit: AnyOrbit) -> None:
-        """The last orbit is another picture of itself, in other coordinates."""
-        self.add(passed=self.line.rest())
-        self.branch = replace(self.branch, orbits=(*self.branch.orbits[:-1], orbit))
-        self.line.go_on_from(orbit, same=True)
 
 
 def follow(
@@ -188,7 +143,7 @@ def follow(
     if not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options)
-    run = _Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, options, max_points, progress, {
+    run = Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, options, max_points, progress, {
         "low": min(to, back), "high": max(to, back), "first_step": first_step, "smallest_step": smallest_step,
         "largest_step": largest_step, "largest_change": largest_change,
     })  # fmt: skip
@@ -214,7 +169,7 @@ def _in_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     return cast(AnyOrbit, found)
 
 
-def _followed(run: _Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> End:
+def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> End:
     """The branch from its last orbit on to its end."""
     way: _Way[AnyOrbit] = _Way(sense, previous)
     while True:
@@ -243,7 +198,7 @@ class _Way(Generic[AnyOrbit]):
     insisted: bool = False
 
 
-def _after(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
+def _after(run: Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
     """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
     if outcome is _Pause.FIRST_SHRINKS:
         return replace(way, previous=_starting_elsewhere(run))
@@ -268,11 +223,12 @@ def _after(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -
     return _Way(sense)
 
 
-def _at_bound(run: _Run[AnyOrbit], beyond: AnyOrbit) -> End:
+def _at_bound(run: Run[AnyOrbit], beyond: AnyOrbit) -> End:
     """The end of a branch that goes on with a cycle beyond its range: with that cycle on the bound, where it is one."""
     vary = run.branch.vary
     bound = run.how["high"] if run.value(beyond) > run.how["high"] else run.how["low"]
-    reached = solved_at(beyond.problem.with_value(vary, bound), unknowns_of(beyond), run.options)
+    problem = beyond.problem.with_value(vary, bound)
+    reached = cast("AnyOrbit | None", solved_at(problem, unknowns_of(beyond), run.options))
     if reached is None:
         return End("range", f"the next cycle that was found lies beyond {vary} = {bound:.6g}, the end of the range")
     run.add(passed=run.line.rest())
@@ -280,7 +236,7 @@ def _at_bound(run: _Run[AnyOrbit], beyond: AnyOrbit) -> End:
     return End("range", f"{vary} reached {bound:.6g}, the end of the range", bound)
 
 
-def _after_planes(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
+def _after_planes(run: Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
     """The same of cycles that are cut by planes, which may be others."""
     failed = isinstance(outcome, Complaint)
     point = isinstance(outcome, End) and outcome.kind == POINT_KIND
@@ -302,7 +258,7 @@ def _after_planes(run: _Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: 
     return _Way(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
 
 
-def _grazed(run: _Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
+def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
     """The cycle that the branch goes on with behind the grazing that it has come to; its end where there is none."""
     found = behind_grazing(run.last, run.branch.vary, failure, run.options)
     if found.grazing is None:
@@ -316,7 +272,7 @@ def _grazed(run: _Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
     return found.following or End("grazing", f"no cycle follows the {special.meaning}", special.value)
 
 
-def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: bool) -> Any:
+def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: bool) -> Any:
     """How a walk has ended whose orbits the branch has been given.
 
     By an End; by the orbit behind a grazing that it came to; by the Complaint that it has failed by; by a _Pause where
@@ -337,11 +293,8 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
         by_planes = cut_by_planes(before) and cut_by_planes(after)
         if by_planes and before.signature != after.signature and _shrunk(run.branch) is not None:
             return _Pause.NEXT_TO_NOTHING  # stepped over: the same cycles, half a turn later
-        if (closed := _met_itself(run, after) or _came_round(run, after)) is not None:
-            return closed
-        run.add(after, passed=run.line.past(after))
-        if (end := comes_to(run.branch.orbits, vary)) is not None:
-            return end
+        if (found := _at_an_end(run, after)) is not None:
+            return found
         if by_planes:
             largest = np.maximum(largest, ranges(after))
             if watched and np.all(ranges(after) <= SHRUNK_TO * largest):
@@ -361,7 +314,15 @@ def _walked(run: _Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched:
             return over[1]
 
 
-def _ended(run: _Run[AnyOrbit], why: str) -> End | Complaint:
+def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
+    """The end that a branch has come to with the next orbit, which it is given; None where it goes on."""
+    if (closed := met_itself(run, after) or came_round(run, after)) is not None:
+        return closed
+    run.add(after, passed=run.line.past(after))
+    return comes_to(run.branch.orbits, run.branch.vary)
+
+
+def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:
     """Why a walk has ended, with the value of the parameter where it was to end."""
     return End(why.kind, str(why), run.value(run.last)) if isinstance(why, Stopped) else cast(Complaint, why)
 
@@ -374,7 +335,7 @@ def _first_shrinks(before: Orbit, after: Orbit) -> bool:
     return first == [False, True] and beside_the_plane(after) == math.inf
 
 
-def _starting_elsewhere(run: _Run[AnyOrbit]) -> AnyOrbit | None:
+def _starting_elsewhere(run: Run[AnyOrbit]) -> AnyOrbit | None:
     """The cycle before the last one, both from another phase on, where one serves: the branch has the last one so."""
     *others, last = run.branch.orbits
     turned, before = from_strongest(last, others[-1], run.options)
@@ -382,7 +343,7 @@ def _starting_elsewhere(run: _Run[AnyOrbit]) -> AnyOrbit | None:
     return before
 
 
-def _past_the_plane(run: _Run[AnyOrbit], way: _Way[AnyOrbit]) -> _Way[AnyOrbit]:
+def _past_the_plane(run: Run[AnyOrbit], way: _Way[AnyOrbit]) -> _Way[AnyOrbit]:
     """On with the last cycle cut elsewhere, where it can be."""
     last, sense = cut_elsewhere(run.last, run.options), run.line.sense
     if last is None:
@@ -396,7 +357,7 @@ def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
     return hopf_point(branch.orbits[-2], branch.orbits[-1], branch.vary) if len(branch.orbits) > 1 else None
 
 
-def _cut_anew(run: _Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float] | None:
+def _cut_anew(run: Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float] | None:
     """(the cycle before the last one cut alike or None, sense), the branch having the last one cut by another plane.
 
     None where no other serves.
@@ -415,54 +376,3 @@ def _sense(branch: Branch[AnyOrbit], sense: float) -> float:
     """Which way the parameter went last."""
     ways = np.sign(np.diff(branch.values))
     return float(ways[np.flatnonzero(ways)[-1]]) if ways.any() else sense
-
-
-def _came_round(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
-    """The end of a branch that comes back to where it began; None where it does not."""
-    orbits = run.branch.orbits
-    if len(orbits) < LEAST_ROUND:
-        return None
-    first, begun = run.value(orbits[0]), run.value(orbits[1])
-    before, value = run.value(run.last), run.value(after)
-    if not min(before, value) <= first <= max(before, value) or (value - before) * (begun - first) <= 0:
-        return None
-    there = solved_at(after.problem.with_value(run.branch.vary, first), unknowns_of(after), run.options)
-    if there is None or not _the_same(there, orbits[0], run.options.tol):
-        return None
-    run.add(passed=run.line.past(there))
-    run.add(there, passed=run.line.rest())
-    return End("closed", f"at {run.branch.vary} = {first:.8g} the branch comes back to where it began", first)
-
-
-def _the_same(one: Orbit, other: Orbit, tol: float) -> bool:
-    """Whether two cycles at one value of the parameter have the same ranges and the same period."""
-    sizes = np.append(ranges(one), one.period), np.append(ranges(other), other.period)
-    return bool(np.all(np.abs(sizes[0] - sizes[1]) <= THE_SAME * tol * np.abs(sizes[1])))
-
-
-def _met_itself(run: _Run[AnyOrbit], after: AnyOrbit) -> End | None:
-    """The end of the branch where it meets its own image before the next orbit: what follows is what it has passed.
-
-    None where it does not; with what was missed where that could not be located.
-    """
-    before, vary = run.last, run.branch.vary
-    met = reunion(before, after, run.options.tol) if run.looked_for else None
-    if met is None:
-        return None
-    point = met_at(before, after, met, vary, run.options)
-    if isinstance(point, Missed):
-        run.add(passed=Passed((), (point,)))
-        return None
-    run.add(passed=run.line.rest())
-    kinds = (FOLD.kind, BRANCH_POINT.kind, met.reached.kind)
-    others = tuple(monitor for monitor in run.looked_for if monitor.kind not in kinds)
-    # Behind the point follow the images: what lies before it is seen between the last orbit and one next to it.
-    near = short_of(before, after, met, vary, run.options) or after
-    found, missed = crossings(before, near, vary=vary, monitors=others, options=run.options)
-    special = (*(special for special in found if not met.off(special.orbit) <= 0), point)
-    run.add(*([point.orbit] if met.same_period else []), passed=Passed(special, tuple(missed)))
-    value = run.value(point.orbit)
-    return End(
-        "closed", f"at {vary} = {value:.8g} the cycle is its own image; what follows are the images of what was passed",
-        value,
-    )  # fmt: skip

@@ -50,9 +50,9 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         return None
     fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
     for orbit in _nearer(more, fewer, vary, options):
-        touch = touched(orbit, vary, options)
-        if touch is not None and _on_the_way(before, touch, after, vary):
-            return touch
+        gone = touched(orbit, vary, options)
+        if gone is not None and _on_the_way(before, gone, after, vary):
+            return gone
     last = _last_alike(fewer, more, vary, options)
     touch = touching_orbit(last, vary, options)
     return last if isinstance(touch, str) else touch

@@ -154,7 +154,7 @@ def _ranges(orbit: Orbit) -> Array:
     return np.asarray(np.ptp(states[:many], axis=1))
 
 
-def law_of(values: Sequence[float], b: Sequence[float]) -> Law | None:
+def law_of(values: Sequence[float], b: Sequence[float] | Array) -> Law | None:
     """The power law that four values of a parameter follow.
 
     Parameters
@@ -166,10 +166,10 @@ def law_of(values: Sequence[float], b: Sequence[float]) -> Law | None:
     -------
     Law; None where they follow none that leads on, or the first three foretell another end.
     """
-    lam, b = np.asarray(values, float), np.asarray(b, float)
-    if not np.all(b[1:] < (1 - LEAST_CHANGE) * b[:-1]) or not np.all(b > 0):
+    lam, size = np.asarray(values, float), np.asarray(b, float)
+    if not np.all(size[1:] < (1 - LEAST_CHANGE) * size[:-1]) or not np.all(size > 0):
         return None
-    first, last = _fitted(lam[:3], b[:3]), _fitted(lam[1:], b[1:])
+    first, last = _fitted(lam[:3], size[:3]), _fitted(lam[1:], size[1:])
     if first is None or last is None:
         return None
     error = abs(first[0] - last[0])

@@ -20,7 +20,7 @@ from ..orbits.restart import in_scale
 from .curve import parameter_value
 from .vanishing import solved_at
 
-BEYOND = 30.0
+BEYOND_REST = 30.0
 """How many times farther from the rest than the last cycle the next one is."""
 
 
@@ -51,6 +51,6 @@ def through_rest(orbits: Sequence[AnyOrbit], vary: str, value: float, options: O
     _, v, _ = transfer(other, v, its.fractions, phase_breaks(t, setting.fractions), target=t)
     away = [parameter_value(orbit, vary) - value for orbit in (before, last)]
     rate = (u - v) / (away[1] - away[0])
-    beyond = -BEYOND * away[1]
+    beyond = -BEYOND_REST * away[1]
     start = t, u + (beyond - away[1]) * rate, setting
     return solved_at(family.with_value(vary, value + beyond), start, options)

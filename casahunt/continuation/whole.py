@@ -25,7 +25,7 @@ from ..orbits.recurrence import image_of
 from ..orbits.sequences import joined, segments_of, start_of
 from .vanishing import solved_at
 
-LOOKED_AT = (1.0, 0.618)
+LOOKED_FOR = (1.0, 0.618)
 """Parts of the way that the parameter is to go at which the symmetry is looked for."""
 LITTLE = 0.1
 """The way where it has no end, in units of the parameter."""
@@ -85,7 +85,7 @@ def _looked_at(family: Family, vary: Sequence[str], to: Sequence[float]) -> list
     for name, end in zip(vary, to, strict=True):
         here = family.value(name)
         way = end - here if math.isfinite(end) else math.copysign(LITTLE * family.unit(name), end)
-        places += [(name, here + part * way) for part in LOOKED_AT]
+        places += [(name, here + part * way) for part in LOOKED_FOR]
     return places
 
 

@@ -29,6 +29,7 @@ closure.py   how a cycle of a user's system closes, and where it is cut
 recurrence.py  when a motion repeats, as it is or mirrored
 watching.py  a first look at a motion: sizes, where it is cut
 sequences.py   other phase sequences, where one has stopped being a motion
+remarched.py the phases that the motion itself has
 starts.py    the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
 saved_cycle.py cycles of a user's system in files

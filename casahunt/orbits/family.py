@@ -24,8 +24,9 @@ from ..motion.march import Segment
 from .closure import Closure, Plane, Section, with_sections
 from .observables import check_expression, scalar_of
 from .recurrence import image_of
+from .remarched import marched
 from .restart import Start
-from .sequences import Posed, marched, nearest_touch, split, with_touch, without
+from .sequences import Posed, nearest_touch, split, with_touch, without
 from .starts import rotated, strongest
 from .system_orbit import SystemOrbit
 

@@ -12,25 +12,24 @@ one.  All of them start at the same state as the cycle at hand, so that a branch
     split      put boundaries where the root crosses exits of its mode
     with_touch put a boundary where a phase touches an exit
     without    take the shortest phase out, with both boundaries, or with the first of them
-    marched    the phases that the motion really has, from the start and from the middle of the longest phase
+
+The phases that the motion itself has: remarched.py.
 
 Symbols: n states, P phases.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..collocation.joints import flow_at
 from ..collocation.mesh import evaluate_phase
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Signature
-from ..motion.march import MarchFailure, Segment, march
+from ..motion.march import Segment
 from .closure import Closure
 from .restart import Start, breaks_of, from_segments, in_scale, piece
 
@@ -42,11 +41,6 @@ CROSSING_LOOKS = 64
 """Parts of an interval, at the ends of which it is looked at for crossings of exits."""
 EVENT_AT_ZERO = 1e-14
 """An event that is nearer to zero than this part of its largest value may be there by rounding."""
-RESTART_TOLERANCE = 1e-6
-RESTART_PERIODS = 2.5
-"""A motion is followed for so many of its supposed periods."""
-CLOSES, RESTARTS = 0.3, 2
-"""How near to its start it must come back, in units of the state scale; so many of the ways are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,84 +349,3 @@ def nearest_touch(posed: Posed, start: Start) -> tuple[float, str, str]:
                 vertex = h[top] + (rise - fall) ** 2 / (8 * np.maximum(rise + fall, 1e-300))
                 best = min(best, (float(np.min(np.abs(vertex))) / float(np.ptp(h)), mode, way_out.event.name))
     return best
-
-
-# The motion itself ----------------------------------------------------------------------------------------------
-
-
-def marched(posed: Posed, start: Start) -> list[Start]:
-    """The phases that the motion really has, where they lead back to the start.
-
-    Parameters
-    ----------
-    posed, start
-        the problem, and unknowns that are no motion of it.
-
-    Returns
-    -------
-    Starting points, the ones that close best first.
-    """
-    t, u, setting = start
-    x = t.nodes_of(u)[0] * setting.scale
-    found: list[tuple[float, int, list[Segment]]] = []
-    for segments in _motions(posed, start):
-        closing = _closing(posed, segments, x, setting.scale)
-        found += [(distance, many, _as_cut(posed, some, t.cycle.signature)) for distance, many, some in closing]
-    starts: dict[Signature, Start] = {}
-    for _, _, segments in sorted(found, key=lambda way: way[:2]):
-        label = tuple((s.mode, s.event) for s in segments)
-        if label not in starts and len(starts) < RESTARTS:
-            starts[label] = start_of(posed, segments, start)
-    return list(starts.values())
-
-
-def _as_cut(posed: Posed, segments: list[Segment], signature: Signature) -> list[Segment]:
-    """The phases of a motion that meets events, cut by planes no more often than those of a signature."""
-    marks = [posed.exit_of(s.mode, s.event).mark for s in segments]
-    left = Counter(label for label in signature if posed.exit_of(*label).mark)
-    if all(marks) or not any(marks):
-        return segments
-    left.subtract([(segments[-1].mode, segments[-1].event)])  # where it closes
-    phases: list[list[Segment]] = [[]]
-    for segment, mark in zip(segments, marks, strict=True):
-        phases[-1].append(segment)
-        label = segment.mode, segment.event
-        if segment is not segments[-1] and (not mark or left[label] > 0):
-            left[label] -= 1
-            phases.append([])
-    return [joined(some) for some in phases]
-
-
-def _motions(posed: Posed, start: Start) -> Iterator[list[Segment]]:
-    """The motion from the start, and from the middle of the longest phase: what leaves the cycle does so elsewhere."""
-    t, u, setting = start
-    span = float(np.sum(np.abs(t.durations_of(u))))
-    segments = segments_of(*start)
-    longest = int(np.argmax([s.duration for s in segments]))
-    if t.counts[longest]:
-        middle = evaluate_phase(t, u, setting.fractions, longest, np.array([0.5]))[0] * setting.scale
-    else:
-        whole = segments[longest]
-        middle = flow_at(t.cycle.phases[longest].mode, whole.start, np.array([whole.duration / 2]), setting.p)[0]
-    for mode, x in ((segments[0].mode, segments[0].start), (segments[longest].mode, middle)):
-        try:
-            yield march(
-                posed.form, mode, x, setting.p, scale=setting.scale, until=lambda segment: False,
-                tol=RESTART_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
-            )  # fmt: skip
-        except MarchFailure:
-            continue
-
-
-def _closing(posed: Posed, segments: list[Segment], x: Array, scale: Array) -> list[tuple[float, int, list[Segment]]]:
-    """(distance, how many, phases) of the parts of a motion that start at x, or next to it, and close."""
-    S, shift = np.array(posed.closure.matrix), np.array(posed.closure.shift)
-    found = []
-    for first, begun in enumerate(segments):
-        if not np.max(np.abs(begun.start - x) / scale) < CLOSES or first and not segments[first - 1].event:
-            continue
-        for m, segment in enumerate(segments[first:], start=1):
-            distance = float(np.max(np.abs(S @ segment.behind - shift - begun.start) / scale))
-            if segment.event and distance < CLOSES:
-                found.append((distance, m, segments[first : first + m]))
-    return found

@@ -23,7 +23,7 @@ from casahunt.continuation import (
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import Options, find_cycle, sequences, starts
+from casahunt.orbits import Options, find_cycle, remarched, sequences, starts
 from casahunt.orbits.orbit import unknowns_of
 from problems import belt
 
@@ -270,14 +270,14 @@ def test_a_long_phase_is_none_that_may_vanish(sticking, monkeypatch):
 def test_a_motion_that_does_not_come_back_is_no_cycle(monkeypatch):
     orbit = next(belt.cycles()).orbit
     start, posed = unknowns_of(orbit), orbit.problem.asked()
-    again = sequences.marched(posed, start)
+    again = remarched.marched(posed, start)
     assert orbit.signature in [found[0].cycle.signature for found in again] and len(again) == 2
-    monkeypatch.setattr(sequences, "RESTARTS", 1)
-    assert len(sequences.marched(posed, start)) == 1
+    monkeypatch.setattr(remarched, "RESTARTS", 1)
+    assert len(remarched.marched(posed, start)) == 1
     monkeypatch.undo()
     monkeypatch.undo()
-    monkeypatch.setattr(sequences, "CLOSES", 0.0)
-    assert sequences.marched(posed, start) == []
+    monkeypatch.setattr(remarched, "CLOSES", 0.0)
+    assert remarched.marched(posed, start) == []
 
 
 def test_an_event_that_is_zero_by_rounding_is_not_crossed():

@@ -27,6 +27,7 @@ from casahunt.continuation.curve import bend, bent_through, curve_point, ends, p
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
 from casahunt.continuation.locating import locate
+from casahunt.continuation.natural_walk import walk_naturally
 from casahunt.continuation.special_points import (
     FOLD,
     GRAZING,
@@ -36,7 +37,7 @@ from casahunt.continuation.special_points import (
     special_point,
     user_monitor,
 )
-from casahunt.continuation.walk import run, step_along, walk, walk_naturally
+from casahunt.continuation.walk import run, step_along, walk
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.hybrid.system import Cycle

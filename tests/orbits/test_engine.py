@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt.continuation.walk import walk, walk_naturally
+from casahunt.continuation.natural_walk import walk_naturally
+from casahunt.continuation.walk import walk
 from casahunt.errors import InputError
 from casahunt.hybrid.problem import FixedSequence
 from casahunt.motion.march import march

@@ -10,6 +10,7 @@ import pytest
 from command_line import PROGRESS, contents, is_picture, one_json, process, rows_of, run
 
 from casahunt import NoOrbit, Servo, find_fold, find_orbit, load
+from casahunt.continuation import crossings
 from casahunt.continuation import special_points as monitor
 from casahunt.design.diagram import DiagramPoint, diagram, starting_gain
 from casahunt.servo.saved import load_branch
@@ -251,8 +252,8 @@ def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, kind
     # The multiplier falls through 0.5 next to the fold, where it is 1.
     passed = replace(monitor.SYMMETRY_BREAKING, value=lambda orbit, point: orbit.half_multiplier - 0.5)
     monitors = (monitor.FOLD if kind == "fold" else passed,)
-    locate = monitor.locate
-    monkeypatch.setattr(monitor, "locate", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k))
+    locate = crossings.locate
+    monkeypatch.setattr(crossings, "locate", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k))
     monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
     monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
     command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]

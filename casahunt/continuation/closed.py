@@ -1,0 +1,90 @@
+"""Where a branch closes: it meets its own image (reunion.py), or comes back to where it began, round an isola."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from .bifurcations import BRANCH_POINT
+from .crossings import Passed, crossings
+from .reunion import met_at, reunion, short_of
+from .run import Run
+from .special_points import FOLD, Missed
+from .terminations import End, ranges
+from .vanishing import solved_at
+
+LEAST_ROUND = 6
+"""Orbits that a closed branch has at least: round two folds."""
+MET_AGAIN = 100.0
+"""Tolerances to which a cycle that is met again is the same: ranges are read off samples."""
+
+
+def came_round(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
+    """The end of a branch that comes back to where it began.
+
+    Parameters
+    ----------
+    run, after
+        the branch, and the next orbit.
+
+    Returns
+    -------
+    End; None where it does not.
+    """
+    orbits = run.branch.orbits
+    if len(orbits) < LEAST_ROUND:
+        return None
+    first, begun = run.value(orbits[0]), run.value(orbits[1])
+    before, value = run.value(run.last), run.value(after)
+    if not min(before, value) <= first <= max(before, value) or (value - before) * (begun - first) <= 0:
+        return None
+    problem = after.problem.with_value(run.branch.vary, first)
+    there = cast("AnyOrbit | None", solved_at(problem, unknowns_of(after), run.options))
+    if there is None or not _the_same(there, orbits[0], run.options.tol):
+        return None
+    run.add(passed=run.line.past(there))
+    run.add(there, passed=run.line.rest())
+    return End("closed", f"at {run.branch.vary} = {first:.8g} the branch comes back to where it began", first)
+
+
+def _the_same(one: Orbit, other: Orbit, tol: float) -> bool:
+    """Whether two cycles at one value of the parameter have the same ranges and the same period."""
+    sizes = np.append(ranges(one), one.period), np.append(ranges(other), other.period)
+    return bool(np.all(np.abs(sizes[0] - sizes[1]) <= MET_AGAIN * tol * np.abs(sizes[1])))
+
+
+def met_itself(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
+    """The end of a branch that meets its own image before the next orbit: what follows is what it has passed.
+
+    Parameters
+    ----------
+    run, after
+        the branch, which is told what was missed where that could not be located, and the next orbit.
+
+    Returns
+    -------
+    End; None where it does not.
+    """
+    before, vary = run.last, run.branch.vary
+    met = reunion(before, after, run.options.tol) if run.looked_for else None
+    if met is None:
+        return None
+    point = met_at(before, after, met, vary, run.options)
+    if isinstance(point, Missed):
+        run.add(passed=Passed((), (point,)))
+        return None
+    run.add(passed=run.line.rest())
+    kinds = (FOLD.kind, BRANCH_POINT.kind, met.reached.kind)
+    others = tuple(monitor for monitor in run.looked_for if monitor.kind not in kinds)
+    # Behind the point follow the images: what lies before it is seen between the last orbit and one next to it.
+    near = short_of(before, after, met, vary, run.options) or after
+    found, missed = crossings(before, near, vary=vary, monitors=others, options=run.options)
+    special = (*(special for special in found if not met.off(special.orbit) <= 0), point)
+    run.add(*([point.orbit] if met.same_period else []), passed=Passed(special, tuple(missed)))
+    value = run.value(point.orbit)
+    return End(
+        "closed", f"at {vary} = {value:.8g} the cycle is its own image; what follows are the images of what was passed",
+        value,
+    )  # fmt: skip

@@ -1,0 +1,107 @@
+"""The phases that a motion really has, where those of a cycle have stopped being one.
+
+The motion is followed from the start of the cycle, and from the middle of its longest phase: what leaves the cycle does
+so elsewhere.  Where it comes back, its phases close a cycle (sequences.py has the other ways to one).
+
+Symbols: n states.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..collocation.joints import flow_at
+from ..collocation.mesh import evaluate_phase
+from ..hybrid.system import Signature
+from ..motion.march import MarchFailure, Segment, march
+from .restart import Start
+from .sequences import Posed, joined, segments_of, start_of
+
+Array = np.ndarray
+
+RESTART_TOLERANCE = 1e-6
+RESTART_PERIODS = 2.5
+"""A motion is followed for so many of its supposed periods."""
+CLOSES, RESTARTS = 0.3, 2
+"""How near to its start it must come back, in units of the state scale; so many of the ways are tried."""
+
+
+def marched(posed: Posed, start: Start) -> list[Start]:
+    """The phases that the motion really has, where they lead back to the start.
+
+    Parameters
+    ----------
+    posed, start
+        the problem, and unknowns that are no motion of it.
+
+    Returns
+    -------
+    Starting points, the ones that close best first.
+    """
+    t, u, setting = start
+    x = t.nodes_of(u)[0] * setting.scale
+    found: list[tuple[float, int, list[Segment]]] = []
+    for segments in _motions(posed, start):
+        closing = _closing(posed, segments, x, setting.scale)
+        found += [(distance, many, _as_cut(posed, some, t.cycle.signature)) for distance, many, some in closing]
+    starts: dict[Signature, Start] = {}
+    for _, _, segments in sorted(found, key=lambda way: way[:2]):
+        label = tuple((s.mode, s.event) for s in segments)
+        if label not in starts and len(starts) < RESTARTS:
+            starts[label] = start_of(posed, segments, start)
+    return list(starts.values())
+
+
+def _as_cut(posed: Posed, segments: list[Segment], signature: Signature) -> list[Segment]:
+    """The phases of a motion that meets events, cut by planes no more often than those of a signature."""
+    marks = [posed.exit_of(s.mode, s.event).mark for s in segments]
+    left = Counter(label for label in signature if posed.exit_of(*label).mark)
+    if all(marks) or not any(marks):
+        return segments
+    left.subtract([(segments[-1].mode, segments[-1].event)])  # where it closes
+    phases: list[list[Segment]] = [[]]
+    for segment, mark in zip(segments, marks, strict=True):
+        phases[-1].append(segment)
+        label = segment.mode, segment.event
+        if segment is not segments[-1] and (not mark or left[label] > 0):
+            left[label] -= 1
+            phases.append([])
+    return [joined(some) for some in phases]
+
+
+def _motions(posed: Posed, start: Start) -> Iterator[list[Segment]]:
+    """The motion from the start, and from the middle of the longest phase: what leaves the cycle does so elsewhere."""
+    t, u, setting = start
+    span = float(np.sum(np.abs(t.durations_of(u))))
+    segments = segments_of(*start)
+    longest = int(np.argmax([s.duration for s in segments]))
+    if t.counts[longest]:
+        middle = evaluate_phase(t, u, setting.fractions, longest, np.array([0.5]))[0] * setting.scale
+    else:
+        whole = segments[longest]
+        middle = flow_at(t.cycle.phases[longest].mode, whole.start, np.array([whole.duration / 2]), setting.p)[0]
+    for mode, x in ((segments[0].mode, segments[0].start), (segments[longest].mode, middle)):
+        try:
+            yield march(
+                posed.form, mode, x, setting.p, scale=setting.scale, until=lambda segment: False,
+                tol=RESTART_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
+            )  # fmt: skip
+        except MarchFailure:
+            continue
+
+
+def _closing(posed: Posed, segments: list[Segment], x: Array, scale: Array) -> list[tuple[float, int, list[Segment]]]:
+    """(distance, how many, phases) of the parts of a motion that start at x, or next to it, and close."""
+    S, shift = np.array(posed.closure.matrix), np.array(posed.closure.shift)
+    found = []
+    for first, begun in enumerate(segments):
+        if not np.max(np.abs(begun.start - x) / scale) < CLOSES or first and not segments[first - 1].event:
+            continue
+        for m, segment in enumerate(segments[first:], start=1):
+            distance = float(np.max(np.abs(S @ segment.behind - shift - begun.start) / scale))
+            if segment.event and distance < CLOSES:
+                found.append((distance, m, segments[first : first + m]))
+    return found
