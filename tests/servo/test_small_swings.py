@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casahunt import Servo
+from casahunt import Servo, simulate
 from casahunt.servo.simulation.prospect import settles
-from casahunt.servo.simulation.small_swings import creeps
+from casahunt.servo.simulation.small_swings import creeps, distance
 
 
 def with_roots(*roots: complex) -> Servo:
@@ -52,3 +52,17 @@ def test_rest_next_to_the_set_point_does_not_hang_on_rounding():
     for gain in 0.88383 * (1 + 1e-3 * np.arange(12)):
         ahead = settles(servo, "switch", gain, 4e-10)
         assert ahead.holds and ahead.motions >= 1, ahead.sentence
+
+
+def test_a_servo_that_has_crept_to_the_set_point_is_at_rest():
+    """Its slip ends 1e-16 rad beside it, and no march says where."""
+    servo = Servo().replace(**DAMPED)
+    for gain in 0.88383 * (1 + 1e-3 * np.arange(12)):
+        motion = simulate(servo, "switch", gain, position=1.0048, time=380.0)
+        assert motion.modes[-1] == "slip+" and motion.verdict.kind == "at rest", motion.verdict.sentence
+
+
+def test_a_servo_that_still_moves_has_not_crept_there():
+    servo = Servo().replace(**DAMPED)
+    moving = simulate(servo, "switch", 0.88383, position=1.0048, time=1.0)
+    assert distance(servo, 0.88383, moving.end) > 1e-5 and moving.verdict.kind != "at rest"

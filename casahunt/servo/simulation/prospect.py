@@ -38,12 +38,10 @@ from ..event_map.fixed_points import map_at
 from ..event_map.scan import half_cycle, patience, state_scale
 from ..hunting import Model
 from ..servo import Servo
-from .small_swings import creeps
+from .small_swings import creeps, linear_range
 
 Array = np.ndarray
 
-LINEAR = 1e-3
-"""Drop of the friction torque relative to kp a below which a slip is linear."""
 STRIDE = 2.0
 """Ratio of neighbouring stick positions at which the map is computed first."""
 MOST_MOTIONS = 160
@@ -161,26 +159,6 @@ def _band_position(servo: Servo, gain: float, b: float) -> float:
         max_intervals=3000,
     )  # fmt: skip
     return abs(float(segments[-1].end[0])) if segments[-1].event else 0.0
-
-
-def linear_range(servo: Servo, model: Model, gain: float) -> float:
-    """The range of stick positions in which the drop of the friction is not felt in a slip.
-
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    Its upper end [rad].
-    """
-    kp, kd, _ = servo.torque_gains(gain)
-    f = servo.friction
-    rate = min(math.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
-    drop = max(f.static - f.coulomb, 1e-300)
-    b = min(LINEAR * kp * f.stribeck_velocity**2 / (drop * rate**2), f.static / kp)  # without a drop, any b is
-    return b if model == "switch" else max(b, f.static / f.stiffness)
 
 
 def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: bool = False) -> Ahead:

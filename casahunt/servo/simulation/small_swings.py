@@ -18,10 +18,35 @@ import math
 import numpy as np
 
 from ..event_map.slopes import AT_SET_POINT
+from ..hunting import Model
 from ..servo import Servo
 
 TIMES_IN_A_TURN, MOST_LOOKED_AT = 64, 10**6
 """Times in 2 pi/omega, the fastest that x2 turns, at which its sign is looked at; at most so many."""
+LINEAR = 1e-3
+"""Drop of the friction torque relative to kp a below which a slip is linear."""
+FAR_INSIDE = 1e-3
+"""Part of the range of small slips from which none leads out: a swing may be that many times its start."""
+
+
+def linear_range(servo: Servo, model: Model, gain: float) -> float:
+    """The range of stick positions in which the drop of the friction is not felt in a slip.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+
+    Returns
+    -------
+    Its upper end [rad].
+    """
+    kp, kd, _ = servo.torque_gains(gain)
+    f = servo.friction
+    rate = min(math.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
+    drop = max(f.static - f.coulomb, 1e-300)
+    b = min(LINEAR * kp * f.stribeck_velocity**2 / (drop * rate**2), f.static / kp)  # without a drop, any b is
+    return b if model == "switch" else max(b, f.static / f.stiffness)
 
 
 def creeps(servo: Servo, gain: float) -> bool:
@@ -51,3 +76,40 @@ def creeps(servo: Servo, gain: float) -> bool:
     weights = modes[1] * np.linalg.solve(modes, np.array([-1.0, 0.0, kp / ki]))
     times = step * np.arange(1, 2 + int(end / step))
     return bool((np.exp(np.outer(times, rates)) @ weights).real.min() > 0)
+
+
+def distance(servo: Servo, gain: float, x: np.ndarray) -> float:
+    """How far from the set point the torques of a state that slips would hold it: of x1, x2, and of m beside Fs [rad].
+
+    Parameters
+    ----------
+    servo, gain
+        the problem; gain K > 0 [V/rad].
+    x
+        (3,) state.
+
+    Returns
+    -------
+    The sum of the three, in units of x1.
+    """
+    kp, kd, ki = servo.torque_gains(gain)
+    m = kp * x[0] + kd * x[1] + ki * x[2]
+    slowing = (kd + servo.friction.viscous) * abs(x[1])
+    return float(abs(x[0]) + (slowing + abs(abs(m) - servo.friction.static)) / kp)
+
+
+def crept(servo: Servo, gain: float, x: np.ndarray) -> tuple[float, str] | None:
+    """Where a Switch servo that slips next to the set point could still stick, if it has crept there for good.
+
+    Parameters
+    ----------
+    servo, gain, x
+        as in `distance`.
+
+    Returns
+    -------
+    An upper bound of |x1| [rad], and the beginning of a sentence; None where it may go farther, or that is not certain.
+    """
+    a = distance(servo, gain, x)
+    near = 0 < a <= FAR_INSIDE * linear_range(servo, "switch", gain)
+    return (a, "it creeps to the set point; ") if near and creeps(servo, gain) else None

@@ -35,6 +35,7 @@ from ..hunting import Model
 from ..servo import Servo
 from ..stick_band import parameters as band_parameters
 from .prospect import KNOWN, NUDGE, Ahead, Cycle, cycle_near, escapes, nudged, settles
+from .small_swings import crept
 from .swings import ABOVE, limit_of, limit_of_sides
 
 Array = np.ndarray
@@ -193,14 +194,12 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
     cycle = cycle_near(servo, gain, float(sticks[-1]), error) if known else None
     if cycle is not None:
         return _at_cycle(motion, seen, cycle, sticks)
-    if motion.modes[-1] == "stick":
-        a, text = float(sticks[-1]), ""
-    else:
-        carried = _carried_on(motion)
-        if carried is None:
-            missing = f"the servo has not come to stick in {motion.times[-1]:.4g} s, nor did it when followed on"
-            return replace(seen, sentence=f"{missing}; try a longer time")
-        a, text = carried
+    stuck, x = motion.modes[-1] == "stick", motion.states[:, -1]
+    carried = (float(sticks[-1]), "") if stuck else crept(servo, gain, x) or _carried_on(motion)
+    if carried is None:
+        missing = f"the servo has not come to stick in {motion.times[-1]:.4g} s, nor did it when followed on"
+        return replace(seen, sentence=f"{missing}; try a longer time")
+    a, text = carried
     first = ahead = settles(servo, "switch", gain, a + error)
     motions, swings = ahead.motions, 0
     while not ahead.holds and ahead.refuted_at > 0 and swings < CARRIED:
