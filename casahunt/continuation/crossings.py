@@ -259,11 +259,26 @@ class Crossings(Generic[AnyOrbit]):
     ) -> Passed[AnyOrbit]:
         orbit = locate(before.orbit, after.orbit, monitor, vary=self._vary, options=self._options)
         if orbit is not None:
-            special = (special_point(monitor, orbit, self._vary),) if monitor.confirmed(orbit) else ()
+            error = self._error(monitor, orbit, before, after)
+            special = (special_point(monitor, orbit, self._vary, error),) if monitor.confirmed(orbit) else ()
             return Passed(special)
         if before.orbit.signature != after.orbit.signature and GRAZING in self._monitors:
             return Passed()  # multipliers may jump where the phases change, and that is located
         return Passed((), (self._not_located(monitor.kind, before, after),))
+
+    def _error(
+        self, monitor: Monitor, orbit: AnyOrbit, before: _Station[AnyOrbit], after: _Station[AnyOrbit]
+    ) -> float:
+        """By how much a point may be misplaced, in lambda, by what is left of a product of multipliers and their errors.
+
+        0 of other monitors.
+        """
+        if not monitor.by_multipliers:
+            return 0.0
+        a, b = (monitor.value(station.orbit, station.point) for station in (before, after))
+        way = abs(before.orbit.problem.distance(self._vary, parameter_value(after.orbit, self._vary)))
+        left = abs(monitor.value(orbit, curve_point(orbit, self._vary)))
+        return max(orbit.error_estimate, float((left + orbit.multipliers.leading_error) * way / abs(b - a)))
 
     def _turned(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
         """The fold, or the branch points, up to y."""

@@ -25,7 +25,7 @@ The branch of cycles leads to lambda_H; the point itself is computed from the eq
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -69,6 +69,8 @@ NEARLY_STILL, NEXT_TO_ONE = 1e-4, 1e-3
 AS_FORETOLD = 0.1
 """The point lies where A^2 leads to zero, to this part of the way."""
 POINT_KIND = "shrinks to a point"
+SPACED = 0.2
+"""Orbits from which a law is read differ by this part of their size, or more."""
 VERTICAL_ORBITS, VERTICAL_STILL, VERTICAL_MULTIPLIER = 4, 1e-10, 1e-5
 """Orbits in a row, changing in size, with parameters that differ by less than this, in lambda, and with a multiplier
 that is 1 to this."""
@@ -216,17 +218,19 @@ def comes_to(orbits: Sequence[Orbit], vary: str, *, stuck: bool = False) -> End 
 
 def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     """The end at which the size of the cycle tends to zero, or to infinity."""
-    first, four = ranges(orbits[0]), orbits[-4:]
+    first = ranges(orbits[0])
     moves = first > 0
-    sizes = np.array([np.max(ranges(orbit)[moves] / first[moves], initial=0.0) for orbit in four])
-    if not np.all(sizes > 0):
-        return None
-    values = [parameter_value(orbit, vary) for orbit in four]
-    unit = orbits[-1].problem.unit(vary)
-    for b, kind, words, sign in ((sizes, POINT_KIND, POINT, 1), (1 / sizes, "grows without bound", UNBOUNDED, -1)):
-        if b[-1] > (BARELY_SHRUNK if stuck else MUCH_SMALLER):
+
+    def size_of(orbit: Orbit) -> float:
+        return float(np.max(ranges(orbit)[moves] / first[moves], initial=0.0))
+
+    last, unit = size_of(orbits[-1]), orbits[-1].problem.unit(vary)
+    for sign, kind, words in ((1, POINT_KIND, POINT), (-1, "grows without bound", UNBOUNDED)):
+        if not last > 0 or last**sign > (BARELY_SHRUNK if stuck else MUCH_SMALLER):
             continue
-        law = law_of(values, b)
+        four, b = _spaced(orbits, lambda orbit, sign=sign: size_of(orbit) ** sign)
+        values = [parameter_value(orbit, vary) for orbit in four]
+        law = law_of(values, b) if len(four) == 4 else None
         if law is None or not (stuck or law.error <= WELL_KNOWN * unit or b[-1] <= NOT_SMALLER):
             continue
         away = np.abs(np.array(values) - law.value)
@@ -237,6 +241,18 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
         sentence = words.format(name=vary, value=value, size=f"{size:.3g}", period=tends)
         return End(kind, sentence, law.value, law.error, size, 0.0 if abs(of_period) < LEAST_CHANGE else of_period)
     return None
+
+
+def _spaced(orbits: Sequence[Orbit], b_of: Callable[[Orbit], float]) -> tuple[list[Orbit], list[float]]:
+    """The last four orbits that differ in size by enough to tell a power, and their b: steps shrink where they fail."""
+    four, b = [orbits[-1]], [b_of(orbits[-1])]
+    for orbit in reversed(orbits[:-1]):
+        if len(four) == 4 or (here := b_of(orbit)) < b[-1]:
+            break
+        if here * (1 - SPACED) >= b[-1]:
+            four.append(orbit)
+            b.append(here)
+    return four[::-1], b[::-1]
 
 
 def _shown(value: float, error: float, unit: float) -> str:
