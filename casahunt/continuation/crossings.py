@@ -269,7 +269,7 @@ class Crossings(Generic[AnyOrbit]):
     def _error(
         self, monitor: Monitor, orbit: AnyOrbit, before: _Station[AnyOrbit], after: _Station[AnyOrbit]
     ) -> float:
-        """By how much a point may be misplaced, in lambda, by what is left of a product of multipliers and their errors.
+        """How far off a point may be, in lambda, by what is left of a product of multipliers and by their errors.
 
         0 of other monitors.
         """

@@ -69,7 +69,7 @@ NEARLY_STILL, NEXT_TO_ONE = 1e-4, 1e-3
 AS_FORETOLD = 0.1
 """The point lies where A^2 leads to zero, to this part of the way."""
 POINT_KIND = "shrinks to a point"
-SPACED = 0.2
+SPACED = 0.25
 """Orbits from which a law is read differ by this part of their size, or more."""
 VERTICAL_ORBITS, VERTICAL_STILL, VERTICAL_MULTIPLIER = 4, 1e-10, 1e-5
 """Orbits in a row, changing in size, with parameters that differ by less than this, in lambda, and with a multiplier
@@ -228,8 +228,9 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     for sign, kind, words in ((1, POINT_KIND, POINT), (-1, "grows without bound", UNBOUNDED)):
         if not last > 0 or last**sign > (BARELY_SHRUNK if stuck else MUCH_SMALLER):
             continue
-        four, b = _spaced(orbits, lambda orbit, sign=sign: size_of(orbit) ** sign)
+        four, sizes = _spaced(orbits, size_of, sign)
         values = [parameter_value(orbit, vary) for orbit in four]
+        b = np.array(sizes) ** sign
         law = law_of(values, b) if len(four) == 4 else None
         if law is None or not (stuck or law.error <= WELL_KNOWN * unit or b[-1] <= NOT_SMALLER):
             continue
@@ -243,16 +244,22 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     return None
 
 
-def _spaced(orbits: Sequence[Orbit], b_of: Callable[[Orbit], float]) -> tuple[list[Orbit], list[float]]:
-    """The last four orbits that differ in size by enough to tell a power, and their b: steps shrink where they fail."""
-    four, b = [orbits[-1]], [b_of(orbits[-1])]
+def _spaced(
+    orbits: Sequence[Orbit], size_of: Callable[[Orbit], float], sign: int
+) -> tuple[list[Orbit], list[float]]:
+    """The last four orbits that differ in size by enough to tell a power, and their sizes; fewer where there are none.
+
+    Steps shrink where they fail.
+    """
+    four, sizes = [orbits[-1]], [size_of(orbits[-1])]
     for orbit in reversed(orbits[:-1]):
-        if len(four) == 4 or (here := b_of(orbit)) < b[-1]:
+        times = (size_of(orbit) / sizes[-1]) ** sign
+        if len(four) == 4 or times < 1:
             break
-        if here * (1 - SPACED) >= b[-1]:
+        if times >= 1 + SPACED:
             four.append(orbit)
-            b.append(here)
-    return four[::-1], b[::-1]
+            sizes.append(size_of(orbit))
+    return four[::-1], sizes[::-1]
 
 
 def _shown(value: float, error: float, unit: float) -> str:
