@@ -101,6 +101,19 @@ class Crossings(Generic[AnyOrbit]):
 
     def past(self, after: AnyOrbit) -> Passed[AnyOrbit]:
         """What lies in the step before the one that leads to `after`."""
+        self._arrive(after)
+        found = self._step(len(self._line) - 2) if len(self._line) > 2 else Passed()
+        del self._line[:-3]
+        return found
+
+    def seen(self, *orbits: AnyOrbit) -> Passed[AnyOrbit]:
+        """What lies in the last step, between orbits of which no other one behind them is known."""
+        for orbit in orbits:
+            self._arrive(orbit)
+        return self.rest()
+
+    def _arrive(self, after: AnyOrbit) -> None:
+        """The next station."""
         if not self._line:
             here, there = ends(self._start, after, self._vary)
             self._line.append(_Station(self._start, here, 0.0, True))
@@ -110,9 +123,6 @@ class Crossings(Generic[AnyOrbit]):
             there = curve_point(after, self._vary, like=way)
         length = float(np.linalg.norm(secant(self._line[-1].orbit, after, self._vary)))
         self._line.append(_Station(after, there, self._line[-1].at + length))
-        found = self._step(len(self._line) - 2) if len(self._line) > 2 else Passed()
-        del self._line[:-3]
-        return found
 
     @property
     def sense(self) -> float:
@@ -203,8 +213,8 @@ class Crossings(Generic[AnyOrbit]):
         if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
             return False
         at, values = np.array(places).T
-        if monitor.kind != FOLD.kind:
-            return hides(at, values, x.at, y.at)
+        if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
+            return hides(at, values / (1 + np.abs(values)), x.at, y.at)
         # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
         return hides(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
 
@@ -357,9 +367,10 @@ def hides(at: Array, values: Array, low: float, high: float, mean: float | None 
 
 
 def crossings(
-    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options
-) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:
-    """The special points between two successive orbits of a walk, by what is known at the two.
+    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options,
+    earlier: AnyOrbit | None = None, inside: bool = False,
+) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:  # fmt: skip
+    """The special points between two successive orbits of a walk.
 
     Parameters
     ----------
@@ -371,12 +382,14 @@ def crossings(
         the kinds that are looked for.
     options
         tolerance and method of the orbits.
+    earlier, inside
+        the orbit before them, where there is one; whether the step is looked at inside, else by what is known at its
+        ends.
 
     Returns
     -------
     Special points in the order of the walk, and those that are there and were not located.
     """
-    chain = Crossings(before, vary=vary, monitors=monitors, options=options, inside=False)
-    chain.past(after)
-    found = chain.rest()
+    first, *others = [orbit for orbit in (earlier, before, after) if orbit is not None]
+    found = Crossings(first, vary=vary, monitors=monitors, options=options, inside=inside).seen(*others)
     return list(found.special), list(found.missed)

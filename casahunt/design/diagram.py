@@ -168,9 +168,11 @@ def diagram(
         except StopIteration as end:
             ended = str(end.value)
             break
-        found, missed = crossings(before, after, vary="gain", monitors=monitors, options=options)
+        found, missed = crossings(
+            before, after, earlier=previous, vary="gain", monitors=monitors, options=options, inside=True
+        )
         yield DiagramPoint(after, tuple(found), tuple(missed))
-        before = after
+        previous, before = before, after
     return (yield from _fold_behind(before, ended, options)) if natural else ended
 
 
