@@ -1,0 +1,129 @@
+"""How far a branch is followed, in which steps, and what is told on the way."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt.continuation import follow, largest, special_curve
+from casahunt.continuation.crossings import hides
+from casahunt.errors import NoOrbit
+from casahunt.hybrid import Event, Mode, System
+from casahunt.hybrid.examples import belt
+from casahunt.orbits import Options, find_cycle
+
+RELAY = System(
+    "relay", ("x",), {"level": 0.5},
+    (
+        Mode("up", lambda x, p: {"x": 1 - x.x}, ends=(Event("full", lambda x, p: x.x - p.level, +1, to="down"),)),
+        Mode("down", lambda x, p: {"x": -1 - x.x}, ends=(Event("empty", lambda x, p: x.x + 0.5, -1, to="up"),)),
+    ),
+)  # fmt: skip
+DUFFING = System(
+    "forced Duffing", ("x", "v"), {"F": 0.3, "load": 0.0},
+    (Mode("smooth", lambda x, p: {"x": x.v, "v": p.F * ca.cos(x.t) + p.load - 0.2 * x.v - x.x - x.x**3}),),
+    forcing_period=lambda p: 2 * math.pi,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def stick_slip():
+    return find_cycle(belt, "slip", x=0.0, v=0.0)
+
+
+def test_a_step_changes_the_parameter_by_no_more_than_it_may(stick_slip):
+    heard = []
+    branch = follow(stick_slip, "belt", to=0.23, largest_change=0.004, first_step=0.5, progress=heard.append)
+    assert np.max(np.abs(np.diff(branch.values))) <= 0.004 * 1.02
+    assert tuple(heard) == branch.orbits[1:] and branch.end.kind == "range" and branch.end.value == 0.23
+    assert len(follow(stick_slip, "belt", to=0.23, first_step=0.5).orbits) < len(branch.orbits)
+
+
+def test_a_branch_that_takes_too_long_ends_with_what_it_has(stick_slip):
+    began = time.monotonic()
+    branch = follow(stick_slip, "belt", to=0.9, largest_change=1e-4, max_points=10**6, time_limit=0.3)
+    assert time.monotonic() - began < 3 and branch.end.kind == "time" and "0.3 s" in branch.ended
+    assert len(branch.orbits) > 1 and np.all(np.diff(branch.values) > 0)
+    assert follow(stick_slip, "belt", to=0.9, max_points=3).end.kind == "points"
+
+
+def test_a_step_below_the_smallest_one_is_not_tried(stick_slip, monkeypatch):
+    monkeypatch.setattr("casahunt.continuation.walk.step_along", lambda *_: "nothing converges")
+    tried = follow(stick_slip, "belt", to=0.3, smallest_step=0.01)
+    assert tried.end.kind == "stuck" and len(tried.orbits) == 1 and "nothing converges" in tried.ended
+
+
+def test_a_parameter_that_breaks_the_symmetry_is_followed_with_the_whole_cycle():
+    """T = ln(1.5/(1 - level)) + ln((1 + level)/0.5); at level = 0.5 half a cycle is enough, and elsewhere wrong."""
+    orbit = find_cycle(RELAY, "up", x=0.0)
+    assert orbit.repeats == 2
+    branch = follow(orbit, "level", to=2.0)
+    levels = branch.values
+    assert branch.orbits[0].repeats == 1 and branch.end.kind == "level reached"
+    assert branch.end.value == pytest.approx(1.0, abs=1e-7)
+    some = levels < 0.99
+    truth = np.log(1.5 / (1 - levels[some])) + np.log((1 + levels[some]) / 0.5)
+    assert branch.periods[some] == pytest.approx(truth, rel=1e-7)
+
+
+def test_one_that_keeps_it_is_not():
+    orbit = find_cycle(DUFFING, x=0.0, v=0.0)
+    assert orbit.repeats == 2 and all(o.repeats == 2 for o in follow(orbit, "F", to=0.32).orbits)
+    loaded = follow(orbit, "load", to=0.05)
+    direct = find_cycle(DUFFING, parameters={"load": 0.05}, x=0.0, v=0.0)
+    assert loaded.orbits[-1].extrema("x").high.value == pytest.approx(direct.extrema("x").high.value, rel=1e-7)
+    assert loaded.orbits[-1].extrema("x").high.value != pytest.approx(-direct.extrema("x").low.value, rel=1e-3)
+
+
+def test_a_special_point_of_symmetric_cycles_has_no_curve_where_they_are_not():
+    lost = System(
+        "pitchfork of cycles", ("x", "y", "z"), {"a": -0.3, "bias": 0.0},
+        (Mode("smooth", lambda x, p: {
+            "x": (1 - x.x**2 - x.y**2) * x.x - x.y, "y": (1 - x.x**2 - x.y**2) * x.y + x.x,
+            "z": p.a * x.z - x.z**3 + p.bias,
+        }),),
+    )  # fmt: skip
+    (special,) = follow(find_cycle(lost, x=1.0, y=0.0, z=0.1), "a", to=0.3).special
+    with pytest.raises(NoOrbit, match="loses the symmetry"):
+        special_curve(special, "a", "bias", to=0.1)
+
+
+def test_the_fold_of_a_canard():
+    """The largest I comes first on the way up; both are known from 40-digit shooting (problems/fitzhugh_nagumo.py)."""
+    nerve = System(
+        "nerve", ("v", "w"), {"I": 0.5},
+        (Mode("smooth", lambda x, p: {"v": x.v - x.v**3 / 3 - x.w + p.I, "w": 0.08 * (x.v + 0.7 - 0.8 * x.w)}),),
+    )  # fmt: skip
+    orbit = find_cycle(nerve, v=1.0, w=0.0)
+    branch = follow(orbit, "I", to=0.2, back=0.6, options=Options(tol=1e-8))
+    assert [special.kind for special in branch.special] == ["fold", "Hopf"] and not branch.missed
+    assert branch.special[0].value == pytest.approx(0.3241785225037, rel=1e-9)
+    # A multiplier is 1 there: the parameter stands still to rounding all around.
+    assert branch.special[0].orbit.multipliers.half[1].real == pytest.approx(1.0, abs=1e-3)
+
+
+def test_largest_of_a_symmetric_start():
+    """The relay's cycle has no largest level before its end; half of it would have none at all."""
+    with pytest.raises(NoOrbit, match="no largest level"):
+        largest(find_cycle(RELAY, "up", x=0.0), "level", to=0.9)
+
+
+@pytest.mark.parametrize(
+    ("at", "values", "mean", "found"),
+    [
+        ((0, 1, 2, 3), (3.0, 2.0, 1.0, 0.5), None, False),  # a line that ends before zero
+        ((0, 1, 2, 3), (2.0, 0.1, 0.1, 2.0), None, True),  # a parabola through zero
+        ((0, 1, 2), (2.0, 1.9, -1.0), None, False),  # the first step
+        ((0, 1, 2, 3), (2.0, 1.0, -1.0, 2.0), None, False),  # a change of sign is no pair
+        ((1, 2), (2.0, 2.0), None, True),  # nothing else is known
+        ((0, 1, 2, 3), (1.0, 1.0, 1.0, 1.0), None, False),
+        ((0, 1, 2, 3), (1.0, 1.0, 1.0, 1.0), 0.7, True),  # but its mean is less than its ends are
+    ],
+)
+def test_what_may_hide_inside_a_step(at, values, mean, found):
+    low = 0 if len(at) == 3 else 1
+    assert hides(np.array(at, float), np.array(values), low, low + 1, mean) is found
