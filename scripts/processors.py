@@ -118,13 +118,14 @@ def asked(question: Any, limit: float) -> tuple[Any, Answer | None]:
 
 
 def servo_answers(
-    seed: int, number: int, model: Any, gains: dict[str, float], tol: float, limit: float
+    seed: int, number: int, model: Any, gains: dict[str, float], first: bool, tol: float, limit: float
 ) -> Iterator[tuple[str, Answer]]:
-    """(question, answer) about one servo; `gains` are those of the first processor, and what is missing is put in."""
+    """(question, answer) about one servo; `gains` are the fold gains of the first processor, which puts them in."""
     servo, options, name = draw(seed, number), Options(tol=tol), f"{model} servo {number}"
     fold, refusal = asked(partial(find_fold, servo, model, options=options), limit)
     if refusal is None:
-        gains.setdefault(name, fold.gain)
+        if first:
+            gains[name] = fold.gain
         answer = said(fold.orbit)
         # At the fold the leading multiplier is 1, and on which side of it the orbit lies is rounding.
         known = {"leading multiplier": [1.0, 0.0], "gain": [fold.gain, fold.gain * fold.gain_error]}
@@ -167,9 +168,10 @@ def gallery_answers(name: str, tol: float, limit: float) -> Iterator[tuple[str, 
 
 def answers(task: dict[str, Any]) -> dict[str, Any]:
     """All answers, and the gains at which they were asked for: what a process of another processor does."""
-    gains, out = dict(task["gains"]), {}
+    first, out = task["gains"] is None, {}
+    gains = dict(task["gains"] or {})
     for number, model in task["servos"]:
-        out.update(servo_answers(task["seed"], number, model, gains, task["tol"], task["limit"]))
+        out.update(servo_answers(task["seed"], number, model, gains, first, task["tol"], task["limit"]))
     for name in task["gallery"]:
         out.update(gallery_answers(name, task["tol"], task["limit"]))
     return {"gains": gains, "answers": out}
@@ -256,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     servos = [(k, "switch") for k in range(args.servos)] + [(k, "lugre") for k in range(args.lugre)]
     task = {"servos": servos, "gallery": list(args.gallery), "seed": args.seed, "tol": args.tol, "limit": args.limit}
     first, *others = args.processors
-    asked_first = on_processor(first, task | {"gains": {}})
+    asked_first = on_processor(first, task | {"gains": None})
     runs = {first: asked_first["answers"]}
     with ThreadPoolExecutor(args.jobs) as pool:
         found = pool.map(lambda name: on_processor(name, task | {"gains": asked_first["gains"]}), others)
