@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import math
 import re
 from pathlib import Path
@@ -71,7 +72,8 @@ def test_links_lead_somewhere():
     assert named
     for name in named:
         module, _, attribute = name.rpartition(".")
-        assert hasattr(importlib.import_module(module), attribute), name
+        known = hasattr(importlib.import_module(module), attribute)
+        assert known or importlib.util.find_spec(name) is not None, name
 
 
 def test_what_is_printed(capsys):
