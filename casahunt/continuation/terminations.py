@@ -295,10 +295,14 @@ def _takes_for_ever(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | No
     if not slowest < (NEXT_TO_ONE if stuck else AT_AN_EQUILIBRIUM):
         return None
     error = abs(value - parameter_value(before, vary))
+    four, _ = _spaced(orbits, lambda orbit: 1 / orbit.period, 1)
     if len(orbits) >= 4:
-        periods = np.array([orbit.period for orbit in orbits[-4:]])
-        b = np.exp(-(periods - periods[0]) / (periods[-1] - periods[0]))
-        law = law_of([parameter_value(orbit, vary) for orbit in orbits[-4:]], b)
+        four = four if len(four) == 4 else list(orbits[-4:])
+        values, T = [parameter_value(orbit, vary) for orbit in four], np.array([orbit.period for orbit in four])
+        # Past a saddle T goes like a logarithm, past a saddle-node like a power.
+        laws = [law_of(values, b) for b in (1 / T, np.exp(-(T - T[0]) / (T[-1] - T[0])))]
+        law = min((law for law in laws if law is not None), key=lambda law: law.error, default=None)
+        error = max(error, abs(value - values[-2]))
         value, error = (value, error) if law is None else (law.value, max(law.error, abs(value - law.value) * AGREE))
     text = _shown(value, error, last.problem.unit(vary))
     if event:

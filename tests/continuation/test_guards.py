@@ -152,6 +152,16 @@ def test_when_a_cycle_takes_for_ever(monkeypatch, change, period, slowest, stuck
     assert (end and end.kind) == kind
 
 
+@pytest.mark.parametrize(
+    "lam, T", [(1 + 3.0 / (10 * 2.0 ** np.arange(12)) ** 2, 10 * 2.0 ** np.arange(12)),  # past a saddle-node
+               (1 + np.exp(-3.0 * np.arange(1, 8)), 10 + 3.0 * np.arange(1, 8))],  # past a saddle
+)  # fmt: skip
+def test_where_a_period_without_bound_leads(monkeypatch, lam, T):
+    end = terminations.comes_to(along(lam, np.ones(T.size), T, 1e-9, monkeypatch), "K", stuck=True)
+    assert end.kind == "homoclinic orbit"
+    assert abs(end.value - 1) <= max(end.error, 1e-14) < 0.3 * (lam[-1] - 1)
+
+
 B = 4.0 ** -np.arange(8)
 
 
