@@ -1,4 +1,7 @@
-"""Where a branch closes: it meets its own image (reunion.py), or comes back to where it began, round an isola."""
+"""Where a branch closes: it meets its own image (reunion.py), or comes back to where it began, round an isola.
+
+And what a whole branch shows: its parameter turns round at folds and grazings, and nowhere else.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,18 @@ import numpy as np
 
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from .bifurcations import BRANCH_POINT
+from .branch import Branch
 from .crossings import Passed, crossings
 from .reunion import met_at, reunion, short_of
 from .run import Run
-from .special_points import FOLD, Missed
+from .special_points import FOLD, GRAZING, Missed
 from .terminations import End, ranges
 from .vanishing import solved_at
 
 LEAST_ROUND = 6
 """Orbits that a closed branch has at least: round two folds."""
+SURELY_MOVED = 10.0
+"""A parameter that has moved by more than so many of its errors has moved."""
 MET_AGAIN = 100.0
 """Tolerances to which a cycle that is met again is the same: ranges are read off samples."""
 
@@ -88,3 +94,31 @@ def met_itself(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
         "closed", f"at {vary} = {value:.8g} the cycle is its own image; what follows are the images of what was passed",
         value,
     )  # fmt: skip
+
+
+def unseen_turns(branch: Branch[AnyOrbit]) -> tuple[Missed, ...]:
+    """Whether the parameter of a branch has turned round more often than its special points say.
+
+    Parameters
+    ----------
+    branch
+        with all its orbits and special points, and what was missed.
+
+    Returns
+    -------
+    What is missed besides: a fold, or nothing.
+    """
+    values = branch.values
+    if values.size < 3:
+        return ()
+    errors = np.array([orbit.error_estimate * orbit.problem.unit(branch.vary) for orbit in branch.orbits])
+    sure = np.abs(np.diff(values)) > SURELY_MOVED * (errors[1:] + errors[:-1])
+    places = np.flatnonzero(sure)
+    turned = places[1:][np.diff(np.sign(np.diff(values)[places])) != 0]
+    kinds = [point.kind for point in branch.special] + [point.kind for point in branch.missed]
+    said = sum(kind in (FOLD.kind, GRAZING.kind) for kind in kinds)
+    if turned.size <= said:
+        return ()
+    about = " and ".join(f"{values[k]:.6g}" for k in turned[: turned.size - said])
+    sentence = f"{branch.vary} turns round {turned.size} times, next to {about} too, and not all its folds were located"
+    return (Missed(FOLD.kind, f"{sentence}; smaller steps may show them"),)

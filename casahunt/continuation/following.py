@@ -33,7 +33,7 @@ from ..orbits.starts import may_vanish
 from .behind_grazing import behind_grazing, from_strongest
 from .bifurcations import monitors_of
 from .branch import Branch
-from .closed import came_round, met_itself
+from .closed import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
 from .curve import parameter_value
 from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
@@ -154,7 +154,8 @@ def follow(
     except effort.OutOfTime:
         value = parameter_value(run.branch.orbits[-1], vary)
         end = End("time", f"stopped after {time_limit:g} s at {vary} = {value:.6g}")
-    return replace(run.branch, missed=(*run.branch.missed, *line.unresolved()), end=end)
+    missed = (*run.branch.missed, *line.unresolved())
+    return replace(run.branch, missed=(*missed, *unseen_turns(replace(run.branch, missed=missed))), end=end)
 
 
 def _in_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.continuation import follow, largest, special_curve
+from casahunt.continuation import Branch, End, SpecialPoint, follow, largest, special_curve
+from casahunt.continuation.closed import unseen_turns
 from casahunt.continuation.crossings import hides
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
@@ -127,3 +129,16 @@ def test_largest_of_a_symmetric_start():
 def test_what_may_hide_inside_a_step(at, values, mean, found):
     low = 0 if len(at) == 3 else 1
     assert hides(np.array(at, float), np.array(values), low, low + 1, mean) is found
+
+
+def test_a_parameter_that_turns_round_without_a_fold_is_told(stick_slip):
+    """Orbits up and down again: who lost the point between them says so; one that was located answers for one turn."""
+    up = follow(stick_slip, "belt", to=0.23).orbits
+    there = Branch("belt", (*up, *up[-2::-1], *up[1:]), (), (), End("range", ""))
+    (missed,) = unseen_turns(there)
+    assert missed.kind == "fold" and "turns round 2 times" in missed.meaning
+    fold = SpecialPoint("fold", up[-1], "a fold", vary="belt")
+    assert len(unseen_turns(replace(there, special=(fold,)))) == 1
+    assert unseen_turns(replace(there, special=(fold, fold))) == unseen_turns(replace(there, orbits=up)) == ()
+    still = replace(there, orbits=(up[0], up[1], replace(up[1], period_error=1.0), up[0]))
+    assert unseen_turns(still) == ()  # by less than is known
