@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import NoOrbit
 from ..hybrid.roots import boundary
 from ..orbits.adapt import Options
+from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit
 from .curve import curve_point, in_units_of, parameter_value, secant
 from .cut_elsewhere import same_events
@@ -32,7 +33,8 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
     """The orbit at which the phases change from those of `before` to those of `after`.
 
     It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that touches an
-    event, or the last of those that was found.  Where only a plane cuts the one elsewhere than the other, no phase of
+    event, or the last of those that was found; of what is no user's system, the last one with the phases of `before`.
+    Where only a plane cuts the one elsewhere than the other, no phase of
     the motion changes.
 
     Parameters
@@ -53,6 +55,8 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         gone = touched(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
+    if not isinstance(before.problem, Family):
+        return _last_alike(before, after, vary, options)
     last = _last_alike(fewer, more, vary, options)
     touch = touching_orbit(last, vary, options)
     return last if isinstance(touch, str) else touch

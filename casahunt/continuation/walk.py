@@ -184,7 +184,7 @@ def _room(point: Point, solved: Solved, options: Options) -> float:
     """How many times longer the next step may be: because the corrector is quick, or because predictions are good."""
     easy = SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS
     effort = min(easy / max(solved.iterations, 1), MOST_BY_EFFORT)
-    if solved.off <= PREDICTED and not options.sketched:
+    if solved.off <= PREDICTED:
         effort = max(effort, 1.0)  # the prediction was good: it is the mesh that took long, as a shorter step's would
     if options.sketched or point.bend is None or not point.bend.drift.any():
         return effort

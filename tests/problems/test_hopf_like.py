@@ -31,8 +31,9 @@ LOCATED = 1e-6
 """Of the parameter at the birth, or of its distance from the start."""
 FITTED = 1e-3
 """Of the exponents next to the birth: the next term of each law is of relative order d, or d^(2/3) where a = 1/3."""
-LAST, SEEN = 4, 1e-2
-"""Points of a branch from which the test takes exponents itself, and how well: they may lie farther away."""
+LAST, SEEN = 4, 3e-2
+"""Points of a branch from which the test takes exponents itself, and how well: the first of them may lie at a tenth of
+the distance from where the branch begins, where the next term is as large as that."""
 TOLERANCE = 1e-8
 
 
