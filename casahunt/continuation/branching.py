@@ -165,7 +165,7 @@ def _both_sections(family: Family) -> tuple[Section, ...]:
 
 
 def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
-    """(size,) du with x_0 = -S x_E, its first node of length one in scaled states."""
+    """(size,) du with x_0 = -S x_E, its first node of length one in scaled states, the largest entry of that positive."""
     lin = t.linearise(u, setting)
     antiperiodic = replace(lin, closure=-lin.closure)
     matrix = t.system.dense(antiperiodic.matrix(t.system.border(parameter=1.0)))
@@ -173,7 +173,8 @@ def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
     y = rows[-1]
     if not values[-1] < SINGULAR * values[0]:
         raise NoOrbit("no direction is turned over by the map here: nothing branches off", Status.NOT_CONVERGED)
-    return lin.expand(y, 0.0) / float(np.linalg.norm(y[: t.n]))
+    first = y[: t.n]
+    return lin.expand(y, 0.0) / float(np.copysign(np.linalg.norm(first), first[np.argmax(np.abs(first))]))
 
 
 def _two_pieces(orbit: Orbit, family: Family, problem: Family, du: Array, dp: Array) -> Start:

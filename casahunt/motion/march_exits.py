@@ -28,7 +28,7 @@ Array = np.ndarray
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
 EXIT_ROUNDING = 1e-14
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
-FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly
+FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly, or as a part of what it was
 EXIT_ROUNDS = 60
 
 
@@ -134,8 +134,9 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
             return float(motion(x, T, p)[1][i])
 
         T, left = secant(h, 0.0, 1.0, tolerance=EVENT_TOLERANCE)
-        # It is linear: whatever is left is rounding, but where it does not change with time at all.
-        met = T >= 0 and (h(T + max(T, 1.0)) - left) * way_out.direction > 0
+        # It is linear: what is left is rounding of what it was, in whatever unit; else it does not change with time.
+        gone = abs(left) <= FLOW_LIMIT * max(abs(h(0.0)), abs(h(1.0)))
+        met = T >= 0 and gone and (h(T + max(T, 1.0)) - left) * way_out.direction > 0
         if met and (best is None or best[0] > T):
             best = (T, way_out)
     return None if best is None else (*best, motion(x, best[0], p)[0].copy())

@@ -295,3 +295,19 @@ def test_more_intervals_than_there_may_be_are_refused_at_once() -> None:
     assert len(run(needed, 2)[0].w) == needed
     with pytest.raises(MarchFailure, match=f"no exit after 10 s and {needed - 1} intervals"):
         run(needed - 1, 2)
+
+
+def test_an_event_that_changes_by_rounding_alone_is_no_exit() -> None:
+    """m(t) = m - k x t - Fs with x = 1e-17: far away, with slopes that are rounding, whatever their sign, in any unit."""
+    ramp = Mode("ramp", swing, flow=lambda x, T, p: ca.vertcat(x[0], x[1] - x[0] * T))
+    x = np.array([1.0, 0.0])
+    for unit in (1.0, 1e10, 1e-10):
+        for m in np.linspace(-0.6, 0.5, 23):
+            for slope in (0.0, 1e-17, -1e-17, 1e-16, -1e-16):
+
+                def far(x, T, p, m=m, slope=slope, unit=unit):
+                    return unit * ((m - 0.53) + slope * x[1])
+
+                exit_ = Exit(Event("far", far), +1, lambda x, p: "ramp", mark=True)
+                found = end_of_flow(ramp, (exit_,), x, NO_PARAMETERS)
+                assert found is None or found[0] > 1e13
