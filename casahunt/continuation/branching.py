@@ -165,7 +165,7 @@ def _both_sections(family: Family) -> tuple[Section, ...]:
 
 
 def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
-    """(size,) du with x_0 = -S x_E, its first node of length one in scaled states, the largest entry of that positive."""
+    """(size,) du with x_0 = -S x_E, its first node of length one in scaled states and its largest entry positive."""
     lin = t.linearise(u, setting)
     antiperiodic = replace(lin, closure=-lin.closure)
     matrix = t.system.dense(antiperiodic.matrix(t.system.border(parameter=1.0)))

@@ -298,7 +298,7 @@ def test_more_intervals_than_there_may_be_are_refused_at_once() -> None:
 
 
 def test_an_event_that_changes_by_rounding_alone_is_no_exit() -> None:
-    """m(t) = m - k x t - Fs with x = 1e-17: far away, with slopes that are rounding, whatever their sign, in any unit."""
+    """m(t) = m - k x t - Fs with x = 1e-17: far away, with slopes that are rounding, of whatever sign, in any unit."""
     ramp = Mode("ramp", swing, flow=lambda x, T, p: ca.vertcat(x[0], x[1] - x[0] * T))
     x = np.array([1.0, 0.0])
     for unit in (1.0, 1e10, 1e-10):
