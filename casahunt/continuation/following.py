@@ -40,7 +40,7 @@ from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
 from .recut import cut_alike, cut_by_planes, left_behind, recut
 from .run import Run
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
-from .terminations import POINT_KIND, SHRUNK_TO, End, comes_to, hopf_point, ranges
+from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges
 from .through_rest import through_rest
 from .vanishing import solved_at, vanishing_soon
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
@@ -355,7 +355,12 @@ def _past_the_plane(run: Run[AnyOrbit], way: _Way[AnyOrbit]) -> _Way[AnyOrbit]:
 
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
     """The Hopf bifurcation that the last cycles lead to."""
-    return hopf_point(branch.orbits[-2], branch.orbits[-1], branch.vary) if len(branch.orbits) > 1 else None
+    *others, last = branch.orbits
+    size = float(np.max(ranges(last)))
+    # Steps shrink where they fail: of cycles that hardly differ in size no law is seen.
+    larger = (orbit for orbit in reversed(others) if float(np.max(ranges(orbit))) >= (1 + SPACED) * size)
+    before = next(larger, others[-1] if others else None)
+    return None if before is None else hopf_point(before, last, branch.vary)
 
 
 def _cut_anew(run: Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float] | None:
