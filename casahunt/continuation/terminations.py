@@ -360,7 +360,8 @@ def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyO
     if way == 0:
         return None
     times, states = last.sample()
-    centre = np.trapezoid(states, times, axis=1) / (times[-1] - times[0])
+    steps = np.diff(times) / (times[-1] - times[0])
+    centre = (states[:, 1:] + states[:, :-1]) @ steps / 2  # numpy 1 has no trapezoid
     omega = 2 * math.pi / last.period
     field, sign = last.cycle.phases[0].mode.field, last.cycle.phases[0].mode.sign
 
