@@ -31,7 +31,7 @@ Array = np.ndarray
 
 COMPLEX = 1e-6
 """A pair of multipliers with less imaginary part than this is real."""
-NOISE_OF_SLOPE = 10.0
+NOISE_OF_SLOPE = 100.0
 """d lambda/d s is known to so many errors of lambda, a step being of the order of one."""
 
 

@@ -56,7 +56,7 @@ def sticking():
 
 @pytest.mark.parametrize(
     "slope, error, sure",
-    [(1e-3, 1e-9, True), (5e-9, 1e-9, False), (-5e-9, 1e-9, False), (-2e-8, 1e-9, True), (1e-3, np.inf, False)],
+    [(1e-3, 1e-9, True), (5e-8, 1e-9, False), (-5e-8, 1e-9, False), (-2e-7, 1e-9, True), (1e-3, np.inf, False)],
 )
 def test_a_slope_that_is_rounding_has_no_sign(slope, error, sure):
     """NOISE_OF_SLOPE."""
