@@ -44,8 +44,9 @@ ALREADY = 1e-2
 """An orbit less far from its image than this, in parts of the way from one orbit to the next, may be its own image."""
 SHORT_OF_IT = 0.05
 """An orbit less far from its image than this, in the same parts, has passed what there is before that."""
-MUCH_NEARER, APPROACHES = 0.3, 16
-"""How far from its image, in the same parts, an orbit may be that tells where it is its own; tries to come there."""
+MUCH_NEARER, APPROACHES = (0.3, 0.1, 0.03), 16
+"""How far from its image, in the same parts, an orbit may be that tells where it is its own, and next to a fold, where
+one so near told too little; tries to come there."""
 SYMMETRY_REACHED = replace(
     SYMMETRY_LOST,
     meaning="symmetry breaking at {name} = {value:.10g}: a pair of lopsided cycles meets in the symmetric one",
@@ -151,27 +152,43 @@ def met_at(
     -------
     Special point, whose orbit is computed on half of the phases; what is missed where it is not located.
     """
-    problem, begin = _half(*_beside(before, after, met, vary, options), met, vary)
-    first, found = begin[0].nodes_of(begin[1])[0] * begin[2].scale, []
-    step = float(np.linalg.norm(secant(before, after, vary)))
-
-    def minus_one(lam: float) -> float:
-        orbit = solved_at(problem.with_value(vary, problem.moved(vary, float(lam))), begin, options)
-        if orbit is None or not np.max(np.abs(orbit.arcs[0].states[0, 0] - first) / before.scale) <= step:
-            return math.nan
-        found.append(orbit)
-        return float(met.reached.value(orbit, curve_point(orbit, vary)))
-
-    _, left = secant_root(minus_one, 0.0, BESIDE_MINUS_ONE, tolerance=met.reached.tolerance, rounds=MINUS_ONE_ROUNDS)
-    if abs(left) <= ACCEPTED_TOLERANCES * met.reached.tolerance:
-        return special_point(met.reached, cast(AnyOrbit, found[-1]), vary)
+    for nearer in MUCH_NEARER:
+        pair = _beside(before, after, met, vary, options, nearer)
+        problem, begin = _half(*pair, met, vary, nearer)
+        reach = max(abs(problem.distance(vary, *(parameter_value(o, vary) for o in pair))), 2 * BESIDE_MINUS_ONE)
+        step = float(np.linalg.norm(secant(before, after, vary)))
+        orbit = _minus_one_from(problem, begin, met, vary, options, reach, step)
+        if orbit is not None:
+            return special_point(met.reached, cast(AnyOrbit, orbit), vary)
     kind, value = met.reached.kind, parameter_value(after, vary)
     sentence = f"a {kind} point next to {vary} = {value:.6g}, where the cycle meets its own image, was not located"
     return Missed(kind, f"{sentence}; another tolerance may lead there")
 
 
+def _minus_one_from(
+    problem: Family, begin: Start, met: Reunion, vary: str, options: Options, reach: float, step: float
+) -> Orbit | None:
+    """The cycle that is its own image where its multiplier is -1, from a guess next to it; None where it is not found.
+
+    It lies no farther from the guess than `reach` in lambda and `step` in units of the state: beyond is another one.
+    """
+    first, found = begin[0].nodes_of(begin[1])[0] * begin[2].scale, []
+
+    def minus_one(lam: float) -> float:
+        if not abs(lam) <= reach:
+            return math.nan
+        orbit = solved_at(problem.with_value(vary, problem.moved(vary, float(lam))), begin, options)
+        if orbit is None or not np.max(np.abs(orbit.arcs[0].states[0, 0] - first) / begin[2].scale) <= step:
+            return math.nan
+        found.append(orbit)
+        return float(met.reached.value(orbit, curve_point(orbit, vary)))
+
+    _, left = secant_root(minus_one, 0.0, BESIDE_MINUS_ONE, tolerance=met.reached.tolerance, rounds=MINUS_ONE_ROUNDS)
+    return found[-1] if abs(left) <= ACCEPTED_TOLERANCES * met.reached.tolerance else None
+
+
 def _beside(
-    before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options
+    before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options, nearer: float
 ) -> tuple[AnyOrbit, AnyOrbit]:
     """Two orbits of the branch next to the one that is its own image, the second one much nearer to it.
 
@@ -182,15 +199,17 @@ def _beside(
     here, length = before, float(np.linalg.norm(secant(before, after, vary)))
     for _ in range(APPROACHES):
         off = met.off(after)
-        if ALREADY <= abs(off) <= MUCH_NEARER:
+        if ALREADY <= abs(off) <= nearer:
             return here, after
-        if off > MUCH_NEARER:
+        if off > nearer:
             here = after
         else:
             first /= 2
         point = curve_point(here, vary, like=in_units_of(secant(*pair, vary), before.scale, here.scale))
         outcome = step_along(point, here, vary, first * length, *before.problem.range_of(vary), options)
-        if not isinstance(outcome, str):
+        if isinstance(outcome, str):
+            first /= 2
+        else:
             after = outcome[0]
     return pair
 
@@ -219,7 +238,7 @@ def short_of(before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options
     return None
 
 
-def _half(before: Orbit, after: Orbit, met: Reunion, vary: str) -> tuple[Family, Start]:
+def _half(before: Orbit, after: Orbit, met: Reunion, vary: str, nearer: float) -> tuple[Family, Start]:
     """The family of the cycle that is its own image, about at the point, and a guess of that cycle.
 
     Of two orbits the states are linear in their distance from the image, and the parameter in its square.
@@ -235,7 +254,7 @@ def _half(before: Orbit, after: Orbit, met: Reunion, vary: str) -> tuple[Family,
     half = segments[: len(segments) // 2]
     family, parts = cast(Family, near.problem), _parts(met.matrix)
     way = family.distance(vary, parameter_value(far, vary))
-    if abs(a) <= 2 * MUCH_NEARER * abs(b):
+    if abs(a) <= 2 * nearer * abs(b):
         family = family.with_value(vary, family.moved(vary, way * a**2 / (a**2 - b**2)))
     shift = turned(family.system, half[0].start, met.matrix @ half[-1].behind, parts=parts)
     events, entries = {segment.event for segment in half}, family.system.names.entries

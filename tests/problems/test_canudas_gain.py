@@ -8,7 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt.continuation import branch_off, follow
-from casahunt.continuation.curve import curve_point
+from casahunt.continuation.curve import curve_point, secant
+from casahunt.continuation.reunion import met_at, reunion
+from casahunt.continuation.walk import step_along
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.border import curve_border
@@ -90,6 +92,19 @@ def test_losses_of_symmetry_and_the_lopsided_pair():
         assert between_changes(leading, -1.0) == 2 and between_changes(leading[1:-1], 1.0) == 1
         for orbit in pair.orbits[::16]:
             assert_flown(orbit)
+    assert_met_from_any_step(pair)
+
+
+def assert_met_from_any_step(pair) -> None:
+    """However far a step goes past the symmetric cycle, the point at which the pair meets in it is the same."""
+    options, met = Options(tol=canudas_gain.TOL), []
+    before = pair.orbits[-3]
+    way = secant(before, pair.orbits[-2], "K")
+    for length in np.linalg.norm(way) * np.arange(1.0, 3.5, 0.1):
+        outcome = step_along(curve_point(before, "K", like=way), before, "K", length, 40.0, 100.0, options)
+        found = None if isinstance(outcome, str) else reunion(before, outcome[0], options.tol)
+        met += [] if found is None else [met_at(before, outcome[0], found, "K", options)]
+    assert met and [point.value for point in met] == pytest.approx([canudas_gain.BREAKING[1]] * len(met), rel=1e-7)
 
 
 @pytest.mark.slow
