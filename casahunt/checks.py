@@ -28,20 +28,7 @@ _MISSPELT, _BEGUN = 3, 3
 def number(key: str, value: Any) -> float:
     """A finite number.
 
-    Parameters
-    ----------
-    key
-        what the user calls it.
-    value
-        what was given; booleans and strings are not numbers.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none.
+    value: what was given; booleans and strings are not numbers. Raises InputError: it is none.
     """
     truth = type(value).__name__ in ("bool", "bool_")  # of Python and of numpy
     several = getattr(value, "ndim", 0) != 0  # an array of one number is none
@@ -59,22 +46,8 @@ def number(key: str, value: Any) -> float:
 def of_kind(key: str, value: Any, kind: type[Any], hint: str = "") -> Any:
     """A value that must be an instance of a class.
 
-    Parameters
-    ----------
-    key, value
-        what the user calls it, and what was given.
-    kind
-        the class.
-    hint
-        how such a value is made, for the message.
-
-    Returns
-    -------
-    The value.
-
-    Raises
-    ------
-    InputError : it is no such instance; says what it is.
+    key, value: what the user calls it, and what was given; hint: how such a value is made, for the message.
+    Raises InputError: it is no such instance; says what it is.
     """
     if isinstance(value, kind):
         return value
@@ -85,13 +58,7 @@ def of_kind(key: str, value: Any, kind: type[Any], hint: str = "") -> Any:
 
 
 def floated(record: Any) -> None:
-    """Make the numbers of a frozen record, checked before, Python's own: a float32 would keep seven digits of all.
-
-    Parameters
-    ----------
-    record
-        the dataclass.
-    """
+    """Make the numbers of a frozen record, checked before, Python's own: a float32 would keep seven digits of all."""
     for name, value in vars(record).items():
         if type(value) is not float and hasattr(value, "__float__"):
             object.__setattr__(record, name, float(value))
@@ -100,18 +67,7 @@ def floated(record: Any) -> None:
 def given_once(start: Mapping[str, float] | None, keywords: Mapping[str, float]) -> dict[str, float]:
     """Values by name, some of them in a mapping and some as keywords.
 
-    Parameters
-    ----------
-    start, keywords
-        the mapping, or None; the keywords.
-
-    Returns
-    -------
-    All of them.
-
-    Raises
-    ------
-    InputError : a name stands in both.
+    start, keywords: the mapping, or None; the keywords. Raises InputError: a name stands in both.
     """
     if start is not None and not isinstance(start, Mapping):
         raise InputError(f"start = {quoted(start)}: must be a mapping from names to numbers")
@@ -132,24 +88,8 @@ def require(
 ) -> float:
     """A number inside a range.
 
-    Parameters
-    ----------
-    key
-        what the user calls it.
-    value
-        what was given.
-    above, at_least, at_most
-        bounds; None: no such bound.
-    unit
-        said with the bound.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none, or out of the range; names key, value and range.
+    above, at_least, at_most: bounds; None: no such bound.
+    Raises InputError: it is none, or out of the range; names key, value and range.
     """
     x = number(key, value)
     named = f" ({unit})" if unit else ""
@@ -165,20 +105,7 @@ def require(
 def whole(key: str, value: Any, *, at_least: int) -> int:
     """A whole number.
 
-    Parameters
-    ----------
-    key, value
-        what the user calls it, and what was given.
-    at_least
-        the smallest one that is allowed.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none, or smaller.
+    key, value: what the user calls it, and what was given. Raises InputError: it is none, or smaller.
     """
     x = number(key, value)
     if x != int(x) or x < at_least:
@@ -189,26 +116,8 @@ def whole(key: str, value: Any, *, at_least: int) -> int:
 def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: str = "") -> float:
     """A number from SMALLEST to LARGEST.
 
-    Parameters
-    ----------
-    key
-        what the user calls it.
-    value
-        what was given.
-    zero
-        0 is allowed too.
-    power
-        widens the range to that power of its ends, for what a computation comes upon.
-    unit
-        said with the bound.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none, or out of the range.
+    zero: 0 is allowed too; power: widens the range to that power of its ends, for what a computation comes upon.
+    Raises InputError: it is none, or out of the range.
     """
     low, high = SMALLEST**power, LARGEST**power
     x = require(key, value, at_least=0, unit=unit) if zero else require(key, value, above=0, unit=unit)
@@ -220,22 +129,7 @@ def sensible(key: str, value: Any, *, zero: bool = False, power: int = 1, unit: 
 def moderate(key: str, value: Any, *, power: int = 1) -> float:
     """A number of any sign, of a size up to LARGEST.
 
-    Parameters
-    ----------
-    key
-        what the user calls it.
-    value
-        what was given.
-    power
-        widens the range to that power of its end.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none, or larger.
+    power: widens the range to that power of its end. Raises InputError: it is none, or larger.
     """
     x, high = number(key, value), LARGEST**power
     if not abs(x) <= high:
@@ -273,18 +167,7 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
 
     The unit of the last digit is the largest power of ten up to twice the error: rounding adds no more than the error.
 
-    Parameters
-    ----------
-    x
-        the number.
-    relative_error
-        its estimated relative error; not > 0: unknown.
-    most
-        digits, at most; at least one is given.
-
-    Returns
-    -------
-    Text.
+    relative_error: its estimated relative error; not > 0: unknown; most: digits, at most; at least one is given.
     """
     return f"{x:.{known_digits(x, relative_error, most)}g}"
 
@@ -292,14 +175,7 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
 def known_digits(x: float, relative_error: float, most: int = 12) -> int:
     """How many digits of a computed number its estimated error vouches for; of `to_error`.
 
-    Parameters
-    ----------
-    x, relative_error, most
-        as of `to_error`.
-
-    Returns
-    -------
-    1 to `most`.
+    x, relative_error, most: as of `to_error`. Returns 1 to `most`.
     """
     if not relative_error > 0 or x == 0:
         return most
@@ -311,14 +187,7 @@ def known_digits(x: float, relative_error: float, most: int = 12) -> int:
 def known_decimals(error: float, most: int) -> int:
     """How many decimals an absolute error vouches for: for numbers below each other.
 
-    Parameters
-    ----------
-    error, most
-        the error, not > 0: unknown; and decimals at most.
-
-    Returns
-    -------
-    0 to `most`.
+    error, most: the error, not > 0: unknown; and decimals at most. Returns 0 to `most`.
     """
     return min(most, max(0, -math.floor(math.log10(2 * error)))) if error > 0 else most
 
@@ -326,16 +195,7 @@ def known_decimals(error: float, most: int) -> int:
 def to_absolute_error(x: float, error: float, most: int = 12) -> str:
     """As `to_error`, for an error in the unit of the number; "0" where the error is as large as the number.
 
-    Parameters
-    ----------
-    x, error
-        the number, and its estimated error; not > 0: unknown.
-    most
-        digits, at most.
-
-    Returns
-    -------
-    Text.
+    x, error: the number, and its estimated error; not > 0: unknown.
     """
     return "0" if abs(x) <= error else to_error(x, error / abs(x) if x else 0.0, most)
 
@@ -353,22 +213,7 @@ def finite_or_none(value: float) -> float | None:
 def known(what: str, name: str, allowed: Iterable[str]) -> str:
     """A name that must be one of several.
 
-    Parameters
-    ----------
-    what
-        what it names.
-    name
-        what was given.
-    allowed
-        the names.
-
-    Returns
-    -------
-    `name`.
-
-    Raises
-    ------
-    InputError : it is none of them; says the nearest spelling.
+    Returns `name`. Raises InputError: it is none of them; says the nearest spelling.
     """
     names = list(allowed)
     if name in names:

@@ -204,16 +204,7 @@ class Caller(threading.local):
 def caller(function: ca.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> Caller:
     """A compiled function that every thread may call.
 
-    Parameters
-    ----------
-    function
-        of CasADi.
-    inputs, outputs
-        shapes of its arrays; numpy's order of axes is the reverse of CasADi's.
-
-    Returns
-    -------
-    Caller.
+    inputs, outputs: shapes of its arrays; numpy's order of axes is the reverse of CasADi's.
     """
     return Caller(_Function([(function, slice(None))], inputs, outputs))
 
@@ -223,16 +214,8 @@ def caller_by_rows(parts: Sequence[tuple[ca.Function, int]], inputs: Sequence[in
 
     CasADi takes 15 ms to map a function over 300 points, where maps over powers of two are there already.
 
-    Parameters
-    ----------
-    parts
-        functions of CasADi, and of how many rows each is.
-    inputs, outputs
-        numbers in a row of its arrays; shapes of a row.
-
-    Returns
-    -------
-    Caller, of arrays (sum of the rows, ...).
+    parts: functions of CasADi, and of how many rows each is; inputs, outputs: numbers in a row of its arrays; shapes of
+    a row. Returns caller, of arrays (sum of the rows, ...).
     """
     ends = np.cumsum([rows for _, rows in parts]).tolist()
     placed = [(function, slice(end - rows, end)) for (function, rows), end in zip(parts, ends, strict=True)]

@@ -28,16 +28,8 @@ WORTH_SAYING = 1.0
 def left(done: float, total: float, began: float) -> str:
     """How long a computation of a known length will still take, if it goes on as it went.
 
-    Parameters
-    ----------
-    done, total
-        of it, in any unit.
-    began
-        `time.monotonic()` when none of it was done.
-
-    Returns
-    -------
-    ", about 12 s left"; "" where nothing is known yet, or nothing is left.
+    began: `time.monotonic()` when none of it was done.
+    Returns ", about 12 s left"; "" where nothing is known yet, or nothing is left.
     """
     if not 0 < done < total:
         return ""
@@ -76,9 +68,7 @@ class Watch:
     def add(self, work: int) -> None:
         """Count, and tell where the computation is, if it is time to.
 
-        Raises
-        ------
-        GivenUp : beyond the limit.
+        Raises GivenUp: beyond the limit.
         """
         self.work += work
         if self.work > self._limit:
@@ -112,14 +102,7 @@ _deadline: ContextVar[float] = ContextVar("deadline", default=float("inf"))
 def until(seconds: float) -> Iterator[None]:
     """Let what is computed inside take so many seconds, from now on.
 
-    Parameters
-    ----------
-    seconds
-        infinity for as many as it takes.
-
-    Raises
-    ------
-    OutOfTime : when they are over, at the next interval or Newton step.
+    Raises OutOfTime: when they are over, at the next interval or Newton step.
     """
     token = _deadline.set(min(_deadline.get(), time.monotonic() + seconds))
     try:
@@ -137,20 +120,8 @@ def _in_time() -> None:
 def watched(tell: Callable[[str], None] | None, *, limit: float = float("inf")) -> Iterator[Watch]:
     """Count what is computed inside.
 
-    Parameters
-    ----------
-    tell
-        hears every `EVERY` seconds where the computation is; None: nobody.
-    limit
-        collocation intervals after which it is given up.
-
-    Yields
-    ------
-    Watch.
-
-    Raises
-    ------
-    GivenUp : beyond `limit`.
+    tell: hears every `EVERY` seconds where the computation is; None: nobody; limit: collocation intervals after which
+    it is given up. Raises GivenUp: beyond `limit`.
     """
     watch = Watch(tell, limit)
     token = _watch.set(watch)

@@ -41,20 +41,8 @@ JSON_SPACES = 1
 def plain(value: Any, *, strict: bool = True) -> Any:
     """A value in plain Python.
 
-    Parameters
-    ----------
-    value
-        of a result.
-    strict
-        as JSON has it: None for numbers that are not finite.
-
-    Returns
-    -------
-    Numbers, truth values, texts, None, and lists and mappings of them.
-
-    Raises
-    ------
-    TypeError : a value of another kind, a mistake of the program.
+    strict: as JSON has it: None for numbers that are not finite. Returns numbers, truth values, texts, None, and lists
+    and mappings of them. Raises TypeError: a value of another kind, a mistake of the program.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -82,14 +70,7 @@ def plain(value: Any, *, strict: bool = True) -> Any:
 def write_json(content: Mapping[str, Any], path: str | Path) -> None:
     """A mapping of plain Python as a JSON file.
 
-    Parameters
-    ----------
-    content, path
-        the mapping, and the file.
-
-    Raises
-    ------
-    InputError, OSError : as `files.whole`.
+    Raises InputError, OSError: as `files.whole`.
     """
     text = json.dumps(content, indent=JSON_SPACES, allow_nan=False, ensure_ascii=False)
     with whole_text(path) as stream:
@@ -99,14 +80,7 @@ def write_json(content: Mapping[str, Any], path: str | Path) -> None:
 def write_csv(columns: Columns, path: str | Path) -> None:
     """A table as a CSV file (tables.py).
 
-    Parameters
-    ----------
-    columns, path
-        the table, and the file.
-
-    Raises
-    ------
-    InputError, OSError : as `files.whole`.
+    Raises InputError, OSError: as `files.whole`.
     """
     lists = [plain(column, strict=False) for column in columns.values()]
     with whole_text(path) as stream:
@@ -119,15 +93,8 @@ def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
     Names become MATLAB's: "friction.static" is friction_static, "5%" is x5_.  A list of numbers is a row, one of
     equally long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
 
-    Parameters
-    ----------
-    content, path
-        the mapping, numbers that are not finite among its values; and the file.
-
-    Raises
-    ------
-    InputError : scipy is not installed, or as `files.whole`.
-    OSError : as `files.whole`.
+    content, path: the mapping, numbers that are not finite among its values; and the file.
+    Raises InputError: scipy is not installed, or as `files.whole`.; OSError: as `files.whole`.
     """
     savemat, written = extra("scipy.io", "mat", "to_mat").savemat, io.BytesIO()
     savemat(written, {_word(name): _matlab(value) for name, value in content.items()}, long_field_names=True)
@@ -138,9 +105,7 @@ def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
 def dataframe(columns: Columns) -> Any:
     """A table as a pandas.DataFrame.
 
-    Raises
-    ------
-    InputError : pandas is not installed.
+    Raises InputError: pandas is not installed.
     """
     lists = {name: plain(column, strict=False) for name, column in columns.items()}
     return extra("pandas", "pandas", "to_dataframe").DataFrame(lists)
@@ -149,20 +114,8 @@ def dataframe(columns: Columns) -> Any:
 def extra(module: str, name: str, method: str) -> ModuleType:
     """A module that comes with an extra.
 
-    Parameters
-    ----------
-    module, name
-        the module, and the extra that brings it.
-    method
-        what needs it.
-
-    Returns
-    -------
-    The module.
-
-    Raises
-    ------
-    InputError : it is not installed; says how to install it.
+    module, name: the module, and the extra that brings it.
+    Raises InputError: it is not installed; says how to install it.
     """
     try:
         return import_module(module)

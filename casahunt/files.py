@@ -39,22 +39,8 @@ LOCK = ".casahunt-lock"
 def bounded(path: str | Path, what: str, most: float) -> bytes:
     """All of a file, or of a pipe, looked at before it is read: it may be a device without an end.
 
-    Parameters
-    ----------
-    path
-        the file.
-    what
-        the beginning of a refusal: what the file is.
-    most
-        bytes that it may hold.
-
-    Returns
-    -------
-    Its bytes.
-
-    Raises
-    ------
-    InputError : no such file, not readable, neither a file nor a pipe (nor a terminal), or too large.
+    what: the beginning of a refusal: what the file is; most: bytes that it may hold.
+    Raises InputError: no such file, not readable, neither a file nor a pipe (nor a terminal), or too large.
     """
     try:
         with open(path, "rb") as stream:
@@ -82,10 +68,8 @@ def whole(path: str | Path) -> Iterator[IO[bytes]]:
     Nothing keeps another run from replacing it in turn: of two runs that write one file the last one wins, and what
     stands there is always all of one of them.
 
-    Raises
-    ------
-    InputError : there can be no file at `path`: no folder, no permission, a folder of that name.
-    OSError : the file could not be written, the disk being full for example; the message names the file.
+    Raises InputError: there can be no file at `path`: no folder, no permission, a folder of that name.; OSError: the
+    file could not be written, the disk being full for example; the message names the file.
     """
     try:
         target = Path(os.path.realpath(path))
@@ -119,9 +103,7 @@ def together() -> Iterator[None]:
     Between two points of a run SIGKILL finds the same points in all of them, but for the moment between two renamings
     (microseconds, or as long as the file system takes).  Where one cannot be written, all stay as they were.
 
-    Raises
-    ------
-    OSError : as `whole`.
+    Raises OSError: as `whole`.
     """
     drafts: list[_Draft] = []
     _WAITING.drafts = drafts
@@ -225,9 +207,7 @@ def protected(path: Path) -> bool:
 def set_aside(paths: Iterable[Path]) -> dict[Path, Path]:
     """Rename the files that exist to NAME.old (.old2, ... where that is taken); returns where each has gone.
 
-    Raises
-    ------
-    InputError : one of them is protected; none has gone then.
+    Raises InputError: one of them is protected; none has gone then.
     """
     found, moved = list(paths), {}
     for path in found:
@@ -255,20 +235,8 @@ def drop_replaced(moved: dict[Path, Path]) -> list[Path]:
 def alone_in(folder: Path, made: Sequence[Path] = ()) -> Iterator[None]:
     """Keep every other run out of an existing folder until the block ends.
 
-    Parameters
-    ----------
-    folder
-        where the run writes.
-    made
-        folders that this run has made for it, innermost first: removed at the end where they are still empty.
-
-    Yields
-    ------
-    Nothing.
-
-    Raises
-    ------
-    InputError : another run is writing into it.
+    folder: where the run writes; made: folders that this run has made for it, innermost first: removed at the end where
+    they are still empty. Raises InputError: another run is writing into it.
     """
     with ExitStack() as held:
         if not _flock(folder, made, held):

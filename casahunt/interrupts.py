@@ -59,9 +59,7 @@ def end() -> None:
 def check() -> None:
     """Answer a signal that was received, though something on the way may have swallowed it.
 
-    Raises
-    ------
-    KeyboardInterrupt : one was received.
+    Raises KeyboardInterrupt: one was received.
     """
     if _State.received is not None:
         raise KeyboardInterrupt

@@ -14,20 +14,8 @@ from typing import Any
 def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
     """The `__getattr__` of a package whose public names are those of some of its modules.
 
-    Parameters
-    ----------
-    package
-        its `__name__`.
-    homes
-        module of the package: names.
-
-    Returns
-    -------
-    Function from a name to its value, which is then kept in the package.
-
-    Raises
-    ------
-    AttributeError : from that function, for any other name.
+    package: its `__name__`. Returns function from a name to its value, which is then kept in the package. Raises
+    AttributeError: from that function, for any other name.
     """
     home_of = {name: home for home, names in homes.items() for name in names}
 

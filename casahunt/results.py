@@ -228,17 +228,7 @@ class Result:
 
 
 def columns_of(kind: type[Result], items: Iterable[Result]) -> Columns:
-    """A table of results of one kind, a row each: their quantities with the units in the names, and the errors.
-
-    Parameters
-    ----------
-    kind, items
-        the class, and its results.
-
-    Returns
-    -------
-    Columns.
-    """
+    """A table of results of one kind, a row each: their quantities with the units in the names, and the errors."""
     columns: dict[str, list[Any]] = {}
     rows = list(items)
     for said in kind._quantities:

@@ -22,9 +22,7 @@ Rows = Iterable[Sequence[Any]]
 def cell(value: Any) -> str:
     """One value as the text of its field.
 
-    Raises
-    ------
-    TypeError : the value is neither a number, a truth value nor text.
+    Raises TypeError: the value is neither a number, a truth value nor text.
     """
     if isinstance(value, np.generic):
         value = value.item()
@@ -40,20 +38,8 @@ def cell(value: Any) -> str:
 def table(stream: IO[str], columns: Sequence[str]) -> Callable[[Rows], None]:
     """Write the header of a table.
 
-    Parameters
-    ----------
-    stream
-        a text file opened with newline="".
-    columns
-        the names.
-
-    Returns
-    -------
-    Function that writes rows of as many values.
-
-    Raises
-    ------
-    ValueError, TypeError : a row of another length, a value that is neither number nor text.
+    stream: a text file opened with newline="". Returns function that writes rows of as many values. Raises ValueError,
+    TypeError: a row of another length, a value that is neither number nor text.
     """
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)

@@ -1,15 +1,19 @@
 """Public functions say what they take, return and raise: the rules of the house that numpydoc alone cannot say.
 
-`numpydoc lint` (pyproject.toml) checks every Parameters section that is there: its names, their order, their meanings.
-Whether a section must be there depends on the function: one that takes several things has all sections, one that takes
-one or none may say in a sentence what it returns.
+Public is what stands in the `__all__` of the package or of a room, and the methods of such classes.  `numpydoc lint`
+(pyproject.toml) checks every Parameters section that is there: its names, their order, their meanings.  Whether a
+section must be there depends on the function: one that takes several things has all sections, one that takes one or
+none may say in a sentence what it returns.  All others say in a sentence what they do, and shapes in a line.
 """
 
 from __future__ import annotations
 
 import ast
 import builtins
+import inspect
+import re
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 from numpydoc.hooks.validate_docstrings import AstValidator
@@ -18,14 +22,42 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted(path for folder in ("casahunt", "problems") for path in (ROOT / folder).rglob("*.py"))
 
 
-def public_functions(path: Path) -> Iterator[tuple[str, ast.FunctionDef, list[ast.AST]]]:
-    """(name, function, what it stands in) of the functions of a module and the methods of its classes."""
+ROOMS = ("hybrid", "motion", "orbits", "continuation")
+
+
+def named_in_an_all() -> set[tuple[str, str]]:
+    """(module, name) of what stands in an `__all__`, and of the classes that such ones inherit from."""
+    found: set[tuple[str, str]] = set()
+    for module in map(import_module, ("casahunt", "casahunt.pictures", *(f"casahunt.{room}" for room in ROOMS))):
+        for name in module.__all__:
+            one = getattr(module, name)
+            found |= {(each.__module__, each.__qualname__) for each in (inspect.isclass(one) and one.__mro__) or (one,)
+                      if hasattr(each, "__qualname__")}  # fmt: skip
+    return found
+
+
+PUBLIC = named_in_an_all()
+
+
+def module_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def functions(path: Path) -> Iterator[tuple[str, ast.FunctionDef, list[ast.AST], bool]]:
+    """(name, function, what it stands in, whether it is public) of the functions of a module and its classes."""
     tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
-    for outer in [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef) and node.name[0] != "_")]:
-        prefix = f"{outer.name}." if isinstance(outer, ast.ClassDef) else ""
+    for outer in [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef))]:
+        inside = outer.name if isinstance(outer, ast.ClassDef) else ""
         for node in outer.body:
-            if isinstance(node, ast.FunctionDef) and node.name[0] != "_":
-                yield prefix + node.name, node, [tree] if outer is tree else [tree, outer]
+            if isinstance(node, ast.FunctionDef):
+                name = f"{inside}.{node.name}" if inside else node.name
+                public = path.is_relative_to(ROOT / "problems") or (module_of(path), inside or name) in PUBLIC
+                yield name, node, [tree] if outer is tree else [tree, outer], public and node.name[0] != "_"
+
+
+def public_functions(path: Path) -> Iterator[tuple[str, ast.FunctionDef, list[ast.AST]]]:
+    """(name, function, what it stands in) of the public functions of a module and the methods of its classes."""
+    return ((name, node, outer) for name, node, outer, public in functions(path) if public)
 
 
 def raised(node: ast.AST, caught: frozenset[str] = frozenset()) -> Iterator[str]:
@@ -70,3 +102,14 @@ def faults(path: Path) -> Iterator[tuple[str, ast.FunctionDef, str]]:
 
 def test_public_functions_say_what_they_take_return_and_raise():
     assert not [f"{path.stem}.{name}: {said}" for path in SOURCES for name, _, said in faults(path)]
+
+
+def test_other_functions_say_it_in_a_sentence():
+    sections = re.compile(r"^\s*(Parameters|Returns|Yields|Raises)\s*\n\s*---", re.M)
+    full = [
+        f"{path.stem}.{name}"
+        for path in SOURCES
+        for name, node, _, public in functions(path)
+        if not public and sections.search(ast.get_docstring(node) or "")
+    ]
+    assert not full

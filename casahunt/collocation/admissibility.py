@@ -84,14 +84,7 @@ class Verdict:
 def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     """Check whether a converged solution is a motion: all conditions of its phases.
 
-    Parameters
-    ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Verdict: the first condition that is violated, and the intervals on which one is not clear.
+    Returns verdict: the first condition that is violated, and the intervals on which one is not clear.
     """
     nodes = t.nodes_of(u) * setting.scale
     durations = t.durations_of(u)
@@ -122,14 +115,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
 def stands_still(t: Transcription, u: Array) -> bool:
     """Whether a solution is an equilibrium, which solves the equations of any cycle whose events do not mind.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-
-    Returns
-    -------
-    True where no state moves; never where there are closed forms or jumps.
+    Returns True where no state moves; never where there are closed forms or jumps.
     """
     if not all(t.counts) or any(phase.reset is not None for phase in t.cycle.phases):
         return False
@@ -142,16 +128,8 @@ def unclear_on_halves(t: Transcription, better: Place | None) -> Array:
 
     An interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
 
-    Parameters
-    ----------
-    t
-        transcription of the solution.
-    better
-        the solution after that step (error_estimate.Estimate); None for nothing to look at.
-
-    Returns
-    -------
-    (N,) bool, for the intervals of t.
+    better: the solution after that step (error_estimate.Estimate); None for nothing to look at.
+    Returns (N,) bool, for the intervals of t.
     """
     return judged_on_halves(t, Verdict("", -1, np.zeros(t.intervals, dtype=bool)), better).unclear
 
@@ -161,16 +139,8 @@ def judged_on_halves(t: Transcription, verdict: Verdict, better: Place | None) -
 
     Where an event is all but met, the solution itself may be known less well than it passes that, or keeps clear.
 
-    Parameters
-    ----------
-    t, verdict
-        transcription of the solution, and the verdict on it.
-    better
-        as in `unclear_on_halves`.
-
-    Returns
-    -------
-    Verdict, with what is unclear there and what is passed by little.
+    t, verdict: transcription of the solution, and the verdict on it; better: as in `unclear_on_halves`.
+    Returns verdict, with what is unclear there and what is passed by little.
     """
     if better is None:
         return verdict
@@ -286,20 +256,8 @@ class _Inside:
 def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST_JUMP) -> Array:
     """Where a feature of the field jumps between successive points.
 
-    Parameters
-    ----------
-    feature
-        of the mode: a function of states (n, m) and p.
-    points
-        (N, m, n) successive states of each interval.
-    p
-        parameter vector.
-    largest
-        jump that is not taken for one.
-
-    Returns
-    -------
-    (N,) bool.
+    feature: of the mode: a function of states (n, m) and p; points: (N, m, n) successive states of each interval;
+    largest: jump that is not taken for one. Returns (N,) bool.
     """
     values = np.asarray(feature(points.reshape(-1, points.shape[-1]).T, p), float).reshape(points.shape[:2])
     return np.abs(values[:, 1:] - values[:, :-1]).max(axis=1) > largest
@@ -324,14 +282,7 @@ def _slope_of(degree: int, kind: Kind, starts: bool, stops: bool) -> tuple[Array
 def dense_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
     """How a condition is looked at between the points where it is known.
 
-    Parameters
-    ----------
-    degree, kind
-        collocation scheme.
-
-    Returns
-    -------
-    Interpolation (d + 1, m) to the times between, and (d + 1,) to the end.
+    Returns interpolation (d + 1, m) to the times between, and (d + 1,) to the end.
     """
     s = scheme(degree, kind)
     return s.interpolation(BETWEEN).T.copy(), s.interpolation(np.array([1.0]))[0]
@@ -340,14 +291,7 @@ def dense_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
 def largest_of_phase(t: Transcription, values: Array) -> Array:
     """For every interval the largest magnitude of a condition in its phase.
 
-    Parameters
-    ----------
-    t, values
-        the transcription, and (..., N, m) values of the condition.
-
-    Returns
-    -------
-    (..., N).
+    t, values: the transcription, and (..., N, m) values of the condition. Returns (..., N).
     """
     largest = np.maximum.reduceat(np.abs(values).max(axis=-1), t.first_intervals, axis=-1)
     return np.repeat(largest, t.collocated_counts, axis=-1)
@@ -356,14 +300,8 @@ def largest_of_phase(t: Transcription, values: Array) -> Array:
 def not_clear(t: Transcription, values: Array, slack: Array) -> Array:
     """Where a condition is not clear of zero by its resolution.
 
-    Parameters
-    ----------
-    t, values, slack
-        the transcription, (..., N, d + 1) values of the condition at start and stages, and (N,) its slack.
-
-    Returns
-    -------
-    (..., N) bool.
+    t, values, slack: the transcription, (..., N, d + 1) values of the condition at start and stages, and (N,) its
+    slack. Returns (..., N) bool.
     """
     s, size = t.scheme, largest_of_phase(t, values)
     first, last = t.first_intervals, t.first_intervals + t.collocated_counts - 1

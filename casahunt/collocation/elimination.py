@@ -61,14 +61,8 @@ class Eliminated:
 def kept_states(rates: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Which states stay, and in which order the others are put in terms of them.
 
-    Parameters
-    ----------
-    rates
-        (n, n) bool: the rate of state a contains state c.
-
-    Returns
-    -------
-    (F, E): as few F as leave no loop among E; every e depends on F and on those before it in E alone.
+    rates: (n, n) bool: the rate of state a contains state c.
+    Returns (F, E): as few F as leave no loop among E; every e depends on F and on those before it in E alone.
     """
     n = len(rates)
     for size in range(1, n) if n <= MOST_SUBSETS else ():
@@ -109,18 +103,7 @@ class Compiled:
 def compiled(field: Field, n: int, parameters: int, degree: int) -> Compiled:
     """The function behind `Elimination`, for one interval.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    degree
-        number of stages.
-
-    Returns
-    -------
-    Compiled.
+    field: f(x, p, sign) of the mode.
     """
     w, T, h, sign = ca.SX.sym("w", n * (degree + 1)), ca.SX.sym("T"), ca.SX.sym("h"), ca.SX.sym("sign")
     p, dp, scale = ca.SX.sym("p", parameters), ca.SX.sym("dp", parameters), ca.SX.sym("scale", n)
@@ -180,9 +163,7 @@ class Elimination:
     ) -> Eliminated:
         """The intervals with start and stages w (N, R), next nodes (N, n) and so on; results are copies.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError : the stages of an interval cannot be eliminated.
+        Raises numpy.linalg.LinAlgError: the stages of an interval cannot be eliminated.
         """
         buffers = self._caller.buffers
         w_, duration_, fraction_, sign_, p_, dp_, scale_ = buffers.inputs
@@ -254,19 +235,6 @@ class Elimination:
 def elimination(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> Elimination:
     """The compiled map, kept for reuse: the same mesh size of the same system is built once.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    degree, kind
-        collocation scheme.
-    intervals
-        N.
-
-    Returns
-    -------
-    Elimination.
+    field: f(x, p, sign) of the mode.
     """
     return Elimination(field, n, parameters, degree, kind, intervals)

@@ -69,16 +69,7 @@ class Settings:
 def settings_of(setting: Setting, p: Array, directions: Array) -> Settings:
     """Settings of members that share mesh and scale.
 
-    Parameters
-    ----------
-    setting
-        of one of them.
-    p, directions
-        (B, np) parameters and (B, m, np) directions.
-
-    Returns
-    -------
-    Settings.
+    p, directions: (B, np) parameters and (B, m, np) directions.
     """
     B = len(p)
     return Settings(
@@ -155,32 +146,15 @@ class Linearisations:
     def solve(self, border: Array, rhs: Array) -> Array:
         """Solutions of the node systems.
 
-        Parameters
-        ----------
-        border, rhs
-            (B, .) border rows, and (B, k, y) right-hand sides.
-
-        Returns
-        -------
-        (B, k, y).
+        border, rhs: (B, .) border rows, and (B, k, y) right-hand sides. Returns (B, k, y).
         """
         return self.transcription.system.solve_many(self.nonzeros(border), rhs)
 
     def expand(self, y: Array, inhomogeneous: float, direction: int = 0, along: float = 0.0) -> Array:
         """(B, size) updates of the unknowns for solutions (B, y) of the node systems.
 
-        Parameters
-        ----------
-        y
-            (B, y) the solutions.
-        inhomogeneous
-            factor of the stage residual: 1 for a step, 0 for a tangent.
-        direction, along
-            a direction of p, and how far it is gone besides lambda.
-
-        Returns
-        -------
-        (B, size) du.
+        y: (B, y) the solutions; inhomogeneous: factor of the stage residual: 1 for a step, 0 for a tangent; direction,
+        along: a direction of p, and how far it is gone besides lambda. Returns (B, size) du.
         """
         t, B = self.transcription, len(y)
         E, n, P = t.elements, t.n, t.phases
@@ -204,14 +178,7 @@ class Linearisations:
 def nodes_of_many(t: Transcription, u: Array) -> Array:
     """The node states of many members.
 
-    Parameters
-    ----------
-    t, u
-        transcription, and (B, size) unknowns.
-
-    Returns
-    -------
-    (B, E + 1, n).
+    t, u: transcription, and (B, size) unknowns. Returns (B, E + 1, n).
     """
     return u[:, t.node_index]
 
@@ -219,16 +186,7 @@ def nodes_of_many(t: Transcription, u: Array) -> Array:
 def linearise_many(t: Transcription, u: Array, settings: Settings) -> Linearisations:
     """Residuals and condensed Jacobians of many members.
 
-    Parameters
-    ----------
-    t
-        the transcription, the same for all.
-    u, settings
-        (B, size) unknowns, and settings.
-
-    Returns
-    -------
-    Linearisations; not finite where an iterate is wild.
+    u, settings: (B, size) unknowns, and settings. Returns linearisations; not finite where an iterate is wild.
     """
     effort.problem(t.intervals * len(u))
     with np.errstate(all="ignore"):
@@ -263,20 +221,8 @@ def intervals_without_stages(
 ) -> tuple[Array, Array, Array]:
     """The intervals of a few members, their stages eliminated (ensemble_stages.py).
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    w, x_next
-        (B, N, d + 1, n) starts and stages, (B, N, n) next nodes.
-    duration
-        (B, N) of the phases that the intervals are fractions of [s].
-    s
-        settings.
-
-    Returns
-    -------
-    (residual (B, N, R), eliminated (B, N, n d, c), maps (B, N, n, c)).
+    w, x_next: (B, N, d + 1, n) starts and stages, (B, N, n) next nodes; duration: (B, N) of the phases that the
+    intervals are fractions of [s]. Returns (residual (B, N, R), eliminated (B, N, n d, c), maps (B, N, n, c)).
     """
     return eliminate_many(t, w, x_next, s.fractions * duration, s.fractions, _jets_of(t, w, s))
 
@@ -296,18 +242,7 @@ def _jets_of(t: Transcription, w: Array, s: Settings) -> Jets:
 def fields_of_many(t: Transcription, x: Array, s: Settings) -> Array:
     """The scaled field at points of all intervals.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    x
-        (B, N, k, n) scaled states.
-    s
-        settings.
-
-    Returns
-    -------
-    (B, N, k, n).
+    x: (B, N, k, n) scaled states. Returns (B, N, k, n).
     """
     out = np.empty_like(x)
     for f, members in t.groups:

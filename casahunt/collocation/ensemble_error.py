@@ -31,14 +31,7 @@ Solutions = tuple[Transcription, Array, Settings]
 def halved_for_many(t: Transcription, u: Array, settings: Settings) -> tuple[Transcription, Array, Settings]:
     """Solutions with every interval cut in two, as `mesh.on_halved_mesh`.
 
-    Parameters
-    ----------
-    t, u, settings
-        transcription, (B, size) unknowns, and settings.
-
-    Returns
-    -------
-    The same on the finer mesh.
+    t, u, settings: transcription, (B, size) unknowns, and settings. Returns the same on the finer mesh.
     """
     fine, B = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind), len(u)
     old = nodes_of_many(t, u)
@@ -70,20 +63,9 @@ def errors_of_many(
 ) -> tuple[Array, Solutions]:
     """Errors of linear functionals of the node systems at converged solutions.
 
-    Parameters
-    ----------
-    t
-        the transcription of the solutions.
-    fine, u, settings, lin
-        the solutions on the halved mesh, and the equations linearised there.
-    goals
-        (B, k, y) functionals of the node systems of `t`.
-    border
-        (B, .) border rows under which the solutions were computed.
-
-    Returns
-    -------
-    (B, k) absolute errors, what they overlook added; and the solutions after a Newton step on the halved mesh.
+    fine, u, settings, lin: the solutions on the halved mesh, and the equations linearised there; goals: (B, k, y)
+    functionals of the node systems of `t`; border: (B, .) border rows under which the solutions were computed.
+    Returns (B, k) absolute errors, what they overlook added; and the solutions after a Newton step on the halved mesh.
     """
     with np.errstate(all="ignore"):
         B, n, own = len(u), t.n, t.interval_elements
@@ -203,16 +185,8 @@ def estimates_of_many(
 ) -> tuple[Array, Solutions]:
     """Errors of linear functionals, from solutions on the mesh that they were computed on.
 
-    Parameters
-    ----------
-    t, u, settings
-        transcription, (B, size) solutions and settings.
-    goals, border
-        as in `errors_of_many`.
-
-    Returns
-    -------
-    As `errors_of_many`.
+    t, u, settings: transcription, (B, size) solutions and settings; goals, border: as in `errors_of_many`.
+    Returns as `errors_of_many`.
     """
     fine, finer, halves = halved_for_many(t, u, settings)
     return errors_of_many(t, fine, finer, halves, linearise_many(fine, finer, halves), goals, border)

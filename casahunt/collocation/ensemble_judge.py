@@ -43,14 +43,7 @@ Array = np.ndarray
 def admissible_many(t: Transcription, u: Array, settings: Settings) -> Array:
     """Whether converged solutions are motions, without reservation and without slack.
 
-    Parameters
-    ----------
-    t, u, settings
-        transcription, (B, size) unknowns, and settings.
-
-    Returns
-    -------
-    (B,) bool.
+    t, u, settings: transcription, (B, size) unknowns, and settings. Returns (B,) bool.
     """
     try:
         with np.errstate(all="ignore"):

@@ -49,16 +49,8 @@ class Jets:
 def jet_function(field: Field, n: int, parameters: int, directions: int) -> ca.Function:
     """The scaled vector field at one point with its derivatives.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters, directions
-        numbers of states, of parameters and of directions.
-
-    Returns
-    -------
-    Function of x (n), sign, p, Q (np, m) and scale D (n): f(D x; p)/D, sparse d/dx, d/dp Q (n, m).
+    field: f(x, p, sign) of the mode; n, parameters, directions: numbers of states, of parameters and of directions.
+    Returns function of x (n), sign, p, Q (np, m) and scale D (n): f(D x; p)/D, sparse d/dx, d/dp Q (n, m).
     """
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
     p, q, scale = ca.SX.sym("p", parameters), ca.SX.sym("q", parameters, directions), ca.SX.sym("scale", n)
@@ -71,14 +63,7 @@ def jet_function(field: Field, n: int, parameters: int, directions: int) -> ca.F
 def jacobian_pattern(field: Field, n: int, parameters: int) -> tuple[tuple[int, int], ...]:
     """The places (a, c) of df/dx that need not be zero, column after column.
 
-    Parameters
-    ----------
-    field, n, parameters
-        as in `jet_function`.
-
-    Returns
-    -------
-    Places.
+    field, n, parameters: as in `jet_function`.
     """
     rows, columns = jet_function(field, n, parameters, 1).sparsity_out(1).get_triplet()
     return tuple(zip(rows, columns, strict=True))
@@ -95,16 +80,8 @@ def _over_arrays(field: Field, n: int, parameters: int, directions: int) -> Over
 def jets_at(field: Field, x: Array, signs: Array, p: Array, directions: Array, scale: Array, out: Jets) -> None:
     """The jets of a field at points of many members.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign).
-    x, signs
-        (B, N, d, n) scaled states, and (N,) signs of their modes.
-    p, directions, scale
-        (B, np), (B, m, np), (B, n).
-    out
-        where they go, zeros where df/dx has none.
+    field: f(x, p, sign); x, signs: (B, N, d, n) scaled states, and (N,) signs of their modes; p, directions, scale: (B,
+    np), (B, m, np), (B, n); out: where they go, zeros where df/dx has none.
     """
     B, N, d, n = x.shape
     m, parameters = directions.shape[1], p.shape[1]
@@ -125,14 +102,7 @@ def jets_at(field: Field, x: Array, signs: Array, p: Array, directions: Array, s
 def fields_at(field: Field, x: Array, signs: Array, p: Array, scale: Array) -> Array:
     """The scaled field at points of many members.
 
-    Parameters
-    ----------
-    field, x, signs, p, scale
-        as in `jets_at`.
-
-    Returns
-    -------
-    (B, N, d, n).
+    field, x, signs, p, scale: as in `jets_at`. Returns (B, N, d, n).
     """
     out, (B, N, d, n) = np.empty_like(x), x.shape
     over = _over_arrays(field, n, p.shape[1], 0)

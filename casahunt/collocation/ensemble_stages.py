@@ -29,20 +29,9 @@ def eliminate_many(
 ) -> tuple[Array, Array, Array]:
     """The intervals without their stages.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    w, x_next
-        (B, N, d + 1, n) starts and stages, (B, N, n) next nodes.
-    step, fractions
-        (B, N) durations h T of the intervals, and h.
-    jets
-        field and derivatives at the stages.
-
-    Returns
-    -------
-    (residual (B, N, R), eliminated (B, N, n d, c), maps (B, N, n, c)); NaN for a member with a singular interval.
+    w, x_next: (B, N, d + 1, n) starts and stages, (B, N, n) next nodes; step, fractions: (B, N) durations h T of the
+    intervals, and h. Returns (residual (B, N, R), eliminated (B, N, n d, c), maps (B, N, n, c)); NaN for a member with
+    a singular interval.
     """
     reduced = _Reduced(t, step, jets.J)
     B, N, n, d = len(w), t.intervals, t.n, t.degree

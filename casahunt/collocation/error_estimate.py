@@ -118,14 +118,7 @@ class Functional:
 def amplitude_row(t: Transcription, u: Array) -> tuple[float, int]:
     """The largest |measured state| over the phase ends, where the cycle measures a state there.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-
-    Returns
-    -------
-    Its value, scaled, and its place among the (P + 1) phase-end nodes.
+    Returns its value, scaled, and its place among the (P + 1) phase-end nodes.
     """
     assert isinstance(t.cycle.measured, int)
     values = np.abs(t.nodes_of(u)[t.phase_ends, t.cycle.measured])
@@ -144,20 +137,10 @@ def estimate(
 ) -> Estimate:
     """Error estimates of a converged solution u.
 
-    Parameters
-    ----------
-    t, u, setting
-        the solution.
-    border
-        border row under which the solution was computed; default lambda fixed.
-    believed
-        first-order estimates up to this get what they overlook added; larger ones only place the next mesh.
-    amplitude
-        what is measured; default the cycle's state at the phase ends.
-
-    Returns
-    -------
-    Estimate; period and amplitude are those of the full cycle, relative errors do not care.
+    border: border row under which the solution was computed; default lambda fixed; believed: first-order estimates up
+    to this get what they overlook added; larger ones only place the next mesh; amplitude: what is measured; default the
+    cycle's state at the phase ends.
+    Returns estimate; period and amplitude are those of the full cycle, relative errors do not care.
     """
     E, n, P = t.elements, t.n, t.phases
     goals = np.zeros((2 if border is None else 3, t.system.size))
@@ -195,18 +178,8 @@ def functional_errors(
 ) -> tuple[Array, Array]:
     """Errors of linear functionals of the node system at a converged solution u.
 
-    Parameters
-    ----------
-    t, u, setting
-        as in `estimate`.
-    goals
-        (k, y) the functionals, k <= node_system.ADJOINTS.
-    border, believed
-        as in `estimate`.
-
-    Returns
-    -------
-    (errors (k,), share of each element in them (k, E)), absolute.
+    t, u, setting: as in `estimate`; goals: (k, y) the functionals, k <= node_system.ADJOINTS; border, believed: as in
+    `estimate`. Returns (errors (k,), share of each element in them (k, E)), absolute.
     """
     return _errors(t, u, setting, goals, border, believed)[:2]
 
@@ -273,16 +246,7 @@ def of_low_order(t: Transcription) -> Array:
 def to_be_quartered(t: Transcription, blame: Array, errors: Array) -> Array:
     """Which intervals matter, and are such that their halves may not tell by how much.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    blame, errors
-        (..., k, N) blame of its intervals for functionals, and (..., k) errors.
-
-    Returns
-    -------
-    (..., N) bool.
+    blame, errors: (..., k, N) blame of its intervals for functionals, and (..., k) errors. Returns (..., N) bool.
     """
     return of_low_order(t) & (blame > np.maximum(MATTERS * errors, ROUNDING)[..., None]).any(axis=-2)
 
@@ -290,14 +254,7 @@ def to_be_quartered(t: Transcription, blame: Array, errors: Array) -> Array:
 def left_on_quarters(on_halves: Array, on_quarters: Array) -> Array:
     """What quarters of intervals leave.
 
-    Parameters
-    ----------
-    on_halves, on_quarters
-        (..., m) blame of intervals, by their halves and by their quarters.
-
-    Returns
-    -------
-    (..., m).
+    on_halves, on_quarters: (..., m) blame of intervals, by their halves and by their quarters. Returns (..., m).
     """
     return LEFT_OF_CHANGE * np.abs(on_quarters - on_halves) + LEFT_ON_HALVED * np.abs(on_quarters)
 
@@ -306,14 +263,7 @@ def left_on_quarters(on_halves: Array, on_quarters: Array) -> Array:
 def fine_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
     """Quadrature on the halves of an interval, graded to its ends.
 
-    Parameters
-    ----------
-    degree, kind
-        collocation scheme.
-
-    Returns
-    -------
-    Weights (2, m), and interpolation (2, m, d + 1).
+    Returns weights (2, m), and interpolation (2, m, d + 1).
     """
     nodes, weights = legendre.leggauss(FINE_POINTS)
     nodes, weights = (nodes + 1) / 2, weights / 2

@@ -151,16 +151,8 @@ def lagrangian_hessian(t: Transcription, g: Graphs | None = None) -> ca.MX:
 
     Not kept: kept apart from its graphs it would outlive them and speak of symbols that are gone.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    g
-        its graphs, whose symbols are used; default `graphs(t)`.
-
-    Returns
-    -------
-    (size + 1, size + 1) expression, the upper triangle, sparse.
+    g: its graphs, whose symbols are used; default `graphs(t)`.
+    Returns (size + 1, size + 1) expression, the upper triangle, sparse.
     """
     g = g or graphs(t)
     s = _Symbols(t, g.z, g.data)

@@ -32,19 +32,8 @@ INPUTS = ("w", "x_next", "duration", "fraction", "sign", "p", "dp", "scale")
 def interval_function(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> ca.Function:
     """The function of the module docstring, for one interval.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    degree, kind
-        collocation scheme.
-
-    Returns
-    -------
-    Function of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s], fraction h, sign of the mode, p and its
-    direction dp, scale D (n).  Output: dense (R, R + 3).
+    field: f(x, p, sign) of the mode. Returns function of `INPUTS`: w = (x, X) of length R, x_next (n), duration T [s],
+    fraction h, sign of the mode, p and its direction dp, scale D (n).  Output: dense (R, R + 3).
     """
     s, d = scheme(degree, kind), degree
     w, x_next = ca.SX.sym("w", n * (d + 1)), ca.SX.sym("x_next", n)
@@ -74,16 +63,7 @@ def interval_function(field: Field, n: int, parameters: int, degree: int, kind: 
 def point_function(field: Field, n: int, parameters: int) -> ca.Function:
     """The vector field itself, scaled.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-
-    Returns
-    -------
-    Function (x, sign, p, scale) -> f(D x; p)/D.
+    field: f(x, p, sign) of the mode. Returns function (x, sign, p, scale) -> f(D x; p)/D.
     """
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
     p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
@@ -99,18 +79,8 @@ def _one_point(field: Field, n: int, parameters: int) -> Caller:
 def field_at(field: Field, x: Array, sign: float, p: Array, scale: Array) -> Array:
     """The scaled field at one scaled state.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    x, sign
-        (n,) the state, scaled; sign of the mode.
-    p, scale
-        parameter vector; (n,) state scale D.
-
-    Returns
-    -------
-    (n,).
+    field: f(x, p, sign) of the mode; x, sign: (n,) the state, scaled; sign of the mode; p, scale: parameter vector;
+    (n,) state scale D. Returns (n,).
     """
     buffers = _one_point(field, x.size, p.size).buffers
     for store, value in zip(buffers.inputs, (x, sign, p, scale), strict=True):
@@ -177,20 +147,7 @@ class IntervalMap:
 def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind, intervals: int) -> IntervalMap:
     """The compiled map, kept for reuse: the same mesh size of the same system is built once.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    degree, kind
-        collocation scheme.
-    intervals
-        N.
-
-    Returns
-    -------
-    IntervalMap.
+    field: f(x, p, sign) of the mode.
     """
     return IntervalMap(field, n, parameters, degree, kind, intervals)
 
@@ -199,16 +156,8 @@ def interval_map(field: Field, n: int, parameters: int, degree: int, kind: Kind,
 def points_function(field: Field, n: int, parameters: int, points: int) -> ca.Function:
     """The scaled field at several points of one interval: what depends on p alone is computed once for all.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters, points
-        numbers of states, of parameters and of points.
-
-    Returns
-    -------
-    Function (x (n, points), sign, p, scale) -> f(D x; p)/D (n, points).
+    field: f(x, p, sign) of the mode; n, parameters, points: numbers of states, of parameters and of points.
+    Returns function (x (n, points), sign, p, scale) -> f(D x; p)/D (n, points).
     """
     x, sign = ca.SX.sym("x", n, points), ca.SX.sym("sign")
     p, scale = ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
@@ -238,18 +187,7 @@ class PointsMap:
 def points_map(field: Field, n: int, parameters: int, points: int, intervals: int) -> PointsMap:
     """The compiled map, kept for reuse.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    points, intervals
-        points in an interval, and N.
-
-    Returns
-    -------
-    PointsMap.
+    field: f(x, p, sign) of the mode.
     """
     return PointsMap(field, n, parameters, points, intervals)
 
@@ -288,15 +226,6 @@ class PointMap:
 def point_map(field: Field, n: int, parameters: int) -> PointMap:
     """The compiled field, kept for reuse.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-
-    Returns
-    -------
-    PointMap.
+    field: f(x, p, sign) of the mode.
     """
     return PointMap(point_function(field, n, parameters), n)

@@ -145,16 +145,7 @@ def ipopt(
 
     The point is judged by what Newton's method would still do there: a step that it does not take.
 
-    Parameters
-    ----------
-    t, u, setting
-        the equations and the starting point.
-    border, parameter, largest_move
-        as in `newton`.
-
-    Returns
-    -------
-    Solution.
+    border, parameter, largest_move: as in `newton`.
     """
     row = t.system.border(parameter=1.0) if border is None else border
     z = np.append(u, parameter)
@@ -198,16 +189,7 @@ class Maximum:
 def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
     """Maximise lambda subject to the equations, with IPOPT and the exact Hessian.
 
-    Parameters
-    ----------
-    t, u, setting
-        the equations, and a point near the fold.
-    freedom
-        |lambda| at which it is no longer near.
-
-    Returns
-    -------
-    Maximum.
+    t, u, setting: the equations, and a point near the fold; freedom: |lambda| at which it is no longer near.
     """
     z, multipliers, success, iterations = _run_ipopt(t, "fold", np.append(u, 0.0), setting, np.zeros(0), freedom)
     if not (np.isfinite(z).all() and np.isfinite(multipliers).all()):
@@ -246,20 +228,8 @@ def minimise(
     Measured on fold conditions, of which the Hessian takes third derivatives of the collocation equations: 1 s to build
     and 10 to 20 iterations; a limited-memory Hessian needs none and failed wherever the optimum was not at a bound.
 
-    Parameters
-    ----------
-    x
-        (size,) symbol.
-    objective, rows, jacobian
-        expressions of x: the cost; the equations; their Jacobian, sparse.
-    start
-        (size,) first point.
-    bounds, row_bounds
-        (size, 2) and (rows, 2): smallest and largest values.
-
-    Returns
-    -------
-    Minimum.
+    x: (size,) symbol; objective, rows, jacobian: expressions of x: the cost; the equations; their Jacobian, sparse;
+    start: (size,) first point; bounds, row_bounds: (size, 2) and (rows, 2): smallest and largest values.
     """
     jac_g = ca.Function("jac_g", [x, (none := ca.MX.sym("none", 0))], [rows, jacobian], ["x", "p"], ["g", "jac"])
     problem = {"x": x, "p": none, "f": objective, "g": rows}

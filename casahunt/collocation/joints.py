@@ -68,19 +68,7 @@ def joint_function(cycle: Cycle) -> ca.Function:
 
 @kept(maxsize=64)
 def linear_in_time(mode: Mode, n: int, parameters: int) -> bool:
-    """Whether a mode in closed form moves along a straight line, its flow being linear in the time.
-
-    Parameters
-    ----------
-    mode
-        a mode with a flow.
-    n, parameters
-        numbers of states and of parameters.
-
-    Returns
-    -------
-    True where it does.
-    """
+    """Whether a mode in closed form moves along a straight line, its flow being linear in the time."""
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     return not any(ca.which_depends(mode.flow(x, T, p), T, 2, False))
@@ -97,20 +85,7 @@ def _flow_map(mode: Mode, n: int, parameters: int, points: int) -> Caller:
 def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
     """States of a mode in closed form.
 
-    Parameters
-    ----------
-    mode
-        a mode with a flow.
-    x
-        (n,) state at its start.
-    times
-        (m,) after that.
-    p
-        parameter vector.
-
-    Returns
-    -------
-    (m, n) states.
+    x: (n,) state at its start; times: (m,) after that. Returns (m, n) states.
     """
     buffers = _flow_map(mode, x.size, p.size, times.size).buffers
     for store, value in zip(buffers.inputs, (x, times, p), strict=True):
@@ -131,16 +106,8 @@ def _event_rate(phase: Phase, n: int, parameters: int) -> Caller:
 def event_rate(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float, float]:
     """How fast the event at the end of a phase is crossed.
 
-    Parameters
-    ----------
-    phase
-        the phase.
-    x, duration, p
-        (n,) state at its end, its duration, the parameters.
-
-    Returns
-    -------
-    (h_x . f, |h_x| . |f|): the rate, and the size of what it is the sum of.
+    x, duration, p: (n,) state at its end, its duration, the parameters.
+    Returns (h_x . f, |h_x| . |f|): the rate, and the size of what it is the sum of.
     """
     buffers = _event_rate(phase, x.size, p.size).buffers
     for store, value in zip(buffers.inputs, (x, duration, p), strict=True):

@@ -83,16 +83,7 @@ class Linearisation:
     def step(self, border: Array, border_value: float = 0.0) -> tuple[Array, Array, float]:
         """One Newton step under a border row.
 
-        Parameters
-        ----------
-        border
-            border row.
-        border_value
-            its value after the step.
-
-        Returns
-        -------
-        (du, dy, dlambda) : update of u (size,), the node-system solution (y,) and the last entry of it.
+        Returns (du, dy, dlambda) : update of u (size,), the node-system solution (y,) and the last entry of it.
         """
         y = self.transcription.system.solve(self.matrix(border), self.rhs(border_value))
         return self.expand(y, 1.0), y, float(y[-1])
@@ -121,16 +112,8 @@ class Linearisation:
     def expand(self, y: Array, inhomogeneous: float) -> Array:
         """The update of all unknowns that belongs to a solution of the node system.
 
-        Parameters
-        ----------
-        y
-            (y,) the solution.
-        inhomogeneous
-            factor of the stage residual: 1 for a step, 0 for a tangent.
-
-        Returns
-        -------
-        (size,) du.
+        y: (y,) the solution; inhomogeneous: factor of the stage residual: 1 for a step, 0 for a tangent.
+        Returns (size,) du.
         """
         t = self.transcription
         E, n, P = t.elements, t.n, t.phases

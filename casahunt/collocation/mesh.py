@@ -29,16 +29,7 @@ _INSIDE = np.linspace(0, 1, 17)
 def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
     """Interval boundaries of each collocated phase.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    fractions
-        (N,) interval lengths as fractions of their phase.
-
-    Returns
-    -------
-    (N_k + 1,) for each phase, from 0 to 1.
+    fractions: (N,) interval lengths as fractions of their phase. Returns (N_k + 1,) for each phase, from 0 to 1.
     """
     return [breaks_of_phase(t, fractions, k) for k, count in enumerate(t.counts) if count]
 
@@ -46,16 +37,7 @@ def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
 def breaks_of_phase(t: Transcription, fractions: Array, phase: int) -> Array:
     """Interval boundaries of one collocated phase.
 
-    Parameters
-    ----------
-    t, fractions
-        as in `phase_breaks`.
-    phase
-        its index.
-
-    Returns
-    -------
-    (N_k + 1,) from 0 to 1.
+    t, fractions: as in `phase_breaks`. Returns (N_k + 1,) from 0 to 1.
     """
     edges = np.zeros(t.counts[phase] + 1)
     np.cumsum(fractions[t.phase_intervals(phase)], out=edges[1:])
@@ -67,18 +49,8 @@ def transfer(
 ) -> tuple[Transcription, Array, Array]:
     """Put a solution on another mesh by its own collocation polynomials.
 
-    Parameters
-    ----------
-    t, u, fractions
-        the solution and its mesh.
-    breaks
-        new boundaries of each collocated phase.
-    target
-        the transcription to use; default the one of the same cycle and scheme.
-
-    Returns
-    -------
-    (transcription, u, fractions) on the new mesh.
+    target: the transcription to use; default the one of the same cycle and scheme.
+    Returns (transcription, u, fractions) on the new mesh.
     """
     counts, supply = [], iter(breaks)
     for count in t.counts:
@@ -105,16 +77,8 @@ def transfer(
 def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transcription, Array, Array]:
     """A solution with every interval cut in two: `divided` by one fixed matrix.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-    fractions
-        (N,) interval lengths as fractions of their phase.
-
-    Returns
-    -------
-    Transcription, unknowns and (2 N,) fractions of the finer mesh.
+    fractions: (N,) interval lengths as fractions of their phase.
+    Returns transcription, unknowns and (2 N,) fractions of the finer mesh.
     """
     fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
     halves = t.scheme.halves.reshape(-1, t.degree + 1)
@@ -127,20 +91,9 @@ def divided(
 ) -> tuple[Transcription, Array, Array]:
     """A solution with every interval cut in equal parts: `transfer` by fixed matrices.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-    fractions
-        (N,) interval lengths as fractions of their phase.
-    parts
-        (N,) how many parts each becomes.
-    target
-        the transcription to use; default the one of the same cycle and scheme.
-
-    Returns
-    -------
-    Transcription, unknowns and fractions of the finer mesh.
+    fractions: (N,) interval lengths as fractions of their phase; parts: (N,) how many parts each becomes; target: the
+    transcription to use; default the one of the same cycle and scheme.
+    Returns transcription, unknowns and fractions of the finer mesh.
     """
     counts = tuple(int(parts[t.phase_intervals(k)].sum()) for k in range(t.phases))
     fine = target or transcribe(t.cycle, counts, t.degree, t.kind)
@@ -183,20 +136,8 @@ def _at(t: Transcription, w: Array, places: list[tuple[Array, Array]]) -> Array:
 def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, times: Array) -> Array:
     """States of a collocated phase.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-    fractions
-        (N,) interval lengths as fractions of their phase.
-    phase
-        its index.
-    times
-        (m,) fractions of its duration.
-
-    Returns
-    -------
-    (m, n), scaled.
+    fractions: (N,) interval lengths as fractions of their phase; times: (m,) fractions of its duration.
+    Returns (m, n), scaled.
     """
     breaks = breaks_of_phase(t, fractions, phase)
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[t.phase_intervals(phase)]
@@ -211,18 +152,8 @@ def halved(breaks: list[Array]) -> list[Array]:
 def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Array]:
     """Boundaries with some intervals cut in four.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    fractions
-        (N,) interval lengths as fractions of their phase.
-    where
-        (N,) bool: the intervals.
-
-    Returns
-    -------
-    Boundaries of each collocated phase, from 0 to 1.
+    fractions: (N,) interval lengths as fractions of their phase; where: (N,) bool: the intervals.
+    Returns boundaries of each collocated phase, from 0 to 1.
     """
     out = []
     for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
@@ -235,14 +166,8 @@ def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Ar
 def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
     """The largest magnitude of every state in a solution.
 
-    Parameters
-    ----------
-    t, u, setting
-        a solution: transcription, unknowns, setting.
-
-    Returns
-    -------
-    (n,) in the units of u, that is of setting.scale; 1 for a state that is zero all along, whose size nobody knows.
+    Returns (n,) in the units of u, that is of setting.scale; 1 for a state that is zero all along, whose size nobody
+    knows.
     """
     nodes = t.nodes_of(u)
     largest = np.abs(nodes).max(axis=0)
@@ -259,14 +184,7 @@ def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
 def shape(t: Transcription, u: Array) -> Array:
     """The last Legendre coefficient of every interval.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-
-    Returns
-    -------
-    (N,) its absolute value, in units of the state scale.
+    Returns (N,) its absolute value, in units of the state scale.
     """
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
     return np.abs(np.matmul(t.scheme.last_mode, w)).max(axis=1)

@@ -17,17 +17,10 @@ Array = np.ndarray
 def comes_and_goes(values: Array, doubt: Array | float, least: Array | float) -> tuple[Array, Array]:
     """Where an event that is not met in the end is met in between: surely, and perhaps.
 
-    Parameters
-    ----------
-    values
-        (..., N, m) of the event, below zero before it is met.
-    doubt, least
-        (..., N, 1) how well they are known, 0 for exactly; (..., 1, 1) what does not count.
-
-    Returns
-    -------
-    (..., N, m) bool: above `least` for sure, between times at which it is as far below zero; and no farther below zero
-    than it is known, between times at which it is, on intervals that do not resolve `least`.
+    values: (..., N, m) of the event, below zero before it is met; doubt, least: (..., N, 1) how well they are known, 0
+    for exactly; (..., 1, 1) what does not count.
+    Returns (..., N, m) bool: above `least` for sure, between times at which it is as far below zero; and no farther
+    below zero than it is known, between times at which it is, on intervals that do not resolve `least`.
     """
     flat = values.reshape(*values.shape[:-2], -1)
     around, tops = np.zeros_like(flat), _tops(values)

@@ -82,27 +82,13 @@ def newton(
 ) -> Solution:
     """Newton's method from u.
 
-    Parameters
-    ----------
-    t, u, setting
-        the equations and the starting point.
-    border, parameter
-        border row (NodeSystem.border) orthogonal to the correction, default: lambda fixed; lambda at the start, with
-        p + lambda dp in the equations.
-    max_iterations, largest_move
-        when to give up, and how far from u a solution may lie.
-    accuracy
-        a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as it stands; 0 for all
-        digits.
-    rough
-        above zero, a point is a solution too whose next step is sure to be no larger, with no more left of the
-        equations; the linearisation is that where the last step began.
-    nearby
-        above zero, so is one, from no further than this, whose next step is below `accuracy` for sure (`_sure`).
-
-    Returns
-    -------
-    Solution, whose status says how it ended.
+    border, parameter: border row (NodeSystem.border) orthogonal to the correction, default: lambda fixed; lambda at the
+    start, with p + lambda dp in the equations; max_iterations, largest_move: when to give up, and how far from u a
+    solution may lie; accuracy: a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as
+    it stands; 0 for all digits; rough: above zero, a point is a solution too whose next step is sure to be no larger,
+    with no more left of the equations; the linearisation is that where the last step began; nearby: above zero, so is
+    one, from no further than this, whose next step is below `accuracy` for sure (`_sure`).
+    Returns solution, whose status says how it ended.
     """
     row = t.system.border(parameter=1.0) if border is None else border
     start, u, lam, last, before = u, u.copy(), parameter, np.inf, None
@@ -188,16 +174,7 @@ def _arrived(
 def size_of_step(t: Transcription, u: Array, du: Array) -> float:
     """How large an update of the unknowns is: states as they are (scaled), durations relative.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    u, du
-        (size,) unknowns and their update.
-
-    Returns
-    -------
-    The largest; NaN stays NaN.
+    u, du: (size,) unknowns and their update. Returns the largest; NaN stays NaN.
     """
     sizes, P = np.abs(du), t.phases
     sizes[-P:] /= np.maximum(np.abs(u[-P:]), 1e-300)
@@ -207,20 +184,8 @@ def size_of_step(t: Transcription, u: Array, du: Array) -> float:
 def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
     """What becomes of a point as a solution.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    start, u
-        (size,) where the solver started, and the point.
-    residual, small
-        what is left of the equations there, and whether that is small.
-    largest_move
-        how far from `start` a solution may lie, in the scaled states of the nodes.
-
-    Returns
-    -------
-    Status.
+    start, u: (size,) where the solver started, and the point; residual, small: what is left of the equations there, and
+    whether that is small; largest_move: how far from `start` a solution may lie, in the scaled states of the nodes.
     """
     if not np.isfinite(u).all() or not np.isfinite(residual):
         return Status.NOT_FINITE

@@ -80,18 +80,8 @@ class NodeSystem:
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
         """A border row.
 
-        Parameters
-        ----------
-        nodes
-            (P + 1, n) weights of the phase-end nodes; default 0.
-        durations
-            (P,) weights of the durations; default 0.
-        parameter
-            weight of lambda.
-
-        Returns
-        -------
-        ((P + 1) n + P + 1,).
+        nodes: (P + 1, n) weights of the phase-end nodes; default 0; durations: (P,) weights of the durations; default
+        0. Returns ((P + 1) n + P + 1,).
         """
         E, n, P = self._shape
         return np.concatenate(
@@ -105,20 +95,8 @@ class NodeSystem:
     def nonzeros(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
         """The matrix from the blocks of a Linearisation and a border row.
 
-        Parameters
-        ----------
-        maps
-            (E, n, n + 3) condensed maps: residual, A, B, C.
-        closure
-            (n, n) matrix S.
-        events
-            (n + 3, P) values of the events and their derivatives.
-        border
-            of `border`.
-
-        Returns
-        -------
-        Nonzeros, column after column.
+        maps: (E, n, n + 3) condensed maps: residual, A, B, C; closure: (n, n) matrix S; events: (n + 3, P) values of
+        the events and their derivatives; border: of `border`. Returns nonzeros, column after column.
         """
         n = self._shape[1]
         values = np.concatenate(
@@ -136,16 +114,8 @@ class NodeSystem:
     def solve(self, nonzeros: Array, rhs: Array) -> Array:
         """Solve the node system.
 
-        Parameters
-        ----------
-        nonzeros
-            of `nonzeros`.
-        rhs
-            (y,) right-hand side.
-
-        Returns
-        -------
-        (y,), whose last entry is exact where the border row has no other: rounding moves no parameter that is held.
+        nonzeros: of `nonzeros`; rhs: (y,) right-hand side. Returns (y,), whose last entry is exact where the border row
+        has no other: rounding moves no parameter that is held.
         """
         y = (self._solvers.get(0) or self._solver(0))(nonzeros, rhs)
         if self._holds(nonzeros):
@@ -161,16 +131,7 @@ class NodeSystem:
 
         The matrix is factorised once for all of them.
 
-        Parameters
-        ----------
-        nonzeros
-            of `nonzeros`.
-        rhs
-            (k, y) the functionals, k <= ADJOINTS.
-
-        Returns
-        -------
-        (k, y).
+        nonzeros: of `nonzeros`; rhs: (k, y) the functionals, k <= ADJOINTS. Returns (k, y).
         """
         goals = np.zeros((ADJOINTS, self.size))
         goals[: len(rhs)] = rhs
@@ -179,14 +140,8 @@ class NodeSystem:
     def nonzeros_of_many(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
         """The matrices of B members.
 
-        Parameters
-        ----------
-        maps, closure, events, border
-            as in `nonzeros`, with an axis of B members in front.
-
-        Returns
-        -------
-        (B, nnz) nonzeros, column after column.
+        maps, closure, events, border: as in `nonzeros`, with an axis of B members in front.
+        Returns (B, nnz) nonzeros, column after column.
         """
         B, n = len(maps), self._shape[1]
         ci, cj = self._closure_entries
@@ -206,18 +161,8 @@ class NodeSystem:
     def solve_many(self, nonzeros: Array, rhs: Array, *, transposed: bool = False) -> Array:
         """The node systems of B members, one after the other, each factorised once.
 
-        Parameters
-        ----------
-        nonzeros
-            (B, nnz).
-        rhs
-            (B, k, y) right-hand sides.
-        transposed
-            solve with the transposed matrices.
-
-        Returns
-        -------
-        (B, k, y); NaN for a member whose matrix is singular, exact where it holds lambda, as in `solve`.
+        nonzeros: (B, nnz); rhs: (B, k, y) right-hand sides.
+        Returns (B, k, y); NaN for a member whose matrix is singular, exact where it holds lambda, as in `solve`.
         """
         columns = rhs.shape[1] if transposed else -rhs.shape[1]
         solve = self._solvers.get(columns) or self._solver(columns)
@@ -265,20 +210,7 @@ def node_system(
 ) -> NodeSystem:
     """The node system of a chain structure, built once.
 
-    Parameters
-    ----------
-    elements, n
-        numbers of elements and of states.
-    phase_of
-        phase of each element.
-    phase_end
-        node at the end of each phase.
-    closure
-        (n, n) matrix S, as bytes.
-
-    Returns
-    -------
-    NodeSystem.
+    closure: (n, n) matrix S, as bytes.
     """
     return NodeSystem(
         elements, n, np.array(phase_of), np.array(phase_end), np.frombuffer(closure).reshape(n, n)

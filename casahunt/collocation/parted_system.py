@@ -58,14 +58,7 @@ class PartedSystem(NodeSystem):
     def border(self, *, nodes: Array | None = None, durations: Array | None = None, parameter: float = 0.0) -> Array:
         """A border row: that of the coarse system, whose phases end at the same nodes.
 
-        Parameters
-        ----------
-        nodes, durations, parameter
-            as in `NodeSystem.border`.
-
-        Returns
-        -------
-        ((P + 1) n + P + 1,).
+        nodes, durations, parameter: as in `NodeSystem.border`. Returns ((P + 1) n + P + 1,).
         """
         return self._t.system.border(nodes=nodes, durations=durations, parameter=parameter)
 
@@ -79,14 +72,7 @@ class PartedSystem(NodeSystem):
     def nonzeros(self, maps: Array, closure: Array, events: Array, border: Array) -> Any:
         """The matrix from the blocks of a Linearisation and a border row.
 
-        Parameters
-        ----------
-        maps, closure, events, border
-            as in `NodeSystem.nonzeros`, of the fine mesh.
-
-        Returns
-        -------
-        What `solve` takes.
+        maps, closure, events, border: as in `NodeSystem.nonzeros`, of the fine mesh. Returns what `solve` takes.
         """
         n, through = self._t.n, maps[:, :, 1 : self._t.n + 1]
         added = maps.copy()
@@ -99,16 +85,7 @@ class PartedSystem(NodeSystem):
     def solve(self, nonzeros: Any, rhs: Array) -> Array:
         """Solve the node system.
 
-        Parameters
-        ----------
-        nonzeros
-            of `nonzeros`.
-        rhs
-            (y,) right-hand side.
-
-        Returns
-        -------
-        (y,).
+        nonzeros: of `nonzeros`; rhs: (y,) right-hand side. Returns (y,).
         """
         t, E, n = self._t, self._fine.elements, self._t.n
         added = self._products(nonzeros.through, rhs[: E * n].reshape(E, n, 1))[:, :, 0]

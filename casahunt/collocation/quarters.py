@@ -27,14 +27,7 @@ QUARTERS = 4
 def chained(maps: Array) -> Array:
     """The maps over all parts of intervals from those over each, the nodes between them eliminated.
 
-    Parameters
-    ----------
-    maps
-        (..., parts, n, c) of [r | A | B | C].
-
-    Returns
-    -------
-    (..., n, c).
+    maps: (..., parts, n, c) of [r | A | B | C]. Returns (..., n, c).
     """
     n, through = maps.shape[-2], maps[..., 0, :, :]
     for k in range(1, maps.shape[-3]):
@@ -48,16 +41,8 @@ def chained(maps: Array) -> Array:
 def maps_over_quarters(fine: Transcription, u: Array, setting: Setting, chosen: Array) -> Array:
     """The maps over some intervals, from four parts of each.
 
-    Parameters
-    ----------
-    fine, u, setting
-        transcription, unknowns and setting of the mesh with halved intervals.
-    chosen
-        (m,) which intervals before they were halved.
-
-    Returns
-    -------
-    (m, n, n + 3).
+    fine, u, setting: transcription, unknowns and setting of the mesh with halved intervals; chosen: (m,) which
+    intervals before they were halved. Returns (m, n, n + 3).
     """
     n, first = fine.n, 2 * chosen
     halves = u[: fine.intervals * fine.rows].reshape(-1, 2, fine.rows)[chosen]
@@ -84,16 +69,8 @@ def maps_over_quarters(fine: Transcription, u: Array, setting: Setting, chosen: 
 def quarters(fine: Transcription, halves: Array, ends: Array) -> tuple[Array, Array]:
     """The halves of halved intervals.
 
-    Parameters
-    ----------
-    fine
-        transcription of the mesh with halved intervals.
-    halves, ends
-        (m, 2, R) starts and stages of the halves of some intervals, and (m, n) nodes behind these.
-
-    Returns
-    -------
-    (m, 4, d + 1, n) starts and stages, and the nodes (m, 4, n) behind them.
+    halves, ends: (m, 2, R) starts and stages of the halves of some intervals, and (m, n) nodes behind these.
+    Returns (m, 4, d + 1, n) starts and stages, and the nodes (m, 4, n) behind them.
     """
     w = halves.reshape(-1, 2, 1, fine.degree + 1, fine.n)
     w = np.matmul(fine.scheme.halves.reshape(2, fine.degree + 1, -1), w).reshape(len(w), QUARTERS, *w.shape[3:])

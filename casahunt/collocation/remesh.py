@@ -45,22 +45,8 @@ def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, c
     The blame of an interval behaves like h^(order + 1): its length is changed by the power that would bring it to its
     share of the tolerance, by at most 4 at a time when it shrinks and `COARSENING` when it grows.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    fractions
-        (N,) interval lengths as fractions of their phase.
-    e
-        error estimate on this mesh.
-    tol
-        the tolerance.
-    changes
-        how often this mesh has been changed already.
-
-    Returns
-    -------
-    Boundaries of each collocated phase, from 0 to 1.
+    fractions: (N,) interval lengths as fractions of their phase; e: error estimate on this mesh; changes: how often
+    this mesh has been changed already. Returns boundaries of each collocated phase, from 0 to 1.
     """
     smooth = np.array([t.cycle.phases[k].mode.smooth for k in t.phase_of[t.interval_elements]])
     power = np.where(smooth, 1.0 / (t.scheme.order + 1), KINK_POWER)

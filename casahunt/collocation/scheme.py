@@ -74,14 +74,8 @@ class Scheme:
     def interpolation(self, tau: Array) -> Array:
         """Values at tau in [0, 1] from (start, stages) of the interval.
 
-        Parameters
-        ----------
-        tau
-            (m,) local times.
-
-        Returns
-        -------
-        (m, d + 1) matrix; row k times the stacked states [x, X_1, ..., X_d] is the state at tau_k.
+        tau: (m,) local times.
+        Returns (m, d + 1) matrix; row k times the stacked states [x, X_1, ..., X_d] is the state at tau_k.
         """
         return lagrange(self.points, np.asarray(tau, float), self._barycentric)
 
@@ -96,18 +90,7 @@ def lagrange(nodes: Array, x: Array, weights: Array | None = None) -> Array:
     L_j(x) = w_j / (x - x_j) prod_k (x - x_k), to rounding at any distance from a node (Higham, IMA J. Numer. Anal.
     24, 2004).
 
-    Parameters
-    ----------
-    nodes
-        (k,).
-    x
-        (m,) places.
-    weights
-        `barycentric_weights(nodes)`, where they are at hand.
-
-    Returns
-    -------
-    (m, k) values.
+    nodes: (k,); x: (m,) places; weights: `barycentric_weights(nodes)`, where they are at hand. Returns (m, k) values.
     """
     off = x[:, None] - nodes
     product = np.multiply.reduce(off, axis=1)[:, None] * (barycentric_weights(nodes) if weights is None else weights)
@@ -147,20 +130,7 @@ def _radau_stages(d: int) -> Array:
 def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
     """The coefficients of a collocation scheme.
 
-    Parameters
-    ----------
-    degree
-        number of stages, 1..12.
-    kind
-        "gauss" or "radau".
-
-    Returns
-    -------
-    Scheme.
-
-    Raises
-    ------
-    InputError : another degree or kind.
+    degree: number of stages, 1..12. Raises InputError: another degree or kind.
     """
     if not 1 <= degree <= MAX_DEGREE:
         raise InputError(f"degree = {degree!r}: the collocation degree must lie in 1..{MAX_DEGREE}")
@@ -183,16 +153,7 @@ def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
 def equal_parts(degree: int, kind: Kind, count: int) -> Array:
     """Interpolation to the `points` of each of some equal parts of an interval.
 
-    Parameters
-    ----------
-    degree, kind
-        of the scheme.
-    count
-        number of parts.
-
-    Returns
-    -------
-    (count, d + 1, d + 1).
+    Returns (count, d + 1, d + 1).
     """
     s = scheme(degree, kind)
     return np.array([s.interpolation((k + s.points) / count) for k in range(count)])

@@ -201,9 +201,7 @@ class _Rows:
     def linearised(self, at: _State) -> _Linear:
         """The equations of all members.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError : the stages of an interval cannot be eliminated.
+        Raises numpy.linalg.LinAlgError: the stages of an interval cannot be eliminated.
         """
         n, start = self.n, self.start[self.intervals]
         owner, p = self.owner[self.intervals], self.p + at.lam[:, None] * self.dp
@@ -298,16 +296,9 @@ class _Rows:
 def corrected(members: Sequence[Member], accuracy: float) -> list[Corrected | None]:
     """Solutions on the meshes of their parts, by Newton's method.
 
-    Parameters
-    ----------
-    members
-        solutions of one cycle in one scheme, with their parts.
-    accuracy
-        a point whose Newton step is no larger than this is a solution as it stands.
-
-    Returns
-    -------
-    As many; None for a member that did not get there in a few steps, for whatever reason.
+    members: solutions of one cycle in one scheme, with their parts; accuracy: a point whose Newton step is no larger
+    than this is a solution as it stands.
+    Returns as many; None for a member that did not get there in a few steps, for whatever reason.
     """
     found: list[Corrected | None] = [None] * len(members)
     able = [k for k, m in enumerate(members) if m.t.intervals]

@@ -20,14 +20,7 @@ POLISHING, POLISHED = 4, 1e-2
 def ipopt_then_newton(t: Transcription, u: Array, setting: Setting) -> Solution:
     """IPOPT from where Newton's method may not converge, and Newton's method from where it arrives.
 
-    Parameters
-    ----------
-    t, u, setting
-        the equations and the starting point.
-
-    Returns
-    -------
-    Solution, judged by its distance from `u`.
+    Returns solution, judged by its distance from `u`.
     """
     found = ipopt(t, u, setting)
     if found.status not in (Status.CONVERGED, Status.NOT_CONVERGED):
@@ -53,18 +46,7 @@ def solve(
 ) -> Solution:
     """Solve with the named solver alone.
 
-    Parameters
-    ----------
-    t, u, setting
-        the equations and the starting point.
-    solver
-        "ipopt" or "newton".
-    border, parameter, accuracy, rough, nearby
-        as in `newton`; IPOPT always goes for all digits.
-
-    Returns
-    -------
-    Solution.
+    border, parameter, accuracy, rough, nearby: as in `newton`; IPOPT always goes for all digits.
     """
     if solver == "ipopt":
         return ipopt(t, u, setting, border=border, parameter=parameter)

@@ -191,18 +191,8 @@ class Transcription:
     def pack(self, w: Array, nodes: Array, durations: Array) -> Array:
         """The unknowns from their parts.
 
-        Parameters
-        ----------
-        w
-            (N, R) start and stages of the intervals.
-        nodes
-            (E + 1, n); they win over the start nodes inside `w`.
-        durations
-            (P,) [s].
-
-        Returns
-        -------
-        (size,) u.
+        w: (N, R) start and stages of the intervals; nodes: (E + 1, n); they win over the start nodes inside `w`;
+        durations: (P,) [s]. Returns (size,) u.
         """
         u = np.empty(self.size)
         self.intervals_of(u)[:] = w
@@ -215,16 +205,8 @@ class Transcription:
     def linearise(self, u: Array, setting: Setting, *, counted: bool = True) -> Linearisation:
         """Residual and condensed Jacobian.
 
-        Parameters
-        ----------
-        u, setting
-            the point: unknowns and setting.
-        counted
-            as work (effort.py); False where whoever keeps it counts it at every reading.
-
-        Returns
-        -------
-        Linearisation; not finite where the iterate is wild.
+        counted: as work (effort.py); False where whoever keeps it counts it at every reading.
+        Returns linearisation; not finite where the iterate is wild.
         """
         if counted:
             effort.problem(self.intervals)
@@ -258,14 +240,7 @@ class Transcription:
     def residual_norm(self, u: Array, setting: Setting) -> float:
         """What is left of the equations, without their Jacobian.
 
-        Parameters
-        ----------
-        u, setting
-            the point: unknowns and setting.
-
-        Returns
-        -------
-        The largest, in scaled units, as `Linearisation.residual_norm`; NaN where anything is NaN.
+        Returns the largest, in scaled units, as `Linearisation.residual_norm`; NaN where anything is NaN.
         """
         with np.errstate(all="ignore"):
             return float(np.max([np.abs(part).max(initial=0.0) for part in self._residuals(u, setting)]))
@@ -312,17 +287,6 @@ class Transcription:
 def transcribe(cycle: Cycle, counts: tuple[int, ...], degree: int, kind: Kind) -> Transcription:
     """The transcription of a cycle: built once, kept for reuse.
 
-    Parameters
-    ----------
-    cycle
-        the cycle.
-    counts
-        intervals of each phase; 0 for a closed-form phase.
-    degree, kind
-        collocation scheme.
-
-    Returns
-    -------
-    Transcription.
+    counts: intervals of each phase; 0 for a closed-form phase.
     """
     return Transcription(cycle, counts, degree, kind)

@@ -34,18 +34,7 @@ Array = np.ndarray
 def parameter_slopes(orbit: Orbit, multipliers: Array, names: tuple[str, ...]) -> Array:
     """The derivatives of lambda at a fold by parameters.
 
-    Parameters
-    ----------
-    orbit
-        at the fold.
-    multipliers
-        (size,) of the equations on its mesh.
-    names
-        k parameters of its problem.
-
-    Returns
-    -------
-    (k,) d lambda/d q.
+    multipliers: (size,) of the equations on its mesh. Returns (k,) d lambda/d q.
     """
     t, u, setting = unknowns_of(orbit)
     problem = orbit.problem
@@ -59,18 +48,8 @@ def parameter_slopes(orbit: Orbit, multipliers: Array, names: tuple[str, ...]) -
 def curvature(orbit: Orbit, multipliers: Array, dp: Array) -> float:
     """The second derivative of lambda along the branch at a fold.
 
-    Parameters
-    ----------
-    orbit
-        at the fold.
-    multipliers
-        (size,) of the equations on its mesh.
-    dp
-        the way that the parameters go for lambda = 1.
-
-    Returns
-    -------
-    d2 lambda/d s2, s the length in the first node.
+    multipliers: (size,) of the equations on its mesh; dp: the way that the parameters go for lambda = 1.
+    Returns d2 lambda/d s2, s the length in the first node.
     """
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=dp)

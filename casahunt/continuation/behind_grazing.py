@@ -69,18 +69,7 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
 def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Options) -> Behind[AnyOrbit]:
     """The grazing that a branch has come to, and the cycle that it goes on with.
 
-    Parameters
-    ----------
-    last, vary
-        the last cycle of a walk, and the name of the parameter.
-    failure
-        why the walk has ended.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    Behind.
+    last, vary: the last cycle of a walk, and the name of the parameter.
     """
     fewer = last.problem.vanishing(*unknowns_of(last))
     without = None if fewer is None else solved_at(last.problem, fewer[1], options)
@@ -127,16 +116,8 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
 
     There its distance from the touch goes like a square root of the parameter's, as if the branch had a fold.
 
-    Parameters
-    ----------
-    orbit, previous
-        the cycle, and the one before it on the branch or None.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    Both; as they are where that is not known.
+    orbit, previous: the cycle, and the one before it on the branch or None.
+    Returns both; as they are where that is not known.
     """
     family = orbit.problem
     if not isinstance(family, Family) or previous is not None and previous.signature != orbit.signature:

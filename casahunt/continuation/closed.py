@@ -30,14 +30,7 @@ MET_AGAIN = 100.0
 def came_round(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
     """The end of a branch that comes back to where it began.
 
-    Parameters
-    ----------
-    run, after
-        the branch, and the next orbit.
-
-    Returns
-    -------
-    End; None where it does not.
+    Returns end; None where it does not.
     """
     orbits = run.branch.orbits
     if len(orbits) < LEAST_ROUND:
@@ -64,14 +57,8 @@ def _the_same(one: Orbit, other: Orbit, tol: float) -> bool:
 def met_itself(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
     """The end of a branch that meets its own image before the next orbit: what follows is what it has passed.
 
-    Parameters
-    ----------
-    run, after
-        the branch, which is told what was missed where that could not be located, and the next orbit.
-
-    Returns
-    -------
-    End; None where it does not.
+    run, after: the branch, which is told what was missed where that could not be located, and the next orbit.
+    Returns end; None where it does not.
     """
     before, vary = run.last, run.branch.vary
     met = reunion(before, after, run.options.tol) if run.looked_for else None
@@ -99,14 +86,8 @@ def met_itself(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
 def unseen_turns(branch: Branch[AnyOrbit]) -> tuple[Missed, ...]:
     """Whether the parameter of a branch has turned round more often than its special points say.
 
-    Parameters
-    ----------
-    branch
-        with all its orbits and special points, and what was missed.
-
-    Returns
-    -------
-    What is missed besides: a fold, or nothing.
+    branch: with all its orbits and special points, and what was missed.
+    Returns what is missed besides: a fold, or nothing.
     """
     values = branch.values
     if values.size < 3:

@@ -138,10 +138,7 @@ class Crossings(Generic[AnyOrbit]):
     def go_on_from(self, orbit: AnyOrbit, *, same: bool = False) -> None:
         """Go on from another orbit; after `rest`.
 
-        Parameters
-        ----------
-        orbit, same
-            the last one again, in other coordinates (`same`), or the one behind a gap.
+        orbit, same: the last one again, in other coordinates (`same`), or the one behind a gap.
         """
         last = self._signs.last
         for kind, (station, value) in tuple(last.items()):
@@ -336,19 +333,9 @@ class Crossings(Generic[AnyOrbit]):
 def hides(at: Array, values: Array, low: float, high: float, mean: float | None = None) -> bool:
     """Whether a function may have a pair of zeros between two of the places at which it is known.
 
-    Parameters
-    ----------
-    at, values
-        (m,) places, in order, and values; m from 2 to 4.
-    low, high
-        the two places between which it is asked: neighbours.
-    mean
-        of the function between them, where it is known: a further parabola.
-
-    Returns
-    -------
-    True where the parabolas differ by more than a part of the distance from zero, or cross it; where two places are all
-    that is known.
+    at, values: (m,) places, in order, and values; m from 2 to 4; low, high: the two places between which it is asked:
+    neighbours; mean: of the function between them, where it is known: a further parabola. Returns True where the
+    parabolas differ by more than a part of the distance from zero, or cross it; where two places are all that is known.
     """
     k = int(np.flatnonzero(at == low)[0])
     if values[k] * values[k + 1] < 0:
@@ -373,23 +360,9 @@ def crossings(
 ) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:  # fmt: skip
     """The special points between two successive orbits of a walk.
 
-    Parameters
-    ----------
-    before, after
-        the orbits, in the order of the walk.
-    vary
-        name of the parameter.
-    monitors
-        the kinds that are looked for.
-    options
-        tolerance and method of the orbits.
-    earlier, inside
-        the orbit before them, where there is one; whether the step is looked at inside, else by what is known at its
-        ends.
-
-    Returns
-    -------
-    Special points in the order of the walk, and those that are there and were not located.
+    before, after: the orbits, in the order of the walk; earlier, inside: the orbit before them, where there is one;
+    whether the step is looked at inside, else by what is known at its ends.
+    Returns special points in the order of the walk, and those that are there and were not located.
     """
     first, *others = [orbit for orbit in (earlier, before, after) if orbit is not None]
     found = Crossings(first, vary=vary, monitors=monitors, options=options, inside=inside).seen(*others)

@@ -66,14 +66,7 @@ class Point:
 def parameter_value(orbit: Orbit, vary: str) -> float:
     """Value of a parameter at an orbit.
 
-    Parameters
-    ----------
-    orbit, vary
-        the orbit, and the name of the parameter.
-
-    Returns
-    -------
-    The value.
+    orbit, vary: the orbit, and the name of the parameter.
     """
     return orbit.problem.value(vary)
 
@@ -81,16 +74,7 @@ def parameter_value(orbit: Orbit, vary: str) -> float:
 def secant(before: Orbit, after: Orbit, vary: str) -> Array:
     """The way from one orbit to the next.
 
-    Parameters
-    ----------
-    before, after
-        the orbits.
-    vary
-        name of the parameter.
-
-    Returns
-    -------
-    (n + 2,) in (x_0, ln T_1, lambda), in the scale of `before`.
+    Returns (n + 2,) in (x_0, ln T_1, lambda), in the scale of `before`.
     """
     x = (after.arcs[0].states[0, 0] - before.arcs[0].states[0, 0]) / before.scale
     lam = before.problem.distance(vary, parameter_value(after, vary))
@@ -102,33 +86,14 @@ def secant(before: Orbit, after: Orbit, vary: str) -> Array:
 def in_units_of(row: Array, scale: Array, other: Array) -> Array:
     """A direction of the curve in other units.
 
-    Parameters
-    ----------
-    row
-        (n + 2,) direction.
-    scale, other
-        (n,) its state scale, and that of the result.
-
-    Returns
-    -------
-    (n + 2,).
+    row: (n + 2,) direction; scale, other: (n,) its state scale, and that of the result. Returns (n + 2,).
     """
     n = scale.size
     return np.concatenate([row[:n] * scale / other, row[n:]])
 
 
 def cosine(before: Point, after: Point) -> float:
-    """The angle between the tangents at two points; without ln T_1 where that is another thing.
-
-    Parameters
-    ----------
-    before, after
-        the points.
-
-    Returns
-    -------
-    Its cosine.
-    """
+    """The angle between the tangents at two points; without ln T_1 where that is another thing."""
     carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row
     if before.t.cycle != after.t.cycle:
         told = with_other_phases(carried, *(float(at.t.durations_of(at.u)[0]) for at in (before, after)))
@@ -139,18 +104,9 @@ def cosine(before: Point, after: Point) -> float:
 def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:
     """The curve at an orbit, with its tangent.
 
-    Parameters
-    ----------
-    orbit, vary
-        a converged orbit and the name of the parameter.
-    like
-        (n + 2,) direction to go on in; the tangent makes an acute angle with it.
-    sense
-        where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
-
-    Returns
-    -------
-    Point.
+    orbit, vary: a converged orbit and the name of the parameter; like: (n + 2,) direction to go on in; the tangent
+    makes an acute angle with it; sense: where `like` is None, +1 to go on towards larger, -1 towards smaller parameter
+    values.
     """
     t, u, setting, lin = linearised(orbit, vary)
     return point_at(t, u, setting, setting.dp, like=like, sense=sense, lin=lin)
@@ -159,32 +115,14 @@ def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: fl
 def along(problem: Problem, vary: str, value: float | None = None) -> Array:
     """The way dp that p goes for lambda = 1.
 
-    Parameters
-    ----------
-    problem, vary, value
-        the problem, the name of the parameter, and where it stands: default the problem's own value.
-
-    Returns
-    -------
-    (np,).
+    problem, vary, value: the problem, the name of the parameter, and where it stands: default the problem's own value.
+    Returns (np,).
     """
     return problem.direction(vary) * problem.unit(vary, value)
 
 
 def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
-    """The curve at two successive orbits, oriented from the first to the second.
-
-    Parameters
-    ----------
-    before, after
-        the orbits.
-    vary
-        name of the parameter.
-
-    Returns
-    -------
-    Points at both.
-    """
+    """The curve at two successive orbits, oriented from the first to the second."""
     way = secant(before, after, vary)
     there = in_units_of(way, before.scale, after.scale)
     return curve_point(before, vary, like=way), curve_point(after, vary, like=there)
@@ -202,22 +140,9 @@ def point_at(
 ) -> Point:
     """The curve at a solution, with its tangent.
 
-    Parameters
-    ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
-    dp
-        (np,) the way that p goes for lambda = 1.
-    like
-        (n + 2,) direction to go on in; the tangent makes an acute angle with it.
-    sense
-        where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values.
-    lin
-        the linearisation there where the corrector has left one, along setting.dp.
-
-    Returns
-    -------
-    Point.
+    dp: (np,) the way that p goes for lambda = 1; like: (n + 2,) direction to go on in; the tangent makes an acute angle
+    with it; sense: where `like` is None, +1 to go on towards larger, -1 towards smaller parameter values; lin: the
+    linearisation there where the corrector has left one, along setting.dp.
     """
     index = int(np.argmax(np.abs(dp)))
     if lin is None:
@@ -262,16 +187,8 @@ def _divided(t: Transcription, u: Array, factor: Array) -> Array:
 def predict(point: Point, ds: float) -> tuple[Array, float, Setting]:
     """Predict a point further on; sizes and durations are multiplied, so that they stay positive.
 
-    Parameters
-    ----------
-    point
-        where the prediction is made.
-    ds
-        how far on, in arclength.
-
-    Returns
-    -------
-    (size,) u, lambda, and the setting at the point with the mesh of u.
+    point: where the prediction is made; ds: how far on, in arclength.
+    Returns (size,) u, lambda, and the setting at the point with the mesh of u.
     """
     bend = _way_on(point)
     u, lam = unknowns(point.t, bend.ahead(ds), bend.here.value, _sign(point))
@@ -308,18 +225,7 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
 
     The coefficient of the highest power takes up the defect.
 
-    Parameters
-    ----------
-    point
-        the point.
-    ds
-        how far on, in arclength.
-    solved, lam
-        what was found there, and its lambda.
-
-    Returns
-    -------
-    Point; `point` itself where the mesh is another one than was predicted.
+    ds: how far on, in arclength. Returns Point; `point` itself where the mesh is another one than was predicted.
     """
     bend = _way_on(point)
     same = solved.t == point.t and np.array_equal(solved.setting.fractions, predict(point, ds)[2].fractions)
@@ -334,16 +240,8 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
 def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[float, float]:
     """Another value of the parameter in the terms of a point of the curve.
 
-    Parameters
-    ----------
-    after, orbit
-        the point, and an orbit of the branch, whose problem knows units.
-    vary, value
-        name of the parameter; the value.
-
-    Returns
-    -------
-    (lambda that leads there, its unit there in units of that at the point).
+    after, orbit: the point, and an orbit of the branch, whose problem knows units.
+    Returns (lambda that leads there, its unit there in units of that at the point).
     """
     here = float(after.setting.p[orbit.problem.names.index(vary)])
     ratio = orbit.problem.unit(vary, value) / orbit.problem.unit(vary, here)
@@ -358,20 +256,9 @@ def bend(
     s is measured along the tangent of `after`, as the corrector measures it: `before` lies at s = tangent . (y_before -
     y_after).  Where the curve turns much between the two, another row than the tangent shows it better.
 
-    Parameters
-    ----------
-    before, after
-        the points.
-    seen
-        lambda at `before`, and its unit there, as `seen_from` has them from `after`.
-    side
-        the sign that s must have at `before`.
-    row
-        (n + 2,) row along which s is measured, default the tangent of `after`; row . tangent = 1 there.
-
-    Returns
-    -------
-    Bend; None where the phases are not the same, or the curve turns too much.
+    seen: lambda at `before`, and its unit there, as `seen_from` has them from `after`; side: the sign that s must have
+    at `before`; row: (n + 2,) row along which s is measured, default the tangent of `after`; row . tangent = 1 there.
+    Returns bend; None where the phases are not the same, or the curve turns too much.
     """
     there = _seen_along(before, after, seen, after.row if row is None else row)
     if there is None or not there.s * side > 0:

@@ -44,17 +44,7 @@ def beside_the_plane(orbit: Orbit) -> float:
 
 
 def same_events(one: Orbit, other: Orbit) -> bool:
-    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first.
-
-    Parameters
-    ----------
-    one, other
-        the cycles.
-
-    Returns
-    -------
-    True where they do.
-    """
+    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first."""
     if one.signature == other.signature:
         return True
     a, b = (
@@ -67,14 +57,8 @@ def same_events(one: Orbit, other: Orbit) -> bool:
 def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     """The same cycle, cut in the middle of its longest phase.
 
-    Parameters
-    ----------
-    orbit, options
-        a cycle that meets events and is cut by a plane (`beside_the_plane`); tolerance and method.
-
-    Returns
-    -------
-    Orbit; None where it cannot be cut there.
+    orbit, options: a cycle that meets events and is cut by a plane (`beside_the_plane`); tolerance and method.
+    Returns Orbit; None where it cannot be cut there.
     """
     family, marks = cast(Family, orbit.problem), _marks(orbit)
     first = next(k for k in range(len(marks)) if not marks[k - 1])

@@ -97,16 +97,7 @@ def _forms(field: Field, n: int, parameters: int) -> ca.Function:
 def rates(field: Field, sign: float, x: Array, p: Array) -> Rates:
     """The field at a point.
 
-    Parameters
-    ----------
-    field, sign
-        of a mode (hybrid/system.py).
-    x, p
-        (n,) state and (np,) parameters.
-
-    Returns
-    -------
-    Rates.
+    field, sign: of a mode (hybrid/system.py); x, p: (n,) state and (np,) parameters.
     """
     f, A, by_p = _linearised(field, x.size, p.size)(x, p, sign)
     return Rates(np.array(f).ravel(), np.array(A), np.array(by_p).reshape(x.size, p.size))
@@ -115,14 +106,7 @@ def rates(field: Field, sign: float, x: Array, p: Array) -> Rates:
 def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     """The equilibrium next to a state, by Newton's method.
 
-    Parameters
-    ----------
-    field, sign, x, p
-        as of `rates`.
-
-    Returns
-    -------
-    (n,) state; None where there is none, or not just one.
+    field, sign, x, p: as of `rates`. Returns (n,) state; None where there is none, or not just one.
     """
     for _ in range(REST_ROUNDS):
         here = rates(field, sign, x, p)
@@ -141,16 +125,8 @@ def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
 def growth(field: Field, sign: float, x: Array, p: Array, omega: float) -> float:
     """How fast what turns with a frequency grows next to an equilibrium.
 
-    Parameters
-    ----------
-    field, sign, x, p
-        as of `rates`; the equilibrium is the one next to x.
-    omega
-        frequency.
-
-    Returns
-    -------
-    Real part of the eigenvalue next to i omega; nan where there is no equilibrium.
+    field, sign, x, p: as of `rates`; the equilibrium is the one next to x.
+    Returns real part of the eigenvalue next to i omega; nan where there is no equilibrium.
     """
     x_rest = at_rest(field, sign, x, p)
     if x_rest is None:
@@ -162,16 +138,7 @@ def growth(field: Field, sign: float, x: Array, p: Array, omega: float) -> float
 def normal_form(field: Field, sign: float, x: Array, p: Array, omega: float) -> NormalForm:
     """The normal form of a Hopf bifurcation.
 
-    Parameters
-    ----------
-    field, sign, x, p
-        as of `rates`; x is the equilibrium at the bifurcation.
-    omega
-        frequency, about.
-
-    Returns
-    -------
-    NormalForm.
+    field, sign, x, p: as of `rates`; x is the equilibrium at the bifurcation.
     """
     A, by_p = rates(field, sign, x, p)[1:]
     values, vectors = np.linalg.eig(A)

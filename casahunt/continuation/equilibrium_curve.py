@@ -58,14 +58,8 @@ class Curve:
     def tangent(self, y: Array, units: Array, like: Array) -> Array | None:
         """The direction of the curve at a point.
 
-        Parameters
-        ----------
-        y, units, like
-            (n + 1,) each: the point, units of its entries, and a direction that it makes an acute angle with.
-
-        Returns
-        -------
-        (n + 1,) y' in these units, of length one; None where the field is not finite.
+        y, units, like: (n + 1,) each: the point, units of its entries, and a direction that it makes an acute angle
+        with. Returns (n + 1,) y' in these units, of length one; None where the field is not finite.
         """
         here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
         if not here.finite:
@@ -78,14 +72,8 @@ class Curve:
     def corrected(self, y: Array, row: Array, units: Array) -> tuple[Array, int] | None:
         """The point of the curve in a plane.
 
-        Parameters
-        ----------
-        y, row, units
-            (n + 1,) each: a point of the plane, the direction that is orthogonal to it, and the units of both.
-
-        Returns
-        -------
-        The point and the number of Newton steps; None where they do not converge.
+        y, row, units: (n + 1,) each: a point of the plane, the direction that is orthogonal to it, and the units of
+        both. Returns the point and the number of Newton steps; None where they do not converge.
         """
         for k in range(CORRECTIONS):
             here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
@@ -104,14 +92,8 @@ class Curve:
     def ahead(self, place: Place, ds: float) -> tuple[Place, int] | None:
         """The point a step further on.
 
-        Parameters
-        ----------
-        place, ds
-            where the step begins, and its length along the tangent there.
-
-        Returns
-        -------
-        The point and the number of Newton steps; None where the curve turns away.
+        place, ds: where the step begins, and its length along the tangent there.
+        Returns the point and the number of Newton steps; None where the curve turns away.
         """
         guess = place.y + ds * place.tangent * place.units
         found = self.corrected(guess, place.tangent, place.units)
@@ -125,14 +107,7 @@ class Curve:
     def in_units(self, place: Place, units: Array) -> Place:
         """A point in other units.
 
-        Parameters
-        ----------
-        place, units
-            the point, and (n + 1,) units of its entries.
-
-        Returns
-        -------
-        The point.
+        place, units: the point, and (n + 1,) units of its entries.
         """
         tangent = place.tangent * place.units / units
         return replace(place, tangent=tangent / np.linalg.norm(tangent), units=units)
@@ -154,14 +129,7 @@ class Curve:
     def place(self, y: Array, tangent: Array, units: Array) -> Place:
         """A point with the functions that change sign at a special point, in the order of `KINDS`.
 
-        Parameters
-        ----------
-        y, tangent, units
-            (n + 1,) each, as of `Place`.
-
-        Returns
-        -------
-        Place.
+        y, tangent, units: (n + 1,) each, as of `Place`.
         """
         mu = self.eigenvalues(y)
         sums = [(a + b) / (abs(a) + abs(b) or 1.0) for a, b in combinations(mu, 2)]
@@ -173,14 +141,7 @@ class Curve:
     def normal_form(self, place: Place, omega: float) -> NormalForm | None:
         """The normal form of a Hopf bifurcation, its Lyapunov coefficient 0 where it is one of a point aside.
 
-        Parameters
-        ----------
-        place, omega
-            the bifurcation, and the frequency, about.
-
-        Returns
-        -------
-        NormalForm; None where another eigenvalue is zero there, or the pair is two real ones next to it.
+        Returns NormalForm; None where another eigenvalue is zero there, or the pair is two real ones next to it.
         """
         field, sign, x, value = self.mode.field, self.mode.sign, place.y[:-1], float(place.y[-1])
         aside = BESIDE_IT * float(place.units[-1])
@@ -203,14 +164,8 @@ class Curve:
 def units_of(before: Array, y: Array) -> Array:
     """The units of a point.
 
-    Parameters
-    ----------
-    before, y
-        (n + 1,) those of the point before, zeros for none, and the point.
-
-    Returns
-    -------
-    (n + 1,) the largest magnitudes so far; 1 for what has been zero.
+    before, y: (n + 1,) those of the point before, zeros for none, and the point.
+    Returns (n + 1,) the largest magnitudes so far; 1 for what has been zero.
     """
     larger = np.maximum(np.where(before == 1.0, 0.0, before), np.abs(y))
     return np.where(larger > 0, larger, 1.0)
@@ -219,13 +174,6 @@ def units_of(before: Array, y: Array) -> Array:
 def value_of(kind: str, place: Place) -> float:
     """The function that changes sign at a kind of special point.
 
-    Parameters
-    ----------
-    kind, place
-        one of `KINDS`, and a point.
-
-    Returns
-    -------
-    Its value.
+    kind, place: one of `KINDS`, and a point.
     """
     return float(place.values[KINDS.index(kind)])

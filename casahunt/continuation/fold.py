@@ -130,16 +130,7 @@ class Fold(Result, Generic[AnyOrbit]):
 def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
     """Whether the parameter has a maximum between two successive orbits of a walk.
 
-    Parameters
-    ----------
-    before, after
-        the orbits, in the order of the walk.
-    vary
-        name of the parameter.
-
-    Returns
-    -------
-    True where d lambda/d s changes sign from plus.
+    before, after: the orbits, in the order of the walk. Returns True where d lambda/d s changes sign from plus.
     """
     way = secant(before, after, vary)
     there = curve_point(after, vary, like=in_units_of(way, before.scale, after.scale))
@@ -149,22 +140,8 @@ def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
 def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
     """The fold between two orbits, by the first of `WAYS` that leads there.
 
-    Parameters
-    ----------
-    before, after
-        the orbits, in the order of the walk.
-    vary
-        name of the parameter.
-    options
-        tolerance and method of the orbit.
-
-    Returns
-    -------
-    SpecialPoint, not yet confirmed.
-
-    Raises
-    ------
-    NoOrbit : none of them does.
+    before, after: the orbits, in the order of the walk. Returns SpecialPoint, not yet confirmed. Raises NoOrbit: none
+    of them does.
     """
     tried = (way(before, after, vary, options) for way in WAYS)
     return special_point(FOLD, next(orbit for orbit in tried if orbit is not None), vary)
@@ -249,22 +226,8 @@ def _along(orbit: Orbit, vary: str, sense: float = 1.0) -> tuple[Transcription, 
 def next_fold(orbit: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
     """The fold right above an orbit, from that orbit alone: where natural continuation ends.
 
-    Parameters
-    ----------
-    orbit
-        below the fold.
-    vary
-        name of the parameter.
-    options
-        tolerance and method of the orbit.
-
-    Returns
-    -------
-    SpecialPoint, confirmed.
-
-    Raises
-    ------
-    NoOrbit : the largest parameter next to the orbit is not found, or not confirmed.
+    Returns SpecialPoint, confirmed.
+    Raises NoOrbit: the largest parameter next to the orbit is not found, or not confirmed.
     """
     best = _optimal(orbit, vary, options)
     found = confirmed(special_point(FOLD, best, vary), vary, options)
@@ -298,22 +261,10 @@ def confirmed(
 ) -> Any:
     """A located fold, checked against the optimisation problem on its mesh and the place of the fold on a finer one.
 
-    Parameters
-    ----------
-    special, vary
-        the fold, and the name of the parameter.
-    options, began, sense
-        `tol` bounds the relative errors; time.perf_counter() when the search began, default: now; +1 where the
-        parameter is largest, -1 where it is smallest.
-
-    Returns
-    -------
-    Fold, of the class that its problem names.
-
-    Raises
-    ------
-    InputError : the special point is no fold.
-    NoOrbit : the two values differ by more than the tolerance, or an error estimate exceeds it.
+    special, vary: the fold, and the name of the parameter; options, began, sense: `tol` bounds the relative errors;
+    time.perf_counter() when the search began, default: now; +1 where the parameter is largest, -1 where it is smallest.
+    Returns fold, of the class that its problem names. Raises InputError: the special point is no fold.; NoOrbit: the
+    two values differ by more than the tolerance, or an error estimate exceeds it.
     """
     if special.kind != FOLD.kind:
         raise InputError(f"special point {special.kind!r}: must be a fold")
@@ -377,23 +328,9 @@ def _with_second_place(
 def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:
     """A located fold at which the parameter is smallest, checked against the optimisation problem on its mesh.
 
-    Parameters
-    ----------
-    special
-        the fold.
-    vary
-        name of the parameter.
-    options
-        `tol` bounds the relative error of the parameter.
-
-    Returns
-    -------
-    Fold, of the class that its problem names; its multipliers are those of the maximum of -lambda, with the sign
-    turned.
-
-    Raises
-    ------
-    NoOrbit : the two values differ by more than the tolerance, or an error estimate exceeds it.
+    options: `tol` bounds the relative error of the parameter. Returns fold, of the class that its problem names; its
+    multipliers are those of the maximum of -lambda, with the sign turned. Raises NoOrbit: the two values differ by more
+    than the tolerance, or an error estimate exceeds it.
     """
     orbit = special.orbit
     here = parameter_value(orbit, vary)

@@ -34,17 +34,9 @@ from ..compiled import kept
 def fold_conditions(t: Transcription, free: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """The conditions of a fold as functions of parameters, and their sparse Jacobian.
 
-    Parameters
-    ----------
-    t
-        transcription of the cycle.
-    free
-        indices of the k parameters that q stands for, by their logarithms.
-
-    Returns
-    -------
-    Functions of (q, z = (u, lambda), n, data, S): the equations, and their Jacobian in (q, z, n).  `data` is that of
-    collocation/graphs.py, `data_of`; the free parameters in it are overruled by q.
+    free: indices of the k parameters that q stands for, by their logarithms.
+    Returns functions of (q, z = (u, lambda), n, data, S): the equations, and their Jacobian in (q, z, n).  `data` is
+    that of collocation/graphs.py, `data_of`; the free parameters in it are overruled by q.
     """
     g = graphs(t)
     parts = ca.Function("parts", [g.z, g.data], [g.residual, g.jacobian])

@@ -36,18 +36,8 @@ FARTHEST_SECOND = 1e-3
 def confirmed_many(known: Expansion, u: Array, settings: Settings, bend: Array) -> Array:
     """Turning points with their errors; see the module docstring.
 
-    Parameters
-    ----------
-    known
-        whose transcription and row they share.
-    u, settings
-        (B, size) unknowns and settings, at the value that was found.
-    bend
-        (B,) d2 lambda/d a2.
-
-    Returns
-    -------
-    (6, B) value, period, amplitude, each followed by its error; infinite where nothing is confirmed.
+    u, settings: (B, size) unknowns and settings, at the value that was found; bend: (B,) d2 lambda/d a2.
+    Returns (6, B) value, period, amplitude, each followed by its error; infinite where nothing is confirmed.
     """
     t, P = known.t, known.t.phases
     fine, finer, halves = halved_for_many(t, u, settings)
@@ -92,16 +82,7 @@ def _on_coarse(t: Transcription, fine: Transcription, y: Array) -> Array:
 def slopes_of_many(known: Expansion, u: Array, settings: Settings, names: tuple[str, ...]) -> Array:
     """How much folds move with parameters, from the adjoint of lambda: a held, which at a fold is the fold.
 
-    Parameters
-    ----------
-    known, u, settings
-        as in `confirmed_many`.
-    names
-        k parameters.
-
-    Returns
-    -------
-    (B, k) d ln value/d ln q.
+    known, u, settings: as in `confirmed_many`. Returns (B, k) d ln value/d ln q.
     """
     t, problem = known.t, known.problem
     at = [problem.names.index(name) for name in names]

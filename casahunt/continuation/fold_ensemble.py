@@ -69,14 +69,8 @@ class Solution:
     def orbit(self, problem: Problem, numbers: Array) -> tuple[Any, float]:
         """The cycle there, and phi_s = d2 lambda/d s2 by the arclength s of curve.py.
 
-        Parameters
-        ----------
-        problem, numbers
-            the problem there, and its (6,) numbers: value, period, amplitude, each with its error.
-
-        Returns
-        -------
-        Orbit, of the class that the problem names, and phi_s.
+        problem, numbers: the problem there, and its (6,) numbers: value, period, amplitude, each with its error.
+        Returns Orbit, of the class that the problem names, and phi_s.
         """
         t, u, n = self.t, self.u, self.t.n
         lin = t.linearise(u, self.setting)
@@ -124,20 +118,8 @@ class Folds:
 def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
     """A known fold, on a mesh made for it and the tolerance, and its change with parameters.
 
-    Parameters
-    ----------
-    fold, names
-        the fold, where its parameter is largest, and the k parameters that will differ.
-    tol
-        relative error that its neighbours may have.
-
-    Returns
-    -------
-    Expansion.
-
-    Raises
-    ------
-    NoOrbit : the fold could not be solved again.
+    fold, names: the fold, where its parameter is largest, and the k parameters that will differ; tol: relative error
+    that its neighbours may have. Raises NoOrbit: the fold could not be solved again.
     """
     return expansion_at(fold.orbit, fold.parameter, names, tol)
 
@@ -145,20 +127,8 @@ def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
 def expansion_at(orbit: Orbit, vary: str, names: tuple[str, ...], tol: float) -> Expansion:
     """As `expansion`, of the orbit at a fold.
 
-    Parameters
-    ----------
-    orbit, vary
-        the orbit, and the parameter that is largest there.
-    names, tol
-        as in `expansion`.
-
-    Returns
-    -------
-    Expansion.
-
-    Raises
-    ------
-    NoOrbit : the fold could not be solved again.
+    orbit, vary: the orbit, and the parameter that is largest there; names, tol: as in `expansion`.
+    Raises NoOrbit: the fold could not be solved again.
     """
     problem = orbit.problem
     t, u, setting = unknowns_of(orbit)
@@ -238,18 +208,8 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
 def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None:
     """The fold of a problem near a known one, from which others are predicted in turn.
 
-    Parameters
-    ----------
-    known
-        the fold from which it is predicted.
-    p
-        (np,) its parameters; that of the fold is not read.
-    tol
-        relative error that its neighbours may have.
-
-    Returns
-    -------
-    Expansion by the same parameters, on phases and a mesh of its own; None where it was not found so.
+    p: (np,) its parameters; that of the fold is not read; tol: relative error that its neighbours may have.
+    Returns expansion by the same parameters, on phases and a mesh of its own; None where it was not found so.
     """
     found, settings = from_expansion(known, p[None], tol)
     if found.statuses[0] is not Status.CONVERGED:
@@ -261,20 +221,8 @@ def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None
 def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
     """The folds of members, confirmed.
 
-    Parameters
-    ----------
-    known
-        the fold from which they are predicted.
-    p
-        (B, np) their parameters; that of the fold is not read.
-    tol
-        relative error of value, period and amplitude.
-    slopes_by
-        parameters whose d ln value/d ln q are wanted.
-
-    Returns
-    -------
-    Folds, with nan where there is none.
+    p: (B, np) their parameters; that of the fold is not read; tol: relative error of value, period and amplitude;
+    slopes_by: parameters whose d ln value/d ln q are wanted. Returns folds, with nan where there is none.
     """
     parts = [_pass(known, p[i : i + MEMBERS_OF_A_PASS], tol, slopes_by) for i in range(0, len(p), MEMBERS_OF_A_PASS)]
     numbers = np.concatenate([np.zeros((6, 0)), *(part.numbers for part in parts)], axis=1)

@@ -89,14 +89,8 @@ class Expansion:
     def changes(self, u: Array, values: Array) -> Array:
         """What leads from the known fold to another point.
 
-        Parameters
-        ----------
-        u, values
-            (B, size) unknowns, and (B,) values of the parameter.
-
-        Returns
-        -------
-        (B, size + 1) changes of (x, ln T, ln value).
+        u, values: (B, size) unknowns, and (B,) values of the parameter.
+        Returns (B, size + 1) changes of (x, ln T, ln value).
         """
         P = self.t.phases
         change = np.column_stack([u - self.u, np.log(values / self.problem.value(self.vary))])

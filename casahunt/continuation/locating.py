@@ -47,20 +47,7 @@ def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, op
     Steps start at the orbit where it is smaller, which is as a rule the closer one, along its tangent; where they fail,
     at the other.
 
-    Parameters
-    ----------
-    before, after
-        the orbits, in the order of the walk.
-    monitor
-        which changes sign between them.
-    vary
-        name of the parameter.
-    options
-        tolerance and method of the orbit.
-
-    Returns
-    -------
-    The orbit; None where the steps there do not converge.
+    before, after: the orbits, in the order of the walk. Returns the orbit; None where the steps there do not converge.
     """
     start, end = ends(before, after, vary)
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
@@ -152,14 +139,8 @@ def _located_from(
 def length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
     """How far one orbit is from another.
 
-    Parameters
-    ----------
-    after, before, start, vary
-        the orbits, the curve at the second, and the name of the parameter.
-
-    Returns
-    -------
-    The length along the tangent there.
+    after, before, start, vary: the orbits, the curve at the second, and the name of the parameter.
+    Returns the length along the tangent there.
     """
     return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
 

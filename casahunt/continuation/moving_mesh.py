@@ -37,14 +37,7 @@ def stiff(t: Transcription) -> bool:
 def starts(t: Transcription, fractions: Array) -> Array:
     """Times at which the intervals start.
 
-    Parameters
-    ----------
-    t, fractions
-        transcription, and (N,) lengths of the intervals.
-
-    Returns
-    -------
-    (N,), counted on from phase to phase.
+    t, fractions: transcription, and (N,) lengths of the intervals. Returns (N,), counted on from phase to phase.
     """
     ends = np.cumsum(fractions)
     first = (ends - fractions)[t.first_intervals]
@@ -69,14 +62,8 @@ class Way:
     def fractions(self, t: Transcription, places: Array) -> Array:
         """Lengths of intervals that start at given parts of the way.
 
-        Parameters
-        ----------
-        t, places
-            transcription, and (N,) ways at which its intervals start, the first of each phase at its start.
-
-        Returns
-        -------
-        (N,).
+        t, places: transcription, and (N,) ways at which its intervals start, the first of each phase at its start.
+        Returns (N,).
         """
         i = np.clip(np.searchsorted(self.ways, places, side="right") - 1, 0, self.after.size - 1)
         across, time = self.ways[i + 1] - self.ways[i], self.times[i + 1] - self.times[i]
@@ -93,14 +80,7 @@ class Way:
 def way_of(t: Transcription, u: Array, fractions: Array) -> Way:
     """The way of a motion, on any mesh the same: the size of a state is its root mean square over the phases.
 
-    Parameters
-    ----------
-    t, u, fractions
-        transcription, unknowns, (N,) lengths of the intervals.
-
-    Returns
-    -------
-    Way.
+    t, u, fractions: transcription, unknowns, (N,) lengths of the intervals.
     """
     slope, sums, points = _rules(t.degree, t.kind)
     steps, f = np.diff(points), fractions[:, None]
@@ -124,14 +104,7 @@ def way_of(t: Transcription, u: Array, fractions: Array) -> Way:
 def by_time(t: Transcription, fractions: Array) -> Way:
     """The way of a motion that comes along as the time does.
 
-    Parameters
-    ----------
-    t, fractions
-        transcription, and (N,) lengths of the intervals.
-
-    Returns
-    -------
-    Way.
+    t, fractions: transcription, and (N,) lengths of the intervals.
     """
     points = _rules(t.degree, t.kind)[2][:-1]
     times = np.append(starts(t, fractions)[:, None] + fractions[:, None] * points, float(t.collocated_counts.size))
@@ -153,16 +126,8 @@ def _rules(degree: int, kind: Kind) -> tuple[Array, Array, Array]:
 def resampled(t: Transcription, w: Array, fractions: Array, new: Transcription, to: Array) -> Array:
     """Polynomials on another mesh.
 
-    Parameters
-    ----------
-    t, w, fractions
-        transcription, (N, d + 1, m) values at the points of every interval, and the lengths of those.
-    new, to
-        transcription of the same cycle and scheme, and the lengths of its intervals.
-
-    Returns
-    -------
-    (N, d + 1, m) values.
+    t, w, fractions: transcription, (N, d + 1, m) values at the points of every interval, and the lengths of those; new,
+    to: transcription of the same cycle and scheme, and the lengths of its intervals. Returns (N, d + 1, m) values.
     """
     old, count = starts(t, fractions), new.collocated_counts
     times = starts(new, to)[:, None] + to[:, None] * new.scheme.points
@@ -178,16 +143,7 @@ def resampled(t: Transcription, w: Array, fractions: Array, new: Transcription, 
 def carried(t: Transcription, w: Array, fractions: Array, rates: Array) -> Array:
     """By how much values change because the mesh moves.
 
-    Parameters
-    ----------
-    t, w, fractions
-        as in `resampled`.
-    rates
-        (N,) derivatives of the fractions.
-
-    Returns
-    -------
-    (N, d + 1, m).
+    t, w, fractions: as in `resampled`; rates: (N,) derivatives of the fractions. Returns (N, d + 1, m).
     """
     moved = np.cumsum(rates) - rates
     moved -= np.repeat(moved[t.first_intervals], t.collocated_counts)

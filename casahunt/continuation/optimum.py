@@ -51,19 +51,9 @@ STATIONARY = 1e-6
 def optimum(t: Transcription, u: Array, setting: Setting, row: Array, *, freedom: float = 0.01) -> Maximum:
     """The largest lambda next to a point by Newton's method on the optimality conditions.
 
-    Parameters
-    ----------
-    t, u, setting
-        the equations, and a point next to the fold.
-    row
-        (n + 2,) weights along the curve, without lambda.
-    freedom
-        |lambda| at which it is no longer next to the point.
-
-    Returns
-    -------
-    Maximum; status NOT_CONVERGED where no largest lambda is next to the point, and where rounding hides whether the
-    conditions hold.
+    t, u, setting: the equations, and a point next to the fold; row: (n + 2,) weights along the curve, without lambda;
+    freedom: |lambda| at which it is no longer next to the point. Returns maximum; status NOT_CONVERGED where no largest
+    lambda is next to the point, and where rounding hides whether the conditions hold.
     """
     best = None
     with suppress(np.linalg.LinAlgError):

@@ -37,16 +37,8 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
     Where only a plane cuts the one elsewhere than the other, no phase of
     the motion changes.
 
-    Parameters
-    ----------
-    before, after
-        successive orbits of a walk.
-    vary, options
-        name of the parameter; tolerance and method of the orbits.
-
-    Returns
-    -------
-    Orbit; None where the events are the same.
+    vary, options: name of the parameter; tolerance and method of the orbits.
+    Returns Orbit; None where the events are the same.
     """
     if same_events(before, after):
         return None

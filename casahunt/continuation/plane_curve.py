@@ -70,30 +70,14 @@ class Chart(Protocol):
     def value(self, s: float, m: float) -> Reading | str:
         """Read phi at a place.
 
-        Parameters
-        ----------
-        s, m
-            the place.
-
-        Returns
-        -------
-        phi, or a sentence about why there is none.
+        Returns phi, or a sentence about why there is none.
         """
         ...
 
     def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
         """The chart of a place found on the curve, s oriented as here.
 
-        Parameters
-        ----------
-        s, m
-            the place.
-        reading
-            what was read there.
-
-        Returns
-        -------
-        Chart, or a sentence about why it is none.
+        Returns chart, or a sentence about why it is none.
         """
         ...
 
@@ -117,16 +101,8 @@ class Place:
 def tangent_at(chart: Chart, like: Array) -> Array:
     """The unit tangent of the curve at the origin of a chart.
 
-    Parameters
-    ----------
-    chart
-        with the gradient of phi.
-    like
-        (2,) unit vector with which it is to make an acute angle.
-
-    Returns
-    -------
-    (2,) along s and c; `like` itself where the gradient vanishes.
+    like: (2,) unit vector with which it is to make an acute angle.
+    Returns (2,) along s and c; `like` itself where the gradient vanishes.
     """
     phi_s, phi_c = chart.gradient
     length = float(np.hypot(phi_s, phi_c))
@@ -141,21 +117,9 @@ def follow(
 ) -> Generator[Place, None, str]:
     """Places along the curve, the given one first, until c leaves [low, high].
 
-    Parameters
-    ----------
-    chart
-        of a place on the curve.
-    sense
-        +1 to start towards larger, -1 towards smaller c.
-    low, high
-        range of c; the last place lies on the bound.
-    most
-        give up after so many places.
-
-    Yields
-    ------
-    Place; those where the curve turns back are among them.  The generator returns "" where a bound was reached, or the
-    sentence that says why it ended.
+    chart: of a place on the curve; sense: +1 to start towards larger, -1 towards smaller c; low, high: range of c; the
+    last place lies on the bound. Yields place; those where the curve turns back are among them.  The generator returns
+    "" where a bound was reached, or the sentence that says why it ended.
     """
     last = Place(chart, tangent_at(chart, np.array([0.0, sense])))
     yield last
@@ -266,18 +230,8 @@ class _Line:
 def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
     """The root of phi on a line.
 
-    Parameters
-    ----------
-    chart
-        with its gradient.
-    at, across
-        (2,) places at + n across of the line.
-    width
-        bound of |n|.
-
-    Returns
-    -------
-    ((s, m), what was read there), or a sentence about why there is none.
+    at, across: (2,) places at + n across of the line; width: bound of |n|.
+    Returns ((s, m), what was read there), or a sentence about why there is none.
     """
     line = _Line(float(np.dot(chart.gradient, across)), width)
     best: tuple[float, Array, Reading] | None = None

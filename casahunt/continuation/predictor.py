@@ -85,14 +85,7 @@ class Bend:
     def ahead(self, ds: float) -> Array:
         """The point further on.
 
-        Parameters
-        ----------
-        ds
-            how far on.
-
-        Returns
-        -------
-        (size + n + 1,) z.
+        ds: how far on. Returns (size + n + 1,) z.
         """
         z = self.here.value + ds * self.here.rate
         return z + ds**2 * (self.coefficients[0] + ds * self.coefficients[1]) if len(self.coefficients) else z
@@ -100,28 +93,14 @@ class Bend:
     def fractions(self, t: Transcription, ds: float) -> Array:
         """The mesh further on.
 
-        Parameters
-        ----------
-        t, ds
-            transcription, and how far on.
-
-        Returns
-        -------
-        (N,) lengths of the intervals.
+        t, ds: transcription, and how far on. Returns (N,) lengths of the intervals.
         """
         return _shares(t, self.lengths + ds * self.drift)
 
     def through(self, ds: float, z: Array) -> Bend:
         """The same through a point further on: the highest power takes up the defect.
 
-        Parameters
-        ----------
-        ds, z
-            how far on, and (size + n + 1,) z there.
-
-        Returns
-        -------
-        Bend.
+        ds, z: how far on, and (size + n + 1,) z there.
         """
         defect, c = z - self.ahead(ds), self.coefficients
         c = np.array([c[0], c[1] + defect / ds**3] if len(c) else [defect / ds**2, np.zeros_like(defect)])
@@ -147,14 +126,7 @@ def _per_phase(t: Transcription, f: Array) -> Array:
 def alive(t: Transcription, u: Array) -> Array:
     """Which states are not zero all along.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-
-    Returns
-    -------
-    (n,) bool.
+    Returns (n,) bool.
     """
     return np.asarray(np.abs(u[: -t.phases].reshape(-1, t.n)).max(axis=0) > AS_GOOD_AS_ZERO)
 
@@ -162,14 +134,8 @@ def alive(t: Transcription, u: Array) -> Array:
 def sizes(t: Transcription, u: Array, sized: Array) -> Array:
     """Root mean squares of the states over the unknowns.
 
-    Parameters
-    ----------
-    t, u, sized
-        transcription, unknowns, and (n,) True for the states that have a size.
-
-    Returns
-    -------
-    (n,), 1 where they have none.
+    t, u, sized: transcription, unknowns, and (n,) True for the states that have a size.
+    Returns (n,), 1 where they have none.
     """
     x = u[: -t.phases].reshape(-1, t.n)
     return np.where(sized, np.sqrt(np.einsum("ij,ij->j", x, x) / len(x)), 1.0)
@@ -178,18 +144,8 @@ def sizes(t: Transcription, u: Array, sized: Array) -> Array:
 def logarithms(place: Place, sign: float, sized: Array) -> Logarithms:
     """z and z' at a point.
 
-    Parameters
-    ----------
-    place
-        the point.
-    sign
-        of the parameter there where lambda is in units of its value, which is then told by its logarithm; else 0.
-    sized
-        (n,) True for the states that have a size.
-
-    Returns
-    -------
-    Logarithms.
+    sign: of the parameter there where lambda is in units of its value, which is then told by its logarithm; else 0;
+    sized: (n,) True for the states that have a size.
     """
     t, u, du = place.t, place.u, place.du
     P, size = t.phases, sizes(t, u, sized)
@@ -209,18 +165,8 @@ def logarithms(place: Place, sign: float, sized: Array) -> Logarithms:
 def unknowns(t: Transcription, z: Array, here: Array, sign: float) -> tuple[Array, float]:
     """The unknowns, and lambda, of z.
 
-    Parameters
-    ----------
-    t
-        transcription.
-    z, here
-        (size + n + 1,) z, and that from which it was predicted.
-    sign
-        as in `logarithms`.
-
-    Returns
-    -------
-    (size,) u, and lambda.
+    z, here: (size + n + 1,) z, and that from which it was predicted; sign: as in `logarithms`.
+    Returns (size,) u, and lambda.
     """
     P, n = t.phases, t.n
     logs = here[-1 - P - n :] + np.clip(z[-1 - P - n :] - here[-1 - P - n :], -FARTHEST_LOGARITHM, FARTHEST_LOGARITHM)
@@ -233,14 +179,7 @@ def unknowns(t: Transcription, z: Array, here: Array, sign: float) -> tuple[Arra
 def straight(here: Place, sign: float) -> Bend:
     """The tangent alone, on the mesh as it is.
 
-    Parameters
-    ----------
-    here, sign
-        as in `bent`.
-
-    Returns
-    -------
-    Bend.
+    here, sign: as in `bent`.
     """
     z = logarithms(here, sign, alive(here.t, here.u))
     lengths = np.log(here.fractions)
@@ -250,16 +189,8 @@ def straight(here: Place, sign: float) -> Bend:
 def bent(here: Place, there: Place, sign: float) -> Bend | None:
     """The cubic through two points of a branch and their tangents.
 
-    Parameters
-    ----------
-    here, there
-        the point from which predictions are made, at s = 0, and another one, on a mesh of any kind.
-    sign
-        as in `logarithms`.
-
-    Returns
-    -------
-    Bend; None where the motions are so unlike that the mesh of the one is none for the other.
+    here, there: the point from which predictions are made, at s = 0, and another one, on a mesh of any kind; sign: as
+    in `logarithms`. Returns bend; None where the motions are so unlike that the mesh of the one is none for the other.
     """
     sized, s = alive(here.t, here.u), there.s
     there = _on_mesh_of(here, there)

@@ -83,18 +83,9 @@ def left_behind(orbit: Orbit) -> bool:
 def recut(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False) -> AnyOrbit | None:
     """The same cycle, cut by the plane that it crosses most steeply.
 
-    Parameters
-    ----------
-    orbit, vary
-        cut by planes (`cut_by_planes`), and the name of the parameter that is followed.
-    options
-        tolerance and method.
-    insist
-        take another plane wherever it is better at all; default: where it is much better.
-
-    Returns
-    -------
-    Orbit; None where no other plane is better, or it did not serve.
+    orbit, vary: cut by planes (`cut_by_planes`), and the name of the parameter that is followed; insist: take another
+    plane wherever it is better at all; default: where it is much better.
+    Returns Orbit; None where no other plane is better, or it did not serve.
     """
     now = _steepness_of_ends(orbit)
     planes = [p for p in _planes(orbit) if p.steepness > (1.0 if insist else BETTER) * now]
@@ -111,16 +102,8 @@ def recut(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False)
 def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle cut by the plane of another orbit.
 
-    Parameters
-    ----------
-    orbit, like, vary
-        the cycle, another one near by, and the name of the parameter that is followed.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    Orbit; None where it does not cross that plane as the other one does.
+    orbit, like, vary: the cycle, another one near by, and the name of the parameter that is followed.
+    Returns Orbit; None where it does not cross that plane as the other one does.
     """
     section = _family(like).sections[0]
     i = _family(orbit).system.names.entries.index(section.state)

@@ -81,16 +81,7 @@ class Reunion:
 def reunion(before: Orbit, after: Orbit, tol: float) -> Reunion | None:
     """Whether a branch meets its own image between two orbits.
 
-    Parameters
-    ----------
-    before, after
-        successive orbits of a branch.
-    tol
-        tolerance to which they are known.
-
-    Returns
-    -------
-    Reunion; None where there is nothing such.
+    Returns reunion; None where there is nothing such.
     """
     if not isinstance(before.problem, Family) or before.repeats != 1:
         return None
@@ -141,16 +132,8 @@ def met_at(
 ) -> SpecialPoint[AnyOrbit] | Missed:
     """The point at which a branch meets its own image, on the branch of the cycle that is its own image.
 
-    Parameters
-    ----------
-    before, after, met
-        the orbits that it lies between, and what it is.
-    vary, options
-        name of the parameter, tolerance and method.
-
-    Returns
-    -------
-    Special point, whose orbit is computed on half of the phases; what is missed where it is not located.
+    before, after, met: the orbits that it lies between, and what it is.
+    Returns special point, whose orbit is computed on half of the phases; what is missed where it is not located.
     """
     for nearer in MUCH_NEARER:
         pair = _beside(before, after, met, vary, options, nearer)
@@ -217,14 +200,7 @@ def _beside(
 def short_of(before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options) -> AnyOrbit | None:
     """An orbit between the first one and the one that is its own image, next to that.
 
-    Parameters
-    ----------
-    before, after, met, vary, options
-        as in `met_at`.
-
-    Returns
-    -------
-    Orbit; None where no step leads next to it.
+    before, after, met, vary, options: as in `met_at`. Returns Orbit; None where no step leads next to it.
     """
     point = curve_point(before, vary, like=secant(before, after, vary))
     low, high = 0.0, float(np.linalg.norm(secant(before, after, vary)))

@@ -42,10 +42,7 @@ class Run(Generic[AnyOrbit]):
     def add(self, *orbits: AnyOrbit, passed: Passed[AnyOrbit] | None = None) -> None:
         """Give the branch orbits further on, and what was passed on the way.
 
-        Parameters
-        ----------
-        *orbits, passed
-            in order; default nothing.
+        *orbits, passed: in order; default nothing.
         """
         b, p = self.branch, passed or Passed()
         self.branch = replace(

@@ -92,14 +92,8 @@ def _relative(problem: Problem, vary: str) -> bool:
 def growth(problem: Problem, vary: str, value: float) -> float:
     """How far another value of a parameter lies from the problem's own.
 
-    Parameters
-    ----------
-    problem, vary, value
-        the problem, the name of the parameter, the other value.
-
-    Returns
-    -------
-    The logarithm of their ratio, or lambda where the parameter is not moved relative to its value.
+    problem, vary, value: the problem, the name of the parameter, the other value.
+    Returns the logarithm of their ratio, or lambda where the parameter is not moved relative to its value.
     """
     if _relative(problem, vary):
         return float(np.log(value / problem.value(vary)))
@@ -109,14 +103,7 @@ def growth(problem: Problem, vary: str, value: float) -> float:
 def grown(problem: Problem, vary: str, much: float) -> float:
     """The value of a parameter after a `growth`.
 
-    Parameters
-    ----------
-    problem, vary, much
-        the problem, the name of the parameter, the growth.
-
-    Returns
-    -------
-    The value.
+    problem, vary, much: the problem, the name of the parameter, the growth.
     """
     if _relative(problem, vary):
         return problem.value(vary) * float(np.exp(np.clip(much, -1.0, 1.0)))
@@ -161,16 +148,8 @@ class Sheet:
     def orbit_at(self, s: float, m: float) -> Any:
         """The orbit at a place.
 
-        Parameters
-        ----------
-        s
-            arclength along the branch.
-        m
-            place of the second parameter from that of the orbit here.
-
-        Returns
-        -------
-        Orbit, or a sentence that says why there is none.
+        m: place of the second parameter from that of the orbit here.
+        Returns Orbit, or a sentence that says why there is none.
         """
         began = time.perf_counter()
         here, t = self.orbit.problem, self.point.t
@@ -203,17 +182,7 @@ class Sheet:
         return growth(self.orbit.problem, self.vary, parameter_value(orbit, self.vary))
 
     def tilted(self, ahead: Orbit, m: float) -> Sheet:
-        """The sheet that knows an orbit at (0, m): with its tilt, where mesh and phases are the same.
-
-        Parameters
-        ----------
-        ahead, m
-            the orbit, and its place.
-
-        Returns
-        -------
-        Sheet.
-        """
+        """The sheet that knows an orbit at (0, m): with its tilt, where mesh and phases are the same."""
         t, u, setting = self.point.t, self.point.u, self.point.setting
         other, v, its = unknowns_of(ahead)
         if other != t or not np.array_equal(its.fractions, setting.fractions):
@@ -231,16 +200,7 @@ class Sheet:
     def agrees(self, other: Sheet, s: float = 0.0) -> bool:
         """Whether the slopes here and at another orbit explain the growth between them.
 
-        Parameters
-        ----------
-        other
-            the sheet there.
-        s
-            how far along the branch it lies.
-
-        Returns
-        -------
-        False where the corrector went to another part of the surface.
+        Returns False where the corrector went to another part of the surface.
         """
         rise, m = self.growth_to(other.orbit), other.position - self.position
         unit = 1.0
@@ -257,20 +217,8 @@ def sheet_of(
 ) -> Sheet:
     """The sheet around an orbit; neither steepness nor tilt are known yet.
 
-    Parameters
-    ----------
-    orbit, vary
-        the orbit and the first parameter.
-    axis, position
-        the second one, and c at the orbit.
-    options, spacing
-        tolerance and method of the orbits; largest step in m.
-    like
-        sheet in whose direction the branch is followed.
-
-    Returns
-    -------
-    Sheet.
+    axis, position: the second one, and c at the orbit; options, spacing: tolerance and method of the orbits; largest
+    step in m; like: sheet in whose direction the branch is followed.
     """
     point = curve_point(orbit, vary) if like is None else like.point_of(orbit)
     return Sheet(orbit, vary, axis, position, options, spacing, point)

@@ -95,14 +95,7 @@ class SpecialChart:
     def value(self, s: float, m: float) -> Reading | str:
         """Read the monitor at a place of the sheet.
 
-        Parameters
-        ----------
-        s, m
-            the place.
-
-        Returns
-        -------
-        Its value with the orbit there, or a sentence that says why there is none.
+        Returns its value with the orbit there, or a sentence that says why there is none.
         """
         orbit = self.sheet.orbit_at(s, m)
         if isinstance(orbit, str):
@@ -115,16 +108,7 @@ class SpecialChart:
     def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
         """The chart of the special point that was read at a place of the sheet.
 
-        Parameters
-        ----------
-        s, m
-            the place, as in `value`.
-        reading
-            what was read there.
-
-        Returns
-        -------
-        Chart, or a sentence that says why there is none.
+        s, m: the place, as in `value`. Returns chart, or a sentence that says why there is none.
         """
         found = special_chart(self.task, reading, self.sheet, m)
         if isinstance(found, str):
@@ -137,18 +121,8 @@ class SpecialChart:
 def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> SpecialChart | str:
     """The chart of a place where the monitor vanishes, confirmed, with its gradient, slope and error.
 
-    Parameters
-    ----------
-    task
-        the curve that is asked for.
-    reading
-        the monitor there, and the orbit.
-    like, m
-        the sheet in whose direction the branch is followed, and where on it the place lies.
-
-    Returns
-    -------
-    Chart, or a sentence that says why there is none.
+    like, m: the sheet in whose direction the branch is followed, and where on it the place lies.
+    Returns chart, or a sentence that says why there is none.
     """
     orbit, vary, axis = reading.data, like.vary, like.axis
     complaint = not_what_it_is_called(task.monitor, orbit)
@@ -221,14 +195,8 @@ def _noise(monitor: Monitor, orbit: Orbit) -> float:
 def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:
     """What speaks against a place where a monitor of multipliers vanishes.
 
-    Parameters
-    ----------
-    monitor, orbit
-        the monitor and the orbit at which it vanishes.
-
-    Returns
-    -------
-    A sentence, or "" where it is what it is called, or has no multipliers to tell.
+    monitor, orbit: the monitor and the orbit at which it vanishes.
+    Returns A sentence, or "" where it is what it is called, or has no multipliers to tell.
     """
     if monitor.kind not in (FLIP.kind, SYMMETRY_LOST.kind, NEIMARK_SACKER.kind):
         return ""
@@ -251,16 +219,7 @@ def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:
 def passes_resonance(here: SpecialChart, there: SpecialChart, s: float, m: float) -> str:
     """Whether the pair of multipliers of a torus meets at -1 or +1 between two points of its curve.
 
-    Parameters
-    ----------
-    here, there
-        the charts of the points.
-    s, m
-        the place of the second one.
-
-    Returns
-    -------
-    A sentence, or "".  The angle of the pair comes back from 0 or pi, where it would have gone beyond.
+    Returns A sentence, or "".  The angle of the pair comes back from 0 or pi, where it would have gone beyond.
     """
     if here.angle is None or there.angle is None:
         return ""

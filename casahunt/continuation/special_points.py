@@ -140,20 +140,7 @@ STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
 def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
     """An orbit with its meaning in words, its parameter in as many digits as are known.
 
-    Parameters
-    ----------
-    monitor
-        what is special about it.
-    orbit
-        the orbit.
-    vary
-        name of the parameter.
-    error
-        relative error of the parameter, where it is known better than from the orbit itself.
-
-    Returns
-    -------
-    SpecialPoint.
+    error: relative error of the parameter, where it is known better than from the orbit itself.
     """
     value = parameter_value(orbit, vary)
     relative = error or orbit.parameter_error or orbit.error_estimate

@@ -159,14 +159,8 @@ def _ranges(orbit: Orbit) -> Array:
 def law_of(values: Sequence[float], b: Sequence[float] | Array) -> Law | None:
     """The power law that four values of a parameter follow.
 
-    Parameters
-    ----------
-    values, b
-        (4,) of the parameter and of what tends to zero, which falls from each to the next.
-
-    Returns
-    -------
-    Law; None where they follow none that leads on, or the first three foretell another end.
+    values, b: (4,) of the parameter and of what tends to zero, which falls from each to the next.
+    Returns law; None where they follow none that leads on, or the first three foretell another end.
     """
     lam, size = np.asarray(values, float), np.asarray(b, float)
     if not np.all(size[1:] < (1 - LEAST_CHANGE) * size[:-1]) or not np.all(size > 0):
@@ -200,16 +194,8 @@ def _fitted(lam: Array, b: Array) -> tuple[float, float] | None:
 def comes_to(orbits: Sequence[Orbit], vary: str, *, stuck: bool = False) -> End | None:
     """The end that a branch is next to.
 
-    Parameters
-    ----------
-    orbits, vary
-        of the branch, in order, and the name of its parameter.
-    stuck
-        whether no step has led on.
-
-    Returns
-    -------
-    End; None where none is near.
+    orbits, vary: of the branch, in order, and the name of its parameter; stuck: whether no step has led on.
+    Returns end; None where none is near.
     """
     if len(orbits) < VERTICAL_ORBITS:
         return _takes_for_ever(orbits, vary, stuck) if len(orbits) > 1 else None
@@ -336,16 +322,8 @@ def _slowest(orbit: Orbit) -> tuple[float, str, str]:
 def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyOrbit] | None:
     """The Hopf bifurcation that two successive cycles shrink to.
 
-    Parameters
-    ----------
-    before, last
-        the cycles, cut by planes, the smaller one last.
-    vary
-        name of the parameter.
-
-    Returns
-    -------
-    SpecialPoint, whose `at` is the value of the parameter; None where they do not lead to one.
+    before, last: the cycles, cut by planes, the smaller one last.
+    Returns SpecialPoint, whose `at` is the value of the parameter; None where they do not lead to one.
     """
     if not cut_by_planes(last):
         return None

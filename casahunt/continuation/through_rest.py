@@ -27,18 +27,8 @@ BEYOND_REST = 30.0
 def through_rest(orbits: Sequence[AnyOrbit], vary: str, value: float, options: Options) -> Any:
     """The cycle on the other side of the rest that a branch of forced cycles shrinks to.
 
-    Parameters
-    ----------
-    orbits, vary
-        of the branch, and the name of its parameter.
-    value
-        of the parameter where they are at rest.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    Orbit; None where the system is not forced, or none was found.
+    orbits, vary: of the branch, and the name of its parameter; value: of the parameter where they are at rest.
+    Returns Orbit; None where the system is not forced, or none was found.
     """
     before, last = orbits[-2:]
     family = last.problem

@@ -66,34 +66,14 @@ class Loose(Family):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
 
-        Parameters
-        ----------
-        signature, repeats
-            as in `Family`.
-
-        Returns
-        -------
-        Cycle.
-
-        Raises
-        ------
-        ValueError : the system has no such phase.
+        signature, repeats: as in `Family`. Raises ValueError: the system has no such phase.
         """
         return self.asking(super().cycle(signature, repeats), None)
 
     def asking(self, cycle: Cycle, slack: float | None) -> Cycle:
         """A cycle of the system with less asked of the loose phase.
 
-        Parameters
-        ----------
-        cycle
-            of the system.
-        slack
-            how far its condition may fall below zero; None for anywhere.
-
-        Returns
-        -------
-        Cycle.
+        slack: how far its condition may fall below zero; None for anywhere.
         """
         if slack is None:
             cycle = replace(cycle, phases=tuple(replace(phase, exits=()) for phase in cycle.phases))
@@ -110,14 +90,7 @@ class Loose(Family):
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
         """None: the phases are those of the cycle that touches.
 
-        Parameters
-        ----------
-        t, u, setting, phase, soft
-            as in `Family`.
-
-        Returns
-        -------
-        No starting points.
+        t, u, setting, phase, soft: as in `Family`.
         """
         return []
 
@@ -192,14 +165,8 @@ def _exits(family: Family, orbit: Orbit) -> Iterator[tuple[int, Exit]]:
 def events_of(family: Family, orbit: Orbit) -> list[str]:
     """Names of the events that an orbit may touch.
 
-    Parameters
-    ----------
-    family, orbit
-        the cycles of a system, and one of them.
-
-    Returns
-    -------
-    Names; one that several phases may touch is there for each.
+    family, orbit: the cycles of a system, and one of them.
+    Returns names; one that several phases may touch is there for each.
     """
     return [way_out.event.name for _, way_out in _exits(family, orbit)]
 
@@ -207,15 +174,9 @@ def events_of(family: Family, orbit: Orbit) -> list[str]:
 def value_of(touch: Touch, orbit: Orbit) -> float:
     """What vanishes where an orbit touches.
 
-    Parameters
-    ----------
-    touch, orbit
-        where it may touch, and the orbit.
-
-    Returns
-    -------
-    The scalar where it turns inside the phase, counted along its direction, nearest to being passed; or its rate at the
-    end, times the period.  NaN where it does not turn inside.
+    touch, orbit: where it may touch, and the orbit.
+    Returns the scalar where it turns inside the phase, counted along its direction, nearest to being passed; or its
+    rate at the end, times the period.  NaN where it does not turn inside.
     """
     t, u, setting = unknowns_of(orbit)
     phase = t.cycle.phases[touch.phase]
@@ -231,16 +192,7 @@ def value_of(touch: Touch, orbit: Orbit) -> float:
 def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]:
     """Where a cycle of a user's system may touch an event, the nearest first.
 
-    Parameters
-    ----------
-    orbit
-        the cycle.
-    event
-        name of the event; default any.
-
-    Returns
-    -------
-    (how far it is from touching, the place) each.
+    event: name of the event; default any. Returns (how far it is from touching, the place) each.
     """
     family = cast(Family, orbit.problem)
     found = []
@@ -260,14 +212,7 @@ def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]
 def touching_orbit(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | str:
     """The cycle next to one that keeps clear of an event, and touches it; a sentence where there is none.
 
-    Parameters
-    ----------
-    last, vary, options
-        the cycle, name of the parameter, tolerance and method.
-
-    Returns
-    -------
-    Orbit.
+    last, vary, options: the cycle, name of the parameter, tolerance and method.
     """
     if not isinstance(last.problem, Family):
         return "only of cycles of a user's system is it known what they touch"
@@ -279,14 +224,8 @@ def touching_orbit(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | st
 def touching_at(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Touch, AnyOrbit] | None:
     """The cycle next to one that touches an event inside a phase, and where.
 
-    Parameters
-    ----------
-    last, event, vary, options
-        the cycle, names of the event and of the parameter, tolerance and method.
-
-    Returns
-    -------
-    (place, orbit); None where it is none of the system's.
+    last, event, vary, options: the cycle, names of the event and of the parameter, tolerance and method.
+    Returns (place, orbit); None where it is none of the system's.
     """
     for _, place in touches(last, event):
         if place.at_end or place.piece:
@@ -317,21 +256,9 @@ def _touching(loose: AnyOrbit, place: Touch, vary: str, options: Options) -> Any
 def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOrbit]:
     """Where a cycle next to a grazing touches, and the cycle of the loose family to go on with.
 
-    Parameters
-    ----------
-    orbit
-        a grazing that a branch has located.
-    vary, options
-        the parameter of the branch; tolerance and method.
-
-    Returns
-    -------
-    Touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
-
-    Raises
-    ------
-    InputError : it is no cycle of a user's system.
-    NoOrbit : it touches nothing.
+    vary, options: the parameter of the branch; tolerance and method.
+    Returns touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
+    Raises InputError: it is no cycle of a user's system.; NoOrbit: it touches nothing.
     """
     if not isinstance(orbit.problem, Family):
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")

@@ -43,18 +43,9 @@ BEYOND = 0.1
 def turned_orbit(problem: Problem, start: Start, vary: str, options: Options, bent: float) -> Any:
     """The orbit where a parameter is largest, next to a point of the curve.
 
-    Parameters
-    ----------
-    problem, start
-        the problem at the parameters of the setting; transcription, unknowns, setting.
-    vary, options
-        name of the parameter; tolerance.
-    bent
-        second derivative of lambda along the curve, about; NaN where it is not known.
-
-    Returns
-    -------
-    Orbit, of the class that the problem names; None where Newton's method does not lead to one that is a motion.
+    problem, start: the problem at the parameters of the setting; transcription, unknowns, setting; bent: second
+    derivative of lambda along the curve, about; NaN where it is not known. Returns Orbit, of the class that the problem
+    names; None where Newton's method does not lead to one that is a motion.
     """
     began, iterations = time.perf_counter(), 0
     for k in range(MOST_MESHES):
@@ -92,17 +83,8 @@ def turned_orbit(problem: Problem, start: Start, vary: str, options: Options, be
 def turned_between(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The orbit where a parameter is largest between two orbits of a walk.
 
-    Parameters
-    ----------
-    before, after
-        the orbits, in the order of the walk.
-    vary, options
-        name of the parameter; tolerance.
-
-    Returns
-    -------
-    The orbit; None where Newton's method does not lead from the turning point of the cubic between them to one that
-    lies between them too.
+    before, after: the orbits, in the order of the walk. Returns the orbit; None where Newton's method does not lead
+    from the turning point of the cubic between them to one that lies between them too.
     """
     return _between(*ends(before, after, vary), before, vary, options)
 

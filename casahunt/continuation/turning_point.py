@@ -45,16 +45,8 @@ lambda does not change any more and the slope is nothing but rounding."""
 def turning_point(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:
     """The largest lambda next to an orbit by Newton's method, as `ipopt.maximise_parameter` by IPOPT.
 
-    Parameters
-    ----------
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    freedom
-        |lambda| at which it is no longer next to the orbit.
-
-    Returns
-    -------
-    Maximum; where none is found, its status is NOT_CONVERGED, and u is what it was.
+    freedom: |lambda| at which it is no longer next to the orbit.
+    Returns maximum; where none is found, its status is NOT_CONVERGED, and u is what it was.
     """
     row = row_along(t, u, setting)
     solution, iterations = _turned(t, u, setting, row, freedom, 0.0)
@@ -71,18 +63,9 @@ def turning_place(
 ) -> tuple[Array, float] | None:  # fmt: skip
     """`turning_point` without multipliers, and to an accuracy.
 
-    Parameters
-    ----------
-    t, u, setting, freedom
-        as there.
-    accuracy
-        way along the curve that may be left, in scaled units; 0 for all digits.
-    known
-        a row along the curve, without lambda, and d2 lambda/d a2 along it, as they are on another mesh.
-
-    Returns
-    -------
-    (u, lambda), or None where none is found.
+    accuracy: way along the curve that may be left, in scaled units; 0 for all digits; known: a row along the curve,
+    without lambda, and d2 lambda/d a2 along it, as they are on another mesh.
+    Returns (u, lambda), or None where none is found.
     """
     row, bend = known or (row_along(t, u, setting), np.nan)
     solution, _ = _turned(t, u, setting, row, freedom, accuracy, bend)
@@ -94,18 +77,8 @@ def turned_solution(
 ) -> tuple[Solution | None, Array, float]:
     """`turning_place` with the equations linearised there.
 
-    Parameters
-    ----------
-    t, u, setting
-        as there; u need not solve the equations.
-    bend
-        d2 lambda/d a2, about; NaN where it is not known.
-    freedom, accuracy
-        as there.
-
-    Returns
-    -------
-    (the solution or None, the row along the curve, d2 lambda/d a2 along it where it was known or NaN).
+    t, u, setting: as there; u need not solve the equations; bend: d2 lambda/d a2, about; NaN where it is not known.
+    Returns (the solution or None, the row along the curve, d2 lambda/d a2 along it where it was known or NaN).
     """
     row = row_along(t, u, setting)
     found = _together(t, u, setting, row, accuracy, bend) if bend < 0 else None
@@ -173,14 +146,7 @@ def _together(
 def row_along(t: Transcription, u: Array, setting: Setting) -> Array:
     """The row w of the module docstring at a point of the curve.
 
-    Parameters
-    ----------
-    t, u, setting
-        the point: transcription, unknowns, setting.
-
-    Returns
-    -------
-    (n + 2,) of length one, its last entry zero.
+    Returns (n + 2,) of length one, its last entry zero.
     """
     lin = t.linearise(u, setting)
     # Next to the sharpest folds the first node moves no more than lambda does: the first duration tells.

@@ -54,16 +54,7 @@ class Found:
 def settings_at(known: Expansion, p: Array, values: Array) -> Settings:
     """Settings of members, lambda being the parameter in its unit there.
 
-    Parameters
-    ----------
-    known
-        whose mesh and scale they share.
-    p, values
-        (B, np) parameters, and (B,) values of the one that is largest.
-
-    Returns
-    -------
-    Settings.
+    p, values: (B, np) parameters, and (B,) values of the one that is largest.
     """
     p = p.copy()
     p[:, known.problem.names.index(known.vary)] = values
@@ -78,18 +69,8 @@ def from_expansion(known: Expansion, p: Array, tol: float, stations: int = MOST_
     What the expansion leaves out goes with the cube of the way: where a member is lost, the turning point halfway tells
     how much that is, and is itself found so.
 
-    Parameters
-    ----------
-    known
-        the fold from which they are.
-    p, tol
-        (B, np) parameters; relative error that is wanted.
-    stations
-        how often the way may be halved.
-
-    Returns
-    -------
-    Found, and the settings there.
+    p, tol: (B, np) parameters; relative error that is wanted; stations: how often the way may be halved.
+    Returns found, and the settings there.
     """
     change = known.expected(p)
     found, settings = _from(known, p, change, np.full(len(p), known.bend), tol)
@@ -123,14 +104,7 @@ def _from(known: Expansion, p: Array, change: Array, bends: Array, tol: float) -
 def borders(t: Transcription, u: Array, row: Array) -> Array:
     """The border rows of many members, as `adapt.curve_border`.
 
-    Parameters
-    ----------
-    t, u, row
-        transcription, (B, size) unknowns, and (n + 2,) weights.
-
-    Returns
-    -------
-    (B, .).
+    t, u, row: transcription, (B, size) unknowns, and (n + 2,) weights. Returns (B, .).
     """
     out = np.zeros((len(u), (t.phases + 1) * t.n + t.phases + 1))
     out[:, : t.n] = row[: t.n]
@@ -144,18 +118,8 @@ def turning_points(
 ) -> Found:
     """The loop of the module docstring.
 
-    Parameters
-    ----------
-    t, u, lam, settings
-        the equations, and where to start: (B, size) and (B,).
-    row, bend
-        (n + 2,) along the curve, without lambda; (B,) d2 lambda/d a2, about, and with its sign.
-    tol
-        relative error that is wanted.
-
-    Returns
-    -------
-    Found.
+    t, u, lam, settings: the equations, and where to start: (B, size) and (B,); row, bend: (n + 2,) along the curve,
+    without lambda; (B,) d2 lambda/d a2, about, and with its sign; tol: relative error that is wanted.
     """
     B = len(u)
     start, u, lam, bends = u, u.copy(), lam.copy(), bend.copy()
@@ -203,14 +167,7 @@ def turning_points(
 def step_and_tangent(t: Transcription, u: Array, lin: Linearisations, row: Array) -> tuple[Array, Array]:
     """Newton's step at fixed a, and the tangent with da = 1.
 
-    Parameters
-    ----------
-    t, u, lin, row
-        the equations linearised at (B, size) unknowns, and (n + 2,) weights of a.
-
-    Returns
-    -------
-    Both (B, y).
+    t, u, lin, row: the equations linearised at (B, size) unknowns, and (n + 2,) weights of a. Returns both (B, y).
     """
     rhs = np.zeros((len(u), 2, t.system.size))
     rhs[:, 0] = lin.rhs()

@@ -46,14 +46,8 @@ BEHIND = 1e-4
 def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
     """The cycle next to a starting point, at the parameters of the problem.
 
-    Parameters
-    ----------
-    problem, start, options
-        the problem, the starting point, and the tolerance.
-
-    Returns
-    -------
-    Orbit; None where it does not converge.
+    problem, start, options: the problem, the starting point, and the tolerance.
+    Returns Orbit; None where it does not converge.
     """
     began = time.perf_counter()
     t, u, setting = start
@@ -65,18 +59,7 @@ def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
 def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle at which the shortest phase of one has vanished, without it.
 
-    Parameters
-    ----------
-    orbit
-        a cycle with a phase that is about to vanish.
-    vary
-        name of the parameter.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    Orbit; None where no phase vanishes.
+    orbit: a cycle with a phase that is about to vanish. Returns Orbit; None where no phase vanishes.
     """
     problem, orbit = orbit.problem, _with_it_inside(orbit, options)
     t, u, setting = unknowns_of(orbit)
@@ -160,18 +143,7 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
 def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> tuple[AnyOrbit, AnyOrbit] | None:
     """Where the shortest phase of the last of two orbits is about to vanish: the touch, and the cycle behind it.
 
-    Parameters
-    ----------
-    before, after
-        successive orbits of a branch.
-    vary
-        name of the parameter.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
+    Returns (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
     """
     k = may_vanish([arc.duration for arc in after.arcs]) if before.signature == after.signature else None
     if k is None or after.arcs[k].duration > SOON * before.arcs[k].duration:

@@ -196,18 +196,8 @@ def _room(point: Point, solved: Solved, options: Options) -> float:
 def varied(start: Orbit, vary: str | None) -> str:
     """The name of the parameter to follow.
 
-    Parameters
-    ----------
-    start, vary
-        an orbit, and the name or None for the principal one of its problem.
-
-    Returns
-    -------
-    The name.
-
-    Raises
-    ------
-    InputError : there is none such.
+    start, vary: an orbit, and the name or None for the principal one of its problem.
+    Raises InputError: there is none such.
     """
     return start.problem.principal if vary is None else known("parameter", vary, start.problem.names)
 
@@ -245,22 +235,8 @@ def step_along(
 ) -> tuple[AnyOrbit, Solved, bool] | str:
     """One corrected step of length ds from `point`, the curve at the orbit `last`.
 
-    Parameters
-    ----------
-    point, last
-        a point of the curve, and the orbit there.
-    vary
-        name of the parameter.
-    ds
-        length of the step.
-    low, high
-        range of the parameter; a step beyond lands on the bound.
-    options
-        tolerance and method of the orbit.
-
-    Returns
-    -------
-    (orbit, solved, whether a bound of [low, high] is reached), or a sentence about what went wrong.
+    point, last: a point of the curve, and the orbit there; low, high: range of the parameter; a step beyond lands on
+    the bound. Returns (orbit, solved, whether a bound of [low, high] is reached), or a sentence about what went wrong.
     """
     began = time.perf_counter()
     moved = last.problem.moved
@@ -305,22 +281,9 @@ def corrected(
 
     In turn: the phase sequences that the problem expects there; and, on short steps only, with its last resorts.
 
-    Parameters
-    ----------
-    predicted
-        transcription, unknowns and mesh, with the setting of the point from which the prediction was made.
-    lam
-        predicted lambda.
-    problem, options
-        the problem at that point, and the tolerance.
-    ds
-        length of the step.
-    border
-        (n + 2,) weights under which lambda is free; None holds it at `lam`.
-
-    Returns
-    -------
-    Solved.
+    predicted: transcription, unknowns and mesh, with the setting of the point from which the prediction was made;
+    problem, options: the problem at that point, and the tolerance; border: (n + 2,) weights under which lambda is free;
+    None holds it at `lam`.
     """
     t, u, setting = predicted
     start = t, u, setting.moved(lam)

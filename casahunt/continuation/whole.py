@@ -34,20 +34,9 @@ LITTLE = 0.1
 def as_whole_as_needed(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float], options: Options) -> AnyOrbit:
     """A cycle whose computed piece stays a part of it along parameters.
 
-    Parameters
-    ----------
-    orbit, vary, to
-        the cycle, names of parameters, and values towards which they go, infinite where that is not known.
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    Orbit: the same; or the whole cycle, where a parameter breaks the symmetry by which half of it was computed.
-
-    Raises
-    ------
-    NoOrbit : the whole cycle was not computed.
+    orbit, vary, to: the cycle, names of parameters, and values towards which they go, infinite where that is not known.
+    Returns Orbit: the same; or the whole cycle, where a parameter breaks the symmetry by which half of it was computed.
+    Raises NoOrbit: the whole cycle was not computed.
     """
     family = orbit.problem
     if not isinstance(family, Family) or orbit.repeats == 1:
@@ -64,14 +53,8 @@ def as_whole_as_needed(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]
 def keeps_symmetry(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]) -> bool:
     """Whether a cycle that is computed on a part of its period may stay so along parameters.
 
-    Parameters
-    ----------
-    orbit, vary, to
-        as in `as_whole_as_needed`.
-
-    Returns
-    -------
-    True where the system has its symmetry all along, as far as one looks; and of what is no user's system.
+    orbit, vary, to: as in `as_whole_as_needed`.
+    Returns True where the system has its symmetry all along, as far as one looks; and of what is no user's system.
     """
     family = orbit.problem
     if not isinstance(family, Family) or orbit.repeats == 1:

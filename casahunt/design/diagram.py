@@ -72,18 +72,9 @@ class DiagramPoint(Result):
 def starting_gain(servo: Servo, model: Model, options: Options | None = None) -> float:
     """Where a diagram begins that is asked for without a gain.
 
-    Parameters
-    ----------
-    servo, model, options
-        the problem, and tolerance and method of its orbits.
-
-    Returns
-    -------
-    A gain [V/rad] at which the servo has a stable hunting cycle, the same for the same problem.
-
-    Raises
-    ------
-    NoOrbit : the servo has no cycle, or none was found.
+    servo, model, options: the problem, and tolerance and method of its orbits.
+    Returns A gain [V/rad] at which the servo has a stable hunting cycle, the same for the same problem.
+    Raises NoOrbit: the servo has no cycle, or none was found.
     """
     a_servo(servo)
     lowest = _rounded_up(typical_gain(servo))

@@ -85,24 +85,8 @@ def keep(
 ) -> Branch:
     """Write the points so far (npz and csv).
 
-    Parameters
-    ----------
-    task, model
-        the problem.
-    points, ended
-        the points, and why they end.
-    out
-        folder.
-    words
-        what was written of the same points before, to which that of the new ones is added.
-
-    Returns
-    -------
-    The points as a branch.
-
-    Raises
-    ------
-    InputError, OSError : as `save_branch`.
+    words: what was written of the same points before, to which that of the new ones is added.
+    Raises InputError, OSError: as `save_branch`.
     """
     words = words or Words()
     special = [(found, i) for i, point in enumerate(points) for found in point.special]
@@ -121,20 +105,8 @@ def keep(
 def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]:
     """The points that an earlier run of the same task has left.
 
-    Parameters
-    ----------
-    task, model
-        the problem.
-    out
-        folder.
-
-    Returns
-    -------
-    Points, none where there is no file, and why they end.  Without a start asked for, it is theirs.
-
-    Raises
-    ------
-    InputError : the file is damaged, or is of another task.
+    Returns points, none where there is no file, and why they end.  Without a start asked for, it is theirs.
+    Raises InputError: the file is damaged, or is of another task.
     """
     path = out / f"{model}.npz"
     if not path.exists():

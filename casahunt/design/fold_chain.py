@@ -49,14 +49,8 @@ class Chain:
     def folds_along(self, values: Array, start: HuntingFold) -> list[Expansion | None]:
         """The fold at each value of the first parameter, the second as the servo has it.
 
-        Parameters
-        ----------
-        values, start
-            (m,) increasing values, and the servo's own fold.
-
-        Returns
-        -------
-        Folds, m of them; None where none was found.
+        values, start: (m,) increasing values, and the servo's own fold.
+        Returns folds, m of them; None where none was found.
         """
         own = flatten(self.servo)
         r = own[self.names[1]]
@@ -77,17 +71,9 @@ class Chain:
     def gains(self, base: Expansion | None, q: float, values: Array) -> tuple[Array, dict[int, str]]:
         """The fold gains at one value of the first parameter, outwards from a known fold.
 
-        Parameters
-        ----------
-        base
-            a fold at that value, None: none is known.
-        q, values
-            that value, and (n,) increasing values of the second parameter.
-
-        Returns
-        -------
-        (n,) gains; 0 where a proof shows that no gain hunts, nan where the fold was not computed, and the sentence by
-        index of the latter.
+        base: a fold at that value, None: none is known; q, values: that value, and (n,) increasing values of the second
+        parameter. Returns (n,) gains; 0 where a proof shows that no gain hunts, nan where the fold was not computed,
+        and the sentence by index of the latter.
         """
         gains, said = np.full(values.size, np.nan), dict[int, str]()
         bases: dict[float, Expansion] = {}  # those that others are predicted from, by value
@@ -140,10 +126,7 @@ class Chain:
     def _alone(self, near: Expansion | None, q: float, r: float) -> tuple[float, Expansion | None]:
         """The fold gain at (q, r), and the fold to predict others from; 0 and None where no gain hunts.
 
-        Raises
-        ------
-        InputError : no servo has these values.
-        NoOrbit : the fold was not computed.
+        Raises InputError: no servo has these values.; NoOrbit: the fold was not computed.
         """
         servo = self.servo.replace(**dict(zip(self.names, (q, r), strict=True)))
         expected = np.nan

@@ -30,22 +30,7 @@ HINTS = {
 def evaluated(what: str, function: Callable[..., Any], *symbols: Any) -> Any:
     """What a function of the user's returns.
 
-    Parameters
-    ----------
-    what
-        what it is called in messages.
-    function
-        the function, or whoever calls it.
-    *symbols
-        what that is called with.
-
-    Returns
-    -------
-    Whatever it returns.
-
-    Raises
-    ------
-    InputError : it raises an exception itself.
+    Raises InputError: it raises an exception itself.
     """
     try:
         return function(*symbols)
@@ -91,20 +76,9 @@ def _check_graph(scalars: list[tuple[str, ca.SX]], symbols: list[ca.SX]) -> None
 def _by_name(what: str, values: Any, states: tuple[str, ...], *, partly: bool) -> list[tuple[str, ca.SX]]:
     """States by name, a scalar each.
 
-    Parameters
-    ----------
-    what, values, states
-        what it is called in messages; what a function returned; names of the states.
-    partly
-        states may be missing.
-
-    Returns
-    -------
-    Of each, what it is called and its value.
-
-    Raises
-    ------
-    InputError : it is no mapping, a state is missing or unknown, or one of them no scalar.
+    what, values, states: what it is called in messages; what a function returned; names of the states; partly: states
+    may be missing. Returns of each, what it is called and its value. Raises InputError: it is no mapping, a state is
+    missing or unknown, or one of them no scalar.
     """
     if not isinstance(values, Mapping):
         raise InputError(f"{what} must return states by name, such as {{{states[0]!r}: ...}}, not {quoted(values)}")
@@ -122,16 +96,8 @@ def _by_name(what: str, values: Any, states: tuple[str, ...], *, partly: bool) -
 def check_scalar(what: str, function: Callable[..., Any], names: Names) -> None:
     """A function of (x, p) of a user's is called with symbols.
 
-    Parameters
-    ----------
-    what
-        what it is called in messages.
-    function, names
-        the function, and what x and p are called.
-
-    Raises
-    ------
-    InputError : it is no scalar of states and parameters, or cannot be evaluated with symbols.
+    function, names: the function, and what x and p are called.
+    Raises InputError: it is no scalar of states and parameters, or cannot be evaluated with symbols.
     """
     value = evaluated(what, returned, function, names, False, False)
     _check_graph([(what, _one_value(what, value))], list(symbols(names)))
@@ -141,9 +107,7 @@ def check_scalar(what: str, function: Callable[..., Any], names: Names) -> None:
 def check_functions(system: Any) -> None:
     """Every function of a system (language.py) is called with symbols, once.
 
-    Raises
-    ------
-    InputError : one does not name what there is, or does not return what it should.
+    Raises InputError: one does not name what there is, or does not return what it should.
     """
     names = system.names
     given = symbols(names)

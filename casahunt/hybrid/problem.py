@@ -78,35 +78,13 @@ class Problem(ABC):
     def with_value(self, name: str, value: float) -> Self:
         """The problem with one parameter changed.
 
-        Parameters
-        ----------
-        name, value
-            one of `names`, and its value.
-
-        Returns
-        -------
-        The problem.
-
-        Raises
-        ------
-        InputError : it cannot have that value.
+        name, value: one of `names`, and its value. Raises InputError: it cannot have that value.
         """
 
     def with_values(self, names: tuple[str, ...], values: Array) -> Self:
         """The problem with several parameters changed at once.
 
-        Parameters
-        ----------
-        names, values
-            k of `names`, and (k,) their values.
-
-        Returns
-        -------
-        The problem.
-
-        Raises
-        ------
-        InputError : it cannot have them.
+        names, values: k of `names`, and (k,) their values. Raises InputError: it cannot have them.
         """
         problem = self
         for name, value in zip(names, values, strict=True):
@@ -117,20 +95,8 @@ class Problem(ABC):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
 
-        Parameters
-        ----------
-        signature
-            the phases, (mode, event) each.
-        repeats
-            how often they are passed, mirrored by the closure, in a period.
-
-        Returns
-        -------
-        Cycle.
-
-        Raises
-        ------
-        ValueError : the problem has no such cycle.
+        signature: the phases, (mode, event) each; repeats: how often they are passed, mirrored by the closure, in a
+        period. Raises ValueError: the problem has no such cycle.
         """
 
     def record(self) -> dict[str, Any]:
@@ -148,42 +114,22 @@ class Problem(ABC):
     def unit(self, name: str, value: float | None = None) -> float:
         """How far lambda = 1 moves a parameter along a branch: by its value.
 
-        Parameters
-        ----------
-        name, value
-            one of `names`; where it stands, default the problem's own value.
-
-        Returns
-        -------
-        The unit of lambda.
+        name, value: one of `names`; where it stands, default the problem's own value.
         """
         return self.value(name) if value is None else value
 
     def moved(self, name: str, lam: float, more: float = 0.0) -> float:
         """Value of a parameter along a branch.
 
-        Parameters
-        ----------
-        name, lam, more
-            one of `names`; lambda, 0 at the problem's own value, in two parts.
-
-        Returns
-        -------
-        Its value there.
+        name, lam, more: one of `names`; lambda, 0 at the problem's own value, in two parts.
         """
         return self.value(name) * (1 + lam + more)
 
     def distance(self, name: str, value: float, here: float | None = None) -> float:
         """The lambda that leads from here to a value of a parameter.
 
-        Parameters
-        ----------
-        name, value, here
-            one of `names`, the value, and where it stands: default the problem's own value.
-
-        Returns
-        -------
-        lambda, so that `moved(name, lambda)` is the value.
+        name, value, here: one of `names`, the value, and where it stands: default the problem's own value.
+        Returns lambda, so that `moved(name, lambda)` is the value.
         """
         return value / self.unit(name, here) - 1
 
@@ -201,76 +147,36 @@ class Problem(ABC):
     def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:
         """Starting points for other phase sequences, where one has stopped being a motion.
 
-        Parameters
-        ----------
-        t, u, setting
-            the orbit: transcription, unknowns, setting.
-        phase
-            index of the phase that is none any more.
-        soft
-            also last resorts that converge everywhere, but slowly.
-
-        Returns
-        -------
-        Starting points, most promising first.
+        phase: index of the phase that is none any more; soft: also last resorts that converge everywhere, but slowly.
+        Returns starting points, most promising first.
         """
         return []
 
     def parted(self, t: Any, u: Array, setting: Any, phase: int) -> Any | None:
         """An orbit with boundaries where one of its phases passes events.
 
-        Parameters
-        ----------
-        t, u, setting
-            the orbit: transcription, unknowns, setting.
-        phase
-            index of the phase.
-
-        Returns
-        -------
-        Starting point; None where it has no such phases.
+        Returns starting point; None where it has no such phases.
         """
         return None
 
     def remarch(self, t: Any, u: Array, setting: Any) -> Any | None:
         """The phases that the motion from the start of an orbit really has.
 
-        Parameters
-        ----------
-        t, u, setting
-            the orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where unknown.
+        Returns starting point; None where unknown.
         """
         return None
 
     def expected(self, t: Any, u: Array, setting: Any) -> list[Any]:
         """Starting points to try from a predicted point of a branch, before any last resort.
 
-        Parameters
-        ----------
-        t, u, setting
-            the point: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting points, in turn.
+        Returns starting points, in turn.
         """
         return [(t, u, setting)]
 
     def vanishing(self, t: Any, u: Array, setting: Any) -> tuple[int, Any] | None:
         """The phase of a cycle that may be about to vanish, and the cycle without it.
 
-        Parameters
-        ----------
-        t, u, setting
-            the cycle: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Number of the phase, and starting point; None where there is none, or nobody knows.
+        Returns number of the phase, and starting point; None where there is none, or nobody knows.
         """
         return None
 
@@ -321,18 +227,7 @@ class FixedSequence(Problem):
     def with_value(self, name: str, value: float) -> FixedSequence:
         """The same cycle at another p.
 
-        Parameters
-        ----------
-        name, value
-            a parameter of the cycle, and its value.
-
-        Returns
-        -------
-        FixedSequence.
-
-        Raises
-        ------
-        ValueError : no such parameter.
+        name, value: a parameter of the cycle, and its value. Raises ValueError: no such parameter.
         """
         at = self.names.index(name)
         return replace(self, values=(*self.values[:at], float(value), *self.values[at + 1 :]))
@@ -340,18 +235,7 @@ class FixedSequence(Problem):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """Its cycle.
 
-        Parameters
-        ----------
-        signature, repeats
-            those of the cycle.
-
-        Returns
-        -------
-        Cycle.
-
-        Raises
-        ------
-        ValueError : another sequence.
+        Raises ValueError: another sequence.
         """
         if (signature, repeats) != (self.posed.signature, self.posed.repeats):
             raise ValueError(f"{self.title} has no cycle with the phases {signature} ({repeats} times)")

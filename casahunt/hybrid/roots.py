@@ -99,14 +99,7 @@ class Bracket:
     def newton(self, x: float, f: float, slope: float) -> float:
         """Newton's step, where that is inside.
 
-        Parameters
-        ----------
-        x, f, slope
-            a place, f there and f'.
-
-        Returns
-        -------
-        x - f/slope; the middle where that is outside.
+        Returns x - f/slope; the middle where that is outside.
         """
         step = x - f / slope if slope else math.inf
         return step if self.holds(step) else self.middle
@@ -114,18 +107,7 @@ class Bracket:
     def told(self, x: float, f: float) -> Bracket:
         """The bracket with one end moved.
 
-        Parameters
-        ----------
-        x, f
-            a place inside, and f there.
-
-        Returns
-        -------
-        Bracket; the end where f has this sign is at x.
-
-        Raises
-        ------
-        ValueError : f is zero, and x the root; or NaN.
+        Returns bracket; the end where f has this sign is at x. Raises ValueError: f is zero, and x the root; or NaN.
         """
         if (f > 0) == (self.f_b > 0):
             return Bracket(self.a, self.f_a, x, f, self.halved_a + (self.moved == "b"), 0, "b")
@@ -168,18 +150,7 @@ class Search:
     def told(self, x: float, f: float) -> Search:
         """What to ask next, after a place was told.
 
-        Parameters
-        ----------
-        x, f
-            the place, and f there; NaN and infinity are failures.
-
-        Returns
-        -------
-        Search.
-
-        Raises
-        ------
-        ValueError : f is zero, and x the root.
+        x, f: the place, and f there; NaN and infinity are failures. Raises ValueError: f is zero, and x the root.
         """
         if not math.isfinite(f):
             return self.failed()
@@ -205,21 +176,10 @@ def boundary(
 ) -> tuple[float, float]:
     """The boundary of a condition that holds at one end of a range and not at the other.
 
-    Parameters
-    ----------
-    beyond
-        the condition, monotone in the coordinate; a place where it cannot be told counts as the caller answers. It is
-        not asked at the ends.
-    low, high
-        ends, where it does not hold and where it does; `low` may be the larger one.
-    width
-        to stop at; 0 for neighbouring floating-point numbers.
-    rounds
-        halvings after which to stop at any width.
-
-    Returns
-    -------
-    Last place before the boundary, first place beyond it.
+    beyond: the condition, monotone in the coordinate; a place where it cannot be told counts as the caller answers. It
+    is not asked at the ends; low, high: ends, where it does not hold and where it does; `low` may be the larger one;
+    width: to stop at; 0 for neighbouring floating-point numbers; rounds: halvings after which to stop at any width.
+    Returns last place before the boundary, first place beyond it.
     """
     for _ in range(rounds):
         middle = (low + high) / 2
@@ -234,21 +194,8 @@ def secant(
 ) -> tuple[float, float]:
     """Secant steps to a root, exact after one where f is linear.
 
-    Parameters
-    ----------
-    f
-        the function.
-    x0, x1
-        places where it begins.
-    tolerance
-        of |f|, to stop at.
-    rounds
-        steps after which it gives up.
-
-    Returns
-    -------
-    x and f(x); |f(x)| > `tolerance`, or NaN, tells that there was no root within reach: f is flat, fails, or needs more
-    `rounds`.
+    x0, x1: places where it begins; tolerance: of |f|, to stop at. Returns x and f(x); |f(x)| > `tolerance`, or NaN,
+    tells that there was no root within reach: f is flat, fails, or needs more `rounds`.
     """
     f0, f1 = f(x0), f(x1)
     for _ in range(rounds):

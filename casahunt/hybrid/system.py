@@ -137,14 +137,7 @@ class System:
     def ways_out(self, mode: str, event: str) -> tuple[Exit, ...]:
         """The exits of a mode through one event: two, the same but for the direction, where it is crossed either way.
 
-        Parameters
-        ----------
-        mode, event
-            their names.
-
-        Returns
-        -------
-        None, one or two.
+        Returns None, one or two.
         """
         return tuple(way_out for way_out in self.exits.get(mode, ()) if way_out.event.name == event)
 

@@ -116,16 +116,7 @@ class Names:
     def p(self, p: Any, sign: Any = None) -> Named:
         """Parameters by name.
 
-        Parameters
-        ----------
-        p
-            (np,) numbers or symbols.
-        sign
-            that of the mode, None where it has none.
-
-        Returns
-        -------
-        Named.
+        p: (np,) numbers or symbols; sign: that of the mode, None where it has none.
         """
         return Named("parameter", _entries(p), self._parameter_places, {} if sign is None else {SIGN: sign})
 
@@ -137,14 +128,7 @@ class Names:
     def x(self, x: Any, p: Any) -> Named:
         """States by name, from the vectors; and the time in a forced system.
 
-        Parameters
-        ----------
-        x, p
-            (n,) or (n, m), and (np,): numbers or symbols.
-
-        Returns
-        -------
-        Named; an entry of (n, m) is (m,).
+        x, p: (n,) or (n, m), and (np,): numbers or symbols. Returns named; an entry of (n, m) is (m,).
         """
         x = _entries(x)
         time = {} if self.forcing_period is None else {TIME: x[len(self.states)] * self.turn(p)}
@@ -153,14 +137,7 @@ class Names:
     def numbers(self, x: Array, p: Array) -> dict[str, float]:
         """Numbers by name; with the time in a forced system.
 
-        Parameters
-        ----------
-        x, p
-            (n,) state and (np,) parameters.
-
-        Returns
-        -------
-        Name: number.
+        x, p: (n,) state and (np,) parameters. Returns name: number.
         """
         found = dict(zip(self.states, map(float, x), strict=False))
         return found if self.forcing_period is None else found | {TIME: float(x[-1]) * float(self.turn(p))}
@@ -168,16 +145,7 @@ class Names:
     def column(self, values: Mapping[str, Any], turns: Any) -> Any:
         """The vector of one value for every state.
 
-        Parameters
-        ----------
-        values
-            state: its entry.
-        turns
-            the entry of the time in a forced system; left out in any other.
-
-        Returns
-        -------
-        (n,) of CasADi.
+        turns: the entry of the time in a forced system; left out in any other. Returns (n,) of CasADi.
         """
         return ca.vertcat(*[values[name] for name in self.states], *([] if self.forcing_period is None else [turns]))
 
@@ -192,18 +160,7 @@ def symbols(names: Names) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
 def returned(function: Callable[..., Any], names: Names, signed: bool, timed: bool) -> Any:
     """What a function of the user's returns for the symbols: it is called this once.
 
-    Parameters
-    ----------
-    function
-        of (x, p), or (x, T, p).
-    names
-        what x and p are called.
-    signed, timed
-        it sees the sign of a mode; it takes a time.
-
-    Returns
-    -------
-    Whatever it returns.
+    function: of (x, p), or (x, T, p); signed, timed: it sees the sign of a mode; it takes a time.
     """
     x, T, p, sign = symbols(names)
     state, parameters = names.x(x, p), names.p(p, sign if signed else None)
@@ -234,14 +191,7 @@ class OfUser:
     def at(self, x: Any, T: Any, p: Any, sign: Any) -> Any:
         """It of other symbols, or of numbers.
 
-        Parameters
-        ----------
-        x, T, p, sign
-            (n,) state, time in the mode, (np,) parameters, sign of the mode.
-
-        Returns
-        -------
-        Expression, or numbers.
+        x, T, p, sign: (n,) state, time in the mode, (np,) parameters, sign of the mode. Returns expression, or numbers.
         """
         return _graph(type(self), self.function, self.names, self.signed)(x, T, p, sign)
 

@@ -33,16 +33,7 @@ SAME_MOTION = 1e-6
 def check_closed_forms(system: System, x: Array, p: Array) -> None:
     """Refuse a closed form that contradicts itself, or the field of its mode.
 
-    Parameters
-    ----------
-    system
-        the system.
-    x, p
-        (n,) the state near which it is tried, (np,) parameters.
-
-    Raises
-    ------
-    InputError : one does; names its mode.
+    x, p: (n,) the state near which it is tried, (np,) parameters. Raises InputError: one does; names its mode.
     """
     rng = np.random.default_rng(0)
     around = TRIED_AROUND * np.maximum(np.abs(x), 1.0) * rng.standard_normal((POINTS, x.size))

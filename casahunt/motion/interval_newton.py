@@ -133,21 +133,11 @@ class _Reduced:
 def newton_steps(field: Field, n: int, parameters: int, degree: int, kind: Kind) -> Caller | None:
     """A Newton step and `CHORDS` chords for one interval.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    degree, kind
-        collocation scheme.
-
-    Returns
-    -------
-    Caller of x (n), w (R) and (begins, part), the polynomial at whose local times begins + part c the stages begin,
-    step length, sign, p, scale.  Outputs: stages (d n); end (n); largest |step| of each of the 1 + `CHORDS` steps, then
-    the largest |x| and |X|, the largest last Legendre coefficient, and the sum of x and X, which is no number where one
-    of them is none: the maximum of a number and none is the number.  None where S has too many rows.
+    field: f(x, p, sign) of the mode.
+    Returns caller of x (n), w (R) and (begins, part), the polynomial at whose local times begins + part c the stages
+    begin, step length, sign, p, scale.  Outputs: stages (d n); end (n); largest |step| of each of the 1 + `CHORDS`
+    steps, then the largest |x| and |X|, the largest last Legendre coefficient, and the sum of x and X, which is no
+    number where one of them is none: the maximum of a number and none is the number.  None where S has too many rows.
     """
     s = scheme(degree, kind)
     x, w, place = ca.SX.sym("x", n), ca.SX.sym("w", n, degree + 1), ca.SX.sym("place", 2)

@@ -74,29 +74,13 @@ def march(
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
-    Parameters
-    ----------
-    system, mode
-        the hybrid system and the mode that it starts in.
-    x, p
-        (n,) initial state; parameter vector.
-    scale
-        (n,) size of the states.
-    until
-        called with every finished segment; True ends the march.
-    tol, degree, kind
-        bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
-    max_time, max_intervals, strict, met, after
-        [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event that has just
-        been met in x, if any; segment that ended in x, if any.
-
-    Returns
-    -------
-    The segments.  Where the motion comes to rest, or `max_time` has passed, they end without `until`.
-
-    Raises
-    ------
-    MarchFailure : NaN, a step size that vanishes, too many intervals, or a mode that does not hold (`strict`).
+    system, mode: the hybrid system and the mode that it starts in; x, p: (n,) initial state; parameter vector; scale:
+    (n,) size of the states; until: called with every finished segment; True ends the march; tol, degree, kind: bound on
+    the last Legendre coefficient of each interval, relative to `scale`; collocation scheme; max_time, max_intervals,
+    strict, met, after: [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event
+    that has just been met in x, if any; segment that ended in x, if any.
+    Returns the segments.  Where the motion comes to rest, or `max_time` has passed, they end without `until`.
+    Raises MarchFailure: NaN, a step size that vanishes, too many intervals, or a mode that does not hold (`strict`).
     """
     effort.motion()
     s = scheme(degree, kind)

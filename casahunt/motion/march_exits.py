@@ -36,16 +36,7 @@ EXIT_ROUNDS = 60
 def ends_linear_in_time(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> bool:
     """Whether the events of all exits of a mode in closed form are linear in the time spent in it.
 
-    Parameters
-    ----------
-    mode, exits
-        a mode with a flow, and its exits.
-    n, parameters
-        numbers of states and of parameters.
-
-    Returns
-    -------
-    True where they are.
+    mode, exits: a mode with a flow, and its exits.
     """
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
@@ -64,18 +55,7 @@ def _reset_map(reset: Reset, n: int, parameters: int) -> Caller:
 def behind(way_out: Exit, end: Array, p: Array) -> Array | None:
     """The state behind an exit.
 
-    Parameters
-    ----------
-    way_out
-        the exit.
-    end
-        (n,) state in front of it.
-    p
-        parameter vector.
-
-    Returns
-    -------
-    (n,) state behind it; None where it does not jump.
+    end: (n,) state in front of it. Returns (n,) state behind it; None where it does not jump.
     """
     if way_out.reset is None:
         return None
@@ -115,16 +95,8 @@ def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _
 def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
     """The first exit of a mode in closed form whose events are linear in time.
 
-    Parameters
-    ----------
-    mode, exits
-        the mode and its exits.
-    x, p
-        (n,) state at its start; parameter vector.
-
-    Returns
-    -------
-    Duration [s], exit, (n,) state there; None where no exit is met.
+    x, p: (n,) state at its start; parameter vector.
+    Returns duration [s], exit, (n,) state there; None where no exit is met.
     """
     motion = _flow_map(mode, exits, x.size, p.size)
     best: tuple[float, Exit] | None = None
@@ -147,22 +119,9 @@ def flow_to(
 ) -> tuple[float, Array]:
     """The end of a phase in closed form that is known nearly.
 
-    Parameters
-    ----------
-    mode, exits
-        a mode with a flow, and its exits.
-    way_out
-        that of the phase, one of them; None where the time is over.
-    x
-        (n,) state at its start.
-    T
-        its duration, nearly [s].
-    p
-        parameter vector.
-
-    Returns
-    -------
-    Duration, to rounding, and (n,) state at the end.
+    mode, exits: a mode with a flow, and its exits; way_out: that of the phase, one of them; None where the time is
+    over; x: (n,) state at its start; T: its duration, nearly [s].
+    Returns duration, to rounding, and (n,) state at the end.
     """
     motion = _flow_map(mode, exits, x.size, p.size)
     if way_out is not None:
@@ -196,20 +155,9 @@ def locate(
 ) -> tuple[float, Array, Array] | None:
     """Shorten an interval until it ends on an event.
 
-    Parameters
-    ----------
-    watch, way_out
-        of the mode; the exit.
-    beyond
-        watched local time (0..1] at which its event is beyond zero.
-    start, stages
-        (n,), (d n,) states of the interval, in units of the scale.
-    h
-        its length [s].
-
-    Returns
-    -------
-    Length [s], (d n,) stages and (n,) end of the interval at whose end the event vanishes; None where none is found.
+    beyond: watched local time (0..1] at which its event is beyond zero; start, stages: (n,), (d n,) states of the
+    interval, in units of the scale; h: its length [s]. Returns length [s], (d n,) stages and (n,) end of the interval
+    at whose end the event vanishes; None where none is found.
     """
     stepper, which = watch.stepper, watch.exits.index(way_out)
     s = stepper.scheme

@@ -62,24 +62,12 @@ def collocated(
 ) -> Reached:
     """Intervals in a row to the exit of a mode, or until the time is over, put behind those that are there.
 
-    Parameters
-    ----------
-    name, watch, passes
-        of the mode: its name, its intervals and exits, and whether it goes on through an exit at a scaled state.
-    begun, at_most
-        how far it was followed, with the length of the first interval, 0 where that is to be chosen; and is at most.
-    limits
-        last Legendre coefficient of an interval; [s], stop there; intervals, give up beyond.
-    lengths, pieces
-        of the intervals so far: [s], and (R,) start and stages, scaled; those of this part are put behind them.
-
-    Returns
-    -------
-    Reached, with the length of the interval that would have come next.
-
-    Raises
-    ------
-    MarchFailure, TooMany : a step size that vanishes; more intervals than there may be, with the time that they take.
+    name, watch, passes: of the mode: its name, its intervals and exits, and whether it goes on through an exit at a
+    scaled state; begun, at_most: how far it was followed, with the length of the first interval, 0 where that is to be
+    chosen; and is at most; limits: last Legendre coefficient of an interval; [s], stop there; intervals, give up
+    beyond; lengths, pieces: of the intervals so far: [s], and (R,) start and stages, scaled; those of this part are put
+    behind them. Returns reached, with the length of the interval that would have come next. Raises MarchFailure,
+    TooMany: a step size that vanishes; more intervals than there may be, with the time that they take.
     """
     stepper, (tol, max_time, max_intervals) = watch.stepper, limits
     t, start, d, h = begun.time, begun.x, stepper.scheme.degree, min(begun.length, max_time - begun.time)

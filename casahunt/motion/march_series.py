@@ -222,23 +222,11 @@ def first_exit(
 ) -> tuple[int, float, Exit | None]:
     """The first exit of steps in a row.
 
-    Parameters
-    ----------
-    exits, stepper
-        of the mode.
-    C, points
-        (K, P + 1, n) coefficients of the steps; (K, STEP_LOOKS + 1, n) states at which they are looked at.
-    fresh, over
-        the first step may begin on an event, of which is seen to which side it is left; at the end of the last one the
-        time is over, and an event is met that the motion comes to there but for rounding.
-
-    Returns
-    -------
-    Number of the step, place 0 < s <= 1 in it, and exit; the number of steps, 1 and None where there is none.
-
-    Raises
-    ------
-    NotLocated : an event is crossed, and vanishes nowhere.
+    C, points: (K, P + 1, n) coefficients of the steps; (K, STEP_LOOKS + 1, n) states at which they are looked at;
+    fresh, over: the first step may begin on an event, of which is seen to which side it is left; at the end of the last
+    one the time is over, and an event is met that the motion comes to there but for rounding.
+    Returns number of the step, place 0 < s <= 1 in it, and exit; the number of steps, 1 and None where there is none.
+    Raises NotLocated: an event is crossed, and vanishes nowhere.
     """
     inner = points[:, :-1].reshape(-1, points.shape[2])
     looks = len(inner) + 1
@@ -299,22 +287,9 @@ def intervals_of(
 ) -> tuple[list[float], list[Array]]:
     """The intervals of a motion that was followed by series.
 
-    Parameters
-    ----------
-    mode, stepper
-        the mode and its intervals.
-    stretches
-        what was followed; a node stands where one ends.
-    tol, most
-        last Legendre coefficient of an interval; how many there may be.
-
-    Returns
-    -------
-    Lengths, and (R,) start and stages of each, scaled.
-
-    Raises
-    ------
-    TooMany : more than `most` are needed.
+    stretches: what was followed; a node stands where one ends; tol, most: last Legendre coefficient of an interval; how
+    many there may be. Returns lengths, and (R,) start and stages of each, scaled. Raises TooMany: more than `most` are
+    needed.
     """
 
     def hidden(states: Array) -> Array:
@@ -335,14 +310,8 @@ def intervals_of(
 def most_intervals(stretches: list[list[Piece]], s: Scheme, tol: float) -> float:
     """A bound of the number of these intervals, but for those that hide something of the field.
 
-    Parameters
-    ----------
-    stretches, s, tol
-        what was followed; the scheme; last Legendre coefficient of an interval.
-
-    Returns
-    -------
-    Steps times intervals in a step of which no term exceeds the size of the states.
+    stretches, s, tol: what was followed; the scheme; last Legendre coefficient of an interval.
+    Returns steps times intervals in a step of which no term exceeds the size of the states.
     """
     pieces = [piece for stretch in stretches for piece in stretch]
     size = max([1.0, *(float(np.abs(piece.C[:, 0]).max()) for piece in pieces)])

@@ -86,16 +86,7 @@ class Stepper:
     def through(self, x: Array, stages: Array, h: float) -> Array:
         """Sensitivity of the end of an interval to its start, its length, and lambda, which moves p along dp.
 
-        Parameters
-        ----------
-        x, stages
-            (n,) start and (n d,) stages, scaled.
-        h
-            its length.
-
-        Returns
-        -------
-        (n, n + 2) d end/d (start, length, lambda), scaled.
+        x, stages: (n,) start and (n d,) stages, scaled. Returns (n, n + 2) d end/d (start, length, lambda), scaled.
         """
         n, rows = x.size, x.size + stages.size
         columns = self._call(np.concatenate([x, stages]), h).T
@@ -174,18 +165,7 @@ def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foret
     Its last Legendre coefficient grows on the way to the end of the new interval by less than the Chebyshev polynomial
     of its degree does; what comes after it is about as large there.
 
-    Parameters
-    ----------
-    d
-        degree of the scheme.
-    previous
-        the previous interval; None: there is none.
-    start, h
-        (n,) start and length [s] of the new one.
-
-    Returns
-    -------
-    Foretold.
+    previous: the previous interval; None: there is none; start, h: (n,) start and length [s] of the new one.
     """
     if previous is None:
         return Foretold(start)
@@ -198,15 +178,6 @@ def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foret
 def last_mode(s: Scheme, w: Array) -> float:
     """The largest last Legendre coefficient of the states.
 
-    Parameters
-    ----------
-    s
-        the scheme.
-    w
-        (d + 1, n) start and stages.
-
-    Returns
-    -------
-    Its absolute value, in the units of the states.
+    w: (d + 1, n) start and stages. Returns its absolute value, in the units of the states.
     """
     return float(np.max(np.abs(s.last_mode @ w)))

@@ -54,23 +54,12 @@ class Watch:
     ) -> tuple[list[tuple[Exit, float]], bool]:
         """The exits whose events are beyond zero earliest in an interval; whether it hides something of the field.
 
-        Parameters
-        ----------
-        start, stages, end
-            (n,), (d n,), (n,) states of the interval, in units of the scale.
-        ahead
-            (n,) state just after `start` on the first interval of a mode, which starts on its last event: it tells the
-            side of that zero on which the mode begins; None on the others.
-
-        Returns
-        -------
-        Each exit with the watched local time (0..1] where it is: one as a rule, none where no event is beyond zero,
-        several where only locating them tells which comes first.  And whether the feature jumps between two points of
-        the interval.
-
-        Raises
-        ------
-        TooLong : the polynomial may have strayed across zero: only a shorter interval can tell.
+        start, stages, end: (n,), (d n,), (n,) states of the interval, in units of the scale; ahead: (n,) state just
+        after `start` on the first interval of a mode, which starts on its last event: it tells the side of that zero on
+        which the mode begins; None on the others. Returns each exit with the watched local time (0..1] where it is: one
+        as a rule, none where no event is beyond zero, several where only locating them tells which comes first.  And
+        whether the feature jumps between two points of the interval. Raises TooLong: the polynomial may have strayed
+        across zero: only a shorter interval can tell.
         """
         m = WATCHED.size
         found: list[tuple[int, Exit]] = []
@@ -93,14 +82,8 @@ class Watch:
     def hides(self, start: Array, stages: Array, end: Array) -> bool:
         """Whether the feature jumps between two points of an interval.
 
-        Parameters
-        ----------
-        start, stages, end
-            (n,), (d n,), (n,) states of the interval, in units of the scale.
-
-        Returns
-        -------
-        True where it hides from the collocation polynomial.
+        start, stages, end: (n,), (d n,), (n,) states of the interval, in units of the scale.
+        Returns True where it hides from the collocation polynomial.
         """
         if self._feature is None:
             return False
@@ -123,9 +106,7 @@ def _first_beyond(h: Array, stray: float) -> int:
     can tell, but where the motion crosses there, from the look before to the one after.  The end of the interval is
     exact, and what comes behind the exit does not matter.
 
-    Raises
-    ------
-    TooLong : it may have strayed across zero.
+    Raises TooLong: it may have strayed across zero.
     """
     beyond = np.flatnonzero(h[1:] > np.append(np.full(h.size - 2, stray), 0.0))
     k = int(beyond[0]) + 1 if beyond.size else 0

@@ -279,19 +279,8 @@ def _series_of(f: ca.Function, x: ca.SX, others: list[ca.SX], order: int, unit: 
 def coefficients(field: Field, n: int, parameters: int, order: int) -> ca.Function | None:
     """The series of the motion along a field.
 
-    Parameters
-    ----------
-    field
-        f(x, p, sign) of the mode.
-    n, parameters
-        numbers of states and of parameters.
-    order
-        P.
-
-    Returns
-    -------
-    Function (x, sign, p, scale D, unit tau) of a scaled state to the coefficients (n, P + 1) of the scaled motion;
-    None where an operation of a changing operand has no rule.
+    field: f(x, p, sign) of the mode. Returns function (x, sign, p, scale D, unit tau) of a scaled state to the
+    coefficients (n, P + 1) of the scaled motion; None where an operation of a changing operand has no rule.
     """
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
     p, scale, unit = ca.SX.sym("p", parameters), ca.SX.sym("scale", n), ca.SX.sym("unit")

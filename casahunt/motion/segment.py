@@ -52,18 +52,8 @@ class Segment:
     ) -> Segment:
         """A phase whose intervals are made when somebody asks for them, as few who only want its end do.
 
-        Parameters
-        ----------
-        ends
-            mode, event, duration, (n,) start and end, and the state behind the event.
-        count
-            steps in which it was followed.
-        mesh, tol
-            makes `breaks` and `w` from the last Legendre coefficient of an interval; that coefficient.
-
-        Returns
-        -------
-        Segment.
+        ends: mode, event, duration, (n,) start and end, and the state behind the event; mesh, tol: makes `breaks` and
+        `w` from the last Legendre coefficient of an interval; that coefficient.
         """
         self = object.__new__(cls)
         names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh", "_tol")
@@ -83,14 +73,8 @@ class Segment:
     def meshed(self, tol: float) -> Segment:
         """The same phase with other intervals, where it has none yet.
 
-        Parameters
-        ----------
-        tol
-            last Legendre coefficient of each interval, in units of the states.
-
-        Returns
-        -------
-        Segment; as it is where it was followed by intervals, or in closed form.
+        tol: last Legendre coefficient of each interval, in units of the states.
+        Returns segment; as it is where it was followed by intervals, or in closed form.
         """
         if "_mesh" not in self.__dict__:
             return self

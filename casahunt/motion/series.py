@@ -89,20 +89,9 @@ class Series:
     def __call__(self, x: Array, unit: float, longest: float, left: float, theta: float) -> Steps:
         """The next steps.
 
-        Parameters
-        ----------
-        x
-            (n,) scaled state.
-        unit
-            a time that is neither much longer nor much shorter than a step.
-        longest, left
-            longest that the first one may be, and all of them together.
-        theta
-            bound of the last terms.
-
-        Returns
-        -------
-        Steps; no number from where on a coefficient is none, of length 0 when the time is over.
+        x: (n,) scaled state; unit: a time that is neither much longer nor much shorter than a step; longest, left:
+        longest that the first one may be, and all of them together.
+        Returns steps; no number from where on a coefficient is none, of length 0 when the time is over.
         """
         for store, value in zip(self._steps.inputs, (x, (unit, longest, left, theta), *self._fixed), strict=True):
             store[:] = value
@@ -112,14 +101,8 @@ class Series:
     def defects(self, points: Array, rates: Array) -> Array:
         """By how much series contradict the field.
 
-        Parameters
-        ----------
-        points, rates
-            (K, STEP_LOOKS + 1, n) scaled states along steps, and their derivatives by time.
-
-        Returns
-        -------
-        (K, STEP_LOOKS + 1) the largest differences of the states' rates.
+        points, rates: (K, STEP_LOOKS + 1, n) scaled states along steps, and their derivatives by time.
+        Returns (K, STEP_LOOKS + 1) the largest differences of the states' rates.
         """
         buffers = self._one if len(points) == 1 else self._many
         store, *others = buffers.inputs
@@ -184,16 +167,7 @@ def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller, Ca
 def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | None:
     """The series along a field.
 
-    Parameters
-    ----------
-    field, sign
-        of the mode.
-    p, scale
-        parameter vector; (n,) size of the states.
-
-    Returns
-    -------
-    Series; None where the field has none.
+    p, scale: parameter vector; (n,) size of the states. Returns series; None where the field has none.
     """
     functions = _compiled(field, scale.size, p.size)
     return None if functions is None else Series(*functions, sign, p, scale)
@@ -202,16 +176,7 @@ def series_of(field: Field, sign: float, p: Array, scale: Array) -> Series | Non
 def cut_off(C: Array, s: float) -> Array:
     """Coefficients of a step that ends at s of the longer one.
 
-    Parameters
-    ----------
-    C
-        (P + 1, n) coefficients.
-    s
-        the place in the step that becomes its end.
-
-    Returns
-    -------
-    (P + 1, n).
+    C: (P + 1, n) coefficients; s: the place in the step that becomes its end. Returns (P + 1, n).
     """
     return C * (s**_POWERS)[:, None]
 
@@ -219,14 +184,7 @@ def cut_off(C: Array, s: float) -> Array:
 def at(C: Array, s: float) -> Array:
     """The value of a series at one place.
 
-    Parameters
-    ----------
-    C, s
-        (P + 1, n) coefficients; the place.
-
-    Returns
-    -------
-    (n,) scaled state.
+    C, s: (P + 1, n) coefficients; the place. Returns (n,) scaled state.
     """
     return (s**_POWERS) @ C
 
@@ -239,14 +197,7 @@ _RATES = np.hstack([np.zeros((STEP_LOOKS + 1, 1)), _LOOKED_AT[:, :-1] * _POWERS[
 def looked_at(C: Array) -> tuple[Array, Array]:
     """Steps, looked at from their starts to their ends.
 
-    Parameters
-    ----------
-    C
-        (K, P + 1, n) coefficients.
-
-    Returns
-    -------
-    (K, STEP_LOOKS + 1, n) scaled states, and their derivatives by the place s.
+    C: (K, P + 1, n) coefficients. Returns (K, STEP_LOOKS + 1, n) scaled states, and their derivatives by the place s.
     """
     return np.matmul(_LOOKED_AT, C), np.matmul(_RATES, C)
 
@@ -263,14 +214,8 @@ def _derivative(d: int) -> Array:
 def most_in_a_step(d: int, tol: float) -> float:
     """A bound of the number of intervals in a step of which no coefficient exceeds one.
 
-    Parameters
-    ----------
-    d, tol
-        degree of the scheme; last Legendre coefficient of an interval.
-
-    Returns
-    -------
-    As `meshed` has it, were the derivative at its end.
+    d, tol: degree of the scheme; last Legendre coefficient of an interval.
+    Returns as `meshed` has it, were the derivative at its end.
     """
     most = math.factorial(d) ** 2 / math.factorial(2 * d) * float(_derivative(d)[-1].sum()) / tol
     return max(most ** (1 / d) / WITHIN_TOLERANCE, 1.0)
@@ -279,16 +224,7 @@ def most_in_a_step(d: int, tol: float) -> float:
 def values_at(motion: Piece, times: Array) -> Array:
     """The motion at times.
 
-    Parameters
-    ----------
-    motion
-        its steps.
-    times
-        (m,).
-
-    Returns
-    -------
-    (m, n) scaled states.
+    times: (m,). Returns (m, n) scaled states.
     """
     k = np.clip(np.searchsorted(motion.began, times, side="right") - 1, 0, len(motion.began) - 1)
     s = (times - motion.began[k]) / motion.lengths[k]
@@ -305,26 +241,9 @@ def meshed(
 ) -> tuple[Array, Array]:
     """A mesh for a motion, with its stages.
 
-    Parameters
-    ----------
-    pieces
-        of the motion, one after the other.
-    s
-        the scheme.
-    tol
-        last Legendre coefficient of an interval.
-    hidden
-        (N, d + 2, n) scaled points of intervals to (N,) those that hide something of the field, and are halved.
-    most
-        intervals that there may be.
-
-    Returns
-    -------
-    (N + 1,) breaks from the first to the last time, and (N, R) start and stages of each interval.
-
-    Raises
-    ------
-    TooMany : more than `most` are needed.
+    hidden: (N, d + 2, n) scaled points of intervals to (N,) those that hide something of the field, and are halved;
+    most: intervals that there may be. Returns (N + 1,) breaks from the first to the last time, and (N, R) start and
+    stages of each interval. Raises TooMany: more than `most` are needed.
     """
     d = s.degree
     motion = Piece(*map(np.concatenate, zip(*pieces, strict=True)))

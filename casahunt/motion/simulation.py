@@ -124,20 +124,8 @@ def sampled(
 ) -> tuple[Array, Array]:
     """Marched phases at points.
 
-    Parameters
-    ----------
-    system
-        the hybrid system.
-    phases
-        of a march, one after the other.
-    p, kind
-        parameter vector and collocation scheme of the march.
-    per_interval
-        points in an interval; both ends of a phase are there besides.
-
-    Returns
-    -------
-    Times (m,) from the start, states (n, m).
+    p, kind: parameter vector and collocation scheme of the march; per_interval: points in an interval; both ends of a
+    phase are there besides. Returns times (m,) from the start, states (n, m).
     """
     tau = np.linspace(0, 1, per_interval, endpoint=False)
     times, states, start = [], [], 0.0
@@ -223,26 +211,9 @@ def follow_for(
 ) -> list[Segment]:
     """The phases of a motion for exactly this time.
 
-    Parameters
-    ----------
-    form, mode
-        the hybrid system and the mode that it starts in.
-    x, p, scale
-        (n,) state at the start; parameter vector; (n,) sizes of the states.
-    kind
-        collocation scheme.
-    duration
-        how long.
-    tol
-        error of an interval, relative to the sizes.
-
-    Returns
-    -------
-    The phases; their durations sum up to `duration`.
-
-    Raises
-    ------
-    MarchFailure : see `march`.
+    form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
+    vector; (n,) sizes of the states; tol: error of an interval, relative to the sizes. Returns the phases; their
+    durations sum up to `duration`. Raises MarchFailure: see `march`.
     """
     phases = march(
         form, mode, x, p, scale=scale, until=lambda segment: False, tol=tol, degree=MARCH_DEGREE, kind=kind,
@@ -259,24 +230,8 @@ def follow_for(
 def sizes(form: engine.System, mode: str, x: Array, p: Array, duration: float, kind: Kind) -> Array:
     """Largest magnitude of each state in a motion, from a look or two at it.
 
-    Parameters
-    ----------
-    form, mode
-        the hybrid system and the mode that it starts in.
-    x, p
-        (n,) state at the start; parameter vector.
-    duration
-        how long it is looked at.
-    kind
-        collocation scheme.
-
-    Returns
-    -------
-    (n,) sizes, 1 for a state that stays zero and for the time.
-
-    Raises
-    ------
-    MarchFailure : see `march`.
+    form, mode: the hybrid system and the mode that it starts in; x, p: (n,) state at the start; parameter vector.
+    Returns (n,) sizes, 1 for a state that stays zero and for the time. Raises MarchFailure: see `march`.
     """
     scale = np.where(x != 0, np.abs(x), 1.0)
     for _ in range(2):

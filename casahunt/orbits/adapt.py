@@ -60,28 +60,12 @@ def solve_adaptively(
 ) -> Solved:
     """Solve from `start` and adapt mesh and phase sequence until the tolerance holds.
 
-    Parameters
-    ----------
-    problem
-        whose cycle it is, and whose phase sequences are sought where one stops being a motion.
-    start, options
-        transcription, unknowns and setting; tolerance.
-    solver
-        for the first solve of `auto`, which takes Newton after that, and the other one where the first fails at a fixed
-        parameter.  A solver named in `options` makes all the solves, alone.
-    border
-        weights (n + 2,) of the first node, of ln T_1 and of lambda; the correction is orthogonal to them and lambda is
-        free.  None holds lambda at zero.
-    soft
-        allow last resorts among the phase sequences (Problem.next_sequence).
-
-    Returns
-    -------
-    Solved, whose status says how it ended.
-
-    Raises
-    ------
-    ValueError : the cycle of `start` is none of the problem's.
+    problem: whose cycle it is, and whose phase sequences are sought where one stops being a motion; solver: for the
+    first solve of `auto`, which takes Newton after that, and the other one where the first fails at a fixed parameter.
+    A solver named in `options` makes all the solves, alone; border: weights (n + 2,) of the first node, of ln T_1 and
+    of lambda; the correction is orthogonal to them and lambda is free.  None holds lambda at zero; soft: allow last
+    resorts among the phase sequences (Problem.next_sequence). Returns Solved, whose status says how it ended. Raises
+    ValueError: the cycle of `start` is none of the problem's.
     """
     t = start[0]
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
@@ -261,14 +245,7 @@ def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spe
 def on_breaks(start: Start, breaks: list[Array]) -> Start:
     """A start on another mesh.
 
-    Parameters
-    ----------
-    start, breaks
-        transcription, unknowns and setting; boundaries of each collocated phase.
-
-    Returns
-    -------
-    The same on that mesh.
+    start, breaks: transcription, unknowns and setting; boundaries of each collocated phase.
     """
     t, u, setting = start
     t, u, fractions = transfer(t, u, setting.fractions, breaks)
@@ -278,14 +255,7 @@ def on_breaks(start: Start, breaks: list[Array]) -> Start:
 def presentable(e: Estimate, options: Options) -> bool:
     """Whether a solution may be shown between its nodes.
 
-    Parameters
-    ----------
-    e, options
-        what is known of its errors; tolerance.
-
-    Returns
-    -------
-    True where its last Legendre coefficients are small enough.
+    Returns True where its last Legendre coefficients are small enough.
     """
     return float(e.shape.max(initial=0.0)) <= ROUGH_SHAPE * shape_limit(options.tol)
 
@@ -336,26 +306,9 @@ def _first_converging(task: _Task, starts: list[Start], known: _Root) -> tuple[_
 def finished(solved: Solved, problem: Problem, options: Options, began: float, what: str) -> Any:
     """The orbit of a converged solution.
 
-    Parameters
-    ----------
-    solved
-        the solution.
-    problem
-        with the parameters at which the equations were solved.
-    options
-        with which it was solved.
-    began
-        time.perf_counter() at that time.
-    what
-        what was to be computed, for the message.
-
-    Returns
-    -------
-    Orbit, of the class that the problem names.
-
-    Raises
-    ------
-    NoOrbit : it has not converged; the message says what to do.
+    problem: with the parameters at which the equations were solved; began: time.perf_counter() at that time; what: what
+    was to be computed, for the message. Returns Orbit, of the class that the problem names. Raises NoOrbit: it has not
+    converged; the message says what to do.
     """
     if not solved.status.ok or solved.estimate is None:
         alone = "" if options.solver == "auto" else f"; {options.solver} worked alone, the solver auto tries both"
@@ -368,20 +321,7 @@ def finished(solved: Solved, problem: Problem, options: Options, began: float, w
 def refined(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     """The same orbit to another tolerance.
 
-    Parameters
-    ----------
-    orbit
-        the orbit.
-    options
-        the tolerance.
-
-    Returns
-    -------
-    The orbit.
-
-    Raises
-    ------
-    NoOrbit : the tolerance is not reached.
+    Raises NoOrbit: the tolerance is not reached.
     """
     began = time.perf_counter()
     solved = solve_adaptively(orbit.problem, unknowns_of(orbit), options, solver="newton")

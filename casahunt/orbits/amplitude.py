@@ -19,16 +19,7 @@ Array = np.ndarray
 def amplitude_off(t: Transcription, u: Array, setting: Setting, known: float) -> float:
     """By how much the amplitude of a solution differs from a known one, in the units of its error estimate.
 
-    Parameters
-    ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
-    known
-        the other amplitude.
-
-    Returns
-    -------
-    The difference, relative.
+    Returns the difference, relative.
     """
     g = t.cycle.measured
     if not callable(g):
@@ -40,14 +31,7 @@ def amplitude_off(t: Transcription, u: Array, setting: Setting, known: float) ->
 def measured(t: Transcription, u: Array, setting: Setting) -> float:
     """The amplitude alone.
 
-    Parameters
-    ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Its value, in physical units.
+    Returns its value, in physical units.
     """
     g = t.cycle.measured
     if callable(g):
@@ -60,16 +44,7 @@ def estimated(
 ) -> Estimate:
     """The errors of period and amplitude (error_estimate.py), whatever the cycle measures.
 
-    Parameters
-    ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
-    border, believed
-        as in `estimate`.
-
-    Returns
-    -------
-    Estimate.
+    border, believed: as in `estimate`.
     """
     g = t.cycle.measured
     measured = largest_magnitude(t, u, setting, g) if callable(g) else None
@@ -94,14 +69,8 @@ def _at_phase_ends(t: Transcription, u: Array, settings: Settings, i: int) -> tu
 def goals_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array, Array, Array]:
     """Period and amplitude of many solutions, and what their errors are functionals of.
 
-    Parameters
-    ----------
-    t, u, settings
-        transcription, (B, size) unknowns, and settings.
-
-    Returns
-    -------
-    ((B, 2, y) rows of the relative errors of period and amplitude, periods (B,), amplitudes (B,)).
+    t, u, settings: transcription, (B, size) unknowns, and settings.
+    Returns ((B, 2, y) rows of the relative errors of period and amplitude, periods (B,), amplitudes (B,)).
     """
     B, E, n, P, g = len(u), t.elements, t.n, t.phases, t.cycle.measured
     goals = np.zeros((B, 2, t.system.size))
@@ -122,16 +91,8 @@ def goals_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array
 def amplitudes_off(t: Transcription, u: Array, settings: Settings, known: Array) -> Array:
     """By how much the amplitudes of many solutions differ from known ones: `amplitude_off` of each.
 
-    Parameters
-    ----------
-    t, u, settings
-        transcription, (B, size) unknowns, and settings.
-    known
-        (B,) the other amplitudes.
-
-    Returns
-    -------
-    (B,) the differences, relative.
+    t, u, settings: transcription, (B, size) unknowns, and settings; known: (B,) the other amplitudes.
+    Returns (B,) the differences, relative.
     """
     g = t.cycle.measured
     if callable(g):

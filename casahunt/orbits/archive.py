@@ -96,16 +96,7 @@ class Text(str):
 def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
     """One orbit as JSON can say it.
 
-    Parameters
-    ----------
-    orbit
-        the orbit.
-    writer
-        keeps its arrays.
-
-    Returns
-    -------
-    Numbers, texts, lists and tables; of each array its shape and its place among the numbers of the writer.
+    Returns numbers, texts, lists and tables; of each array its shape and its place among the numbers of the writer.
     """
     return {
         **orbit.problem.record(),
@@ -172,21 +163,8 @@ def save_orbit(orbit: Orbit, path: str | Path) -> None:
 def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) -> None:
     """Write a file of this schema.
 
-    Parameters
-    ----------
-    path
-        the file.
-    kind
-        what it holds: "orbit" or "branch".
-    content
-        metadata besides those of the schema; a `Text` is JSON already.
-    writer
-        keeps the arrays.
-
-    Raises
-    ------
-    InputError : there can be no file at `path`, NaN or infinity is to be written, or more than can be read.
-    OSError : the disk is full.
+    content: metadata besides those of the schema; a `Text` is JSON already. Raises InputError: there can be no file at
+    `path`, NaN or infinity is to be written, or more than can be read.; OSError: the disk is full.
     """
     path = Path(path)
     metadata = {
@@ -217,20 +195,7 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
 def load_orbit(path: str | Path, pose: Pose) -> Any:
     """Read an orbit of one kind of problem, written by `save_orbit`.
 
-    Parameters
-    ----------
-    path
-        the file.
-    pose
-        poses the problem again, from its record.
-
-    Returns
-    -------
-    Orbit, of the class that its problem names.
-
-    Raises
-    ------
-    InputError : anything else, saying what is wrong.
+    Returns Orbit, of the class that its problem names. Raises InputError: anything else, saying what is wrong.
     """
     metadata, numbers = read(path, "orbit")
     return checked(path, lambda: orbit_from(metadata["orbit"], numbers, pose))
@@ -239,20 +204,8 @@ def load_orbit(path: str | Path, pose: Pose) -> Any:
 def checked(path: str | Path, build: Callable[[], T]) -> T:
     """Build something from a file's content.
 
-    Parameters
-    ----------
-    path
-        the file, for the message.
-    build
-        builds it; any exception of wrong content is taken for damage.
-
-    Returns
-    -------
-    What `build` returns.
-
-    Raises
-    ------
-    InputError : the content does not fit.
+    build: builds it; any exception of wrong content is taken for damage. Returns what `build` returns. Raises
+    InputError: the content does not fit.
     """
     try:
         return build()
@@ -266,20 +219,8 @@ def checked(path: str | Path, build: Callable[[], T]) -> T:
 def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     """Read a file of this schema.
 
-    Parameters
-    ----------
-    path
-        the file.
-    kind
-        what it must hold: "orbit" or "branch".
-
-    Returns
-    -------
-    Metadata, and (m,) the numbers of all arrays, finite.
-
-    Raises
-    ------
-    InputError : no such file, none of this schema, version and kind, or damaged.
+    kind: what it must hold: "orbit" or "branch". Returns metadata, and (m,) the numbers of all arrays, finite. Raises
+    InputError: no such file, none of this schema, version and kind, or damaged.
     """
     name = repr(str(path))
     found = bounded(path, name, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME)
@@ -325,22 +266,8 @@ def _taken(numbers: Array, place: dict[str, Any], *shape: int) -> Array:
 def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
     """The orbit of a record.
 
-    Parameters
-    ----------
-    record
-        of `orbit_record`.
-    numbers
-        (m,) the numbers of all arrays.
-    pose
-        poses the problem again, from its record.
-
-    Returns
-    -------
-    Orbit, of the class that its problem names.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError : the record is none, or does not fit its numbers; see `checked`.
+    record: of `orbit_record`; numbers: (m,) the numbers of all arrays. Returns Orbit, of the class that its problem
+    names. Raises KeyError, TypeError, ValueError: the record is none, or does not fit its numbers; see `checked`.
     """
     take = partial(_taken, numbers)
     problem, repeats = pose(record), 2 if record["half"] else 1

@@ -20,16 +20,7 @@ LEAST_LEFT = 0.1
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
     """The border row of the node system with weights on the first node, on ln T_1 and on lambda.
 
-    Parameters
-    ----------
-    t, u
-        transcription and unknowns.
-    weights
-        (n + 2,), see continuation/curve.py.
-
-    Returns
-    -------
-    Border row (NodeSystem.border).
+    weights: (n + 2,), see continuation/curve.py. Returns border row (NodeSystem.border).
     """
     nodes, durations = np.zeros((t.phases + 1, t.n)), np.zeros(t.phases)
     nodes[0] = weights[: t.n]
@@ -42,16 +33,9 @@ def with_other_phases(weights: Array, before: float, after: float) -> Array:
 
     A first phase that is cut ends elsewhere: its duration is another thing, and would drag the parameter along.
 
-    Parameters
-    ----------
-    weights
-        (n + 2,) as of `curve_border`.
-    before, after
-        duration of the first phase among the phases of the prediction, and among the others.
-
-    Returns
-    -------
-    (n + 2,) weights, none of them on ln T_1 where that is another thing; as they are where it is nearly all there is.
+    weights: (n + 2,) as of `curve_border`; before, after: duration of the first phase among the phases of the
+    prediction, and among the others. Returns (n + 2,) weights, none of them on ln T_1 where that is another thing; as
+    they are where it is nearly all there is.
     """
     if abs(after - before) <= THE_SAME * before:
         return weights

@@ -79,14 +79,7 @@ class Closure:
     def of(cls, matrix: Array, shift: Array, repeats: int) -> Closure:
         """The closure of arrays.
 
-        Parameters
-        ----------
-        matrix, shift, repeats
-            S (n, n), c (n,), and how often the phases make up the period.
-
-        Returns
-        -------
-        Closure.
+        matrix, shift, repeats: S (n, n), c (n,), and how often the phases make up the period.
         """
         return cls(tuple(tuple(map(float, row)) for row in matrix), tuple(map(float, shift)), repeats)
 
@@ -94,16 +87,7 @@ class Closure:
 def with_sections(system: System, sections: tuple[Section, ...]) -> engine.System:
     """The system for a march that stops at the sections too.
 
-    Parameters
-    ----------
-    system
-        the system.
-    sections
-        planes in its modes.
-
-    Returns
-    -------
-    The system in the terms of the engine, with their exits.
+    Returns the system in the terms of the engine, with their exits.
     """
     form = system.vector_form
     exits = dict(form.exits)
@@ -122,18 +106,8 @@ def turns(system: System) -> Array:
 def turned(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
     """What angles and the time have grown on the way from one state to another.
 
-    Parameters
-    ----------
-    system
-        the system.
-    x, later
-        (n,) states.
-    parts
-        the time is counted in turns divided by this.
-
-    Returns
-    -------
-    (n,) whole turns of the angles, turns and parts of them of the time; 0 for the other states.
+    x, later: (n,) states; parts: the time is counted in turns divided by this.
+    Returns (n,) whole turns of the angles, turns and parts of them of the time; 0 for the other states.
     """
     turn = turns(system)
     unit = np.array([1.0 / parts if name == TURNS else t for name, t in zip(system.names.entries, turn, strict=True)])

@@ -213,18 +213,8 @@ def _ensemble(
 def table_of(problem: Problem, names: Sequence[str], rows: Array) -> Array:
     """Rows of parameters as numbers, each of which the problem can have.
 
-    Parameters
-    ----------
-    problem, names, rows
-        the problem, k of its parameters, and (n, k) values of them.
-
-    Returns
-    -------
-    (n, k).
-
-    Raises
-    ------
-    InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
+    problem, names, rows: the problem, k of its parameters, and (n, k) values of them. Returns (n, k). Raises
+    InputError: an unknown parameter, a table of another shape, or values that the problem cannot have.
     """
     for name in names:
         one_of("parameter", name, problem.names)
@@ -308,9 +298,7 @@ def _one(task: _Task, row: int, root: Any, done: _Done) -> None:
 def _on_its_side(task: _Task, problem: Problem, start: Start) -> Any:
     """The cycle that a start leads to, on the known cycle's side of a fold.
 
-    Raises
-    ------
-    NoOrbit : none, or one on the other side.
+    Raises NoOrbit: none, or one on the other side.
     """
     solved = solve_adaptively(problem, start, task.options, solver="newton")
     orbit = finished(solved, problem, task.options, 0.0, "the cycle")
@@ -363,18 +351,9 @@ def newton_of_many(
 ) -> tuple[Array, Array]:
     """Newton's method for many members at fixed parameters; who is done leaves the batch.
 
-    Parameters
-    ----------
-    t, u, settings
-        the equations, and (B, size) starts.
-    tol
-        relative error that is wanted; what a next step would bring is a small part of it.
-    side
-        the side of a fold on which they must lie.
-
-    Returns
-    -------
-    ((B, size) unknowns, (B,) whether they solve the equations, close to their start and on that side).
+    t, u, settings: the equations, and (B, size) starts; tol: relative error that is wanted; what a next step would
+    bring is a small part of it; side: the side of a fold on which they must lie.
+    Returns ((B, size) unknowns, (B,) whether they solve the equations, close to their start and on that side).
     """
     start, u, active = u, u.copy(), np.arange(len(u))
     converged, last = np.zeros(len(u), dtype=bool), np.full(len(u), np.inf)
@@ -402,16 +381,7 @@ def newton_of_many(
 def sizes_of_steps(t: Transcription, u: Array, du: Array) -> Array:
     """How large updates of the unknowns are, as `newton.size_of_step`.
 
-    Parameters
-    ----------
-    t
-        the transcription.
-    u, du
-        (B, size) unknowns and their updates.
-
-    Returns
-    -------
-    (B,) the largest; NaN stays NaN.
+    u, du: (B, size) unknowns and their updates. Returns (B,) the largest; NaN stays NaN.
     """
     relative = np.abs(du[:, -t.phases :]) / np.maximum(np.abs(u[:, -t.phases :]), 1e-300)
     return np.maximum(np.abs(du[:, : -t.phases]).max(axis=1), relative.max(axis=1))

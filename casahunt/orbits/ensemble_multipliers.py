@@ -24,14 +24,8 @@ Array = np.ndarray
 def leading_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array, Array]:
     """The leading nontrivial multipliers of many cycles.
 
-    Parameters
-    ----------
-    t, u, settings
-        transcription, (B, size) solutions, and settings.
-
-    Returns
-    -------
-    (B,) complex, as `Multipliers.leading`, and (B,) errors, as `Multipliers.error`; nan where not trusted here.
+    t, u, settings: transcription, (B, size) solutions, and settings.
+    Returns (B,) complex, as `Multipliers.leading`, and (B,) errors, as `Multipliers.error`; nan where not trusted here.
     """
     B = len(u)
     fine, finer, halves = halved_for_many(t, u, settings)

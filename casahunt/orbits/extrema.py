@@ -123,20 +123,7 @@ class _Rise(NamedTuple):
 def extrema(t: Transcription, u: Array, setting: Setting, g: Expression) -> Extrema:
     """Smallest and largest value over a cycle.
 
-    Parameters
-    ----------
-    t, u, setting
-        a solution.
-    g
-        (x, p) -> scalar, of CasADi symbols.
-
-    Returns
-    -------
-    Extrema, in physical units.
-
-    Raises
-    ------
-    InputError : g is no scalar.
+    g: (x, p) -> scalar, of CasADi symbols. Returns extrema, in physical units. Raises InputError: g is no scalar.
     """
     looks = _all_looks(t, u, setting, g, Values)
 
@@ -152,20 +139,8 @@ def extrema(t: Transcription, u: Array, setting: Setting, g: Expression) -> Extr
 def largest_magnitude(t: Transcription, u: Array, setting: Setting, g: Expression) -> Functional:
     """The largest |g| over a cycle as a functional of the node system, whose error the adjoint gives.
 
-    Parameters
-    ----------
-    t, u, setting
-        a solution.
-    g
-        (x, p) -> scalar, of CasADi symbols.
-
-    Returns
-    -------
-    Functional: the magnitude, its row, and by how much g changes where all states change by their sizes.
-
-    Raises
-    ------
-    InputError : g is no scalar.
+    g: (x, p) -> scalar, of CasADi symbols. Returns functional: the magnitude, its row, and by how much g changes where
+    all states change by their sizes. Raises InputError: g is no scalar.
     """
     looks = _all_looks(t, u, setting, g, kept_values)
     look, place = _largest([(look, sign) for look in looks for sign in (+1, -1)])
@@ -263,14 +238,8 @@ class Look:
     def polished(self, seen: _Seen, i: int, j: int) -> _Place:
         """The place between two points of an interval where the rate of g vanishes.
 
-        Parameters
-        ----------
-        seen, i, j
-            the phase, the interval in it, and the first of the two points.
-
-        Returns
-        -------
-        The place, with g there and what its error needs.
+        seen, i, j: the phase, the interval in it, and the first of the two points.
+        Returns the place, with g there and what its error needs.
         """
         t, p, element = self.t, self.setting.p, seen.element + i
         times, rate = seen.times[i] - seen.times[i, 0], seen.rate[i]

@@ -85,18 +85,8 @@ class Family(Problem):
     def with_value(self, name: str, value: float) -> Family:
         """The same at another p.
 
-        Parameters
-        ----------
-        name, value
-            a parameter of the system, and its value.
-
-        Returns
-        -------
-        Family.
-
-        Raises
-        ------
-        InputError : there is no such parameter, or it is no number.
+        name, value: a parameter of the system, and its value.
+        Raises InputError: there is no such parameter, or it is no number.
         """
         at = self.names.index(known("parameter", name, self.names))
         return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
@@ -108,14 +98,7 @@ class Family(Problem):
     def unit(self, name: str, value: float | None = None) -> float:
         """The size of a value, or of the system's own one where that is larger; the `span` where the latter is zero.
 
-        Parameters
-        ----------
-        name, value
-            a parameter of the system; where it stands, default the value here.
-
-        Returns
-        -------
-        The unit of lambda.
+        name, value: a parameter of the system; where it stands, default the value here.
         """
         own = abs(self.system.parameters[name]) or self.span
         return max(abs(self.value(name) if value is None else value), own)
@@ -123,28 +106,15 @@ class Family(Problem):
     def moved(self, name: str, lam: float, more: float = 0.0) -> float:
         """Value of a parameter along a branch, in steps of its `unit`.
 
-        Parameters
-        ----------
-        name, lam, more
-            a parameter of the system; lambda, in two parts.
-
-        Returns
-        -------
-        Its value there, which may be zero or below.
+        name, lam, more: a parameter of the system; lambda, in two parts.
+        Returns its value there, which may be zero or below.
         """
         return self.value(name) + (lam + more) * self.unit(name)
 
     def distance(self, name: str, value: float, here: float | None = None) -> float:
         """The lambda that leads from here to a value of a parameter.
 
-        Parameters
-        ----------
-        name, value, here
-            a parameter of the system, the value, and where it stands: default the value here.
-
-        Returns
-        -------
-        lambda.
+        name, value, here: a parameter of the system, the value, and where it stands: default the value here.
         """
         return (value - (self.value(name) if here is None else here)) / self.unit(name, here)
 
@@ -155,20 +125,8 @@ class Family(Problem):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
 
-        Parameters
-        ----------
-        signature
-            the phases, (mode, event) each.
-        repeats
-            how often they make up the period: that of the closure.
-
-        Returns
-        -------
-        Cycle.
-
-        Raises
-        ------
-        ValueError : the system has no such phase, or its cycles close otherwise.
+        signature: the phases, (mode, event) each; repeats: how often they make up the period: that of the closure.
+        Raises ValueError: the system has no such phase, or its cycles close otherwise.
         """
         if repeats != self.closure.repeats:
             raise ValueError(f"a cycle of {self.title} closes {self.closure.repeats} times, not {repeats}")
@@ -177,16 +135,8 @@ class Family(Problem):
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
         """Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself.
 
-        Parameters
-        ----------
-        t, u, setting
-            a root of the equations that is no motion.
-        phase, soft
-            number of the phase that is none; whether last resorts are allowed: there are no others.
-
-        Returns
-        -------
-        Starting points, most promising first.
+        t, u, setting: a root of the equations that is no motion; phase, soft: number of the phase that is none; whether
+        last resorts are allowed: there are no others. Returns starting points, most promising first.
         """
         start, posed = (t, u, setting), self.asked()
         more, fewer = split(posed, start, phase), without(posed, start)
@@ -195,42 +145,23 @@ class Family(Problem):
     def parted(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
         """Boundaries put in where a phase passes events: see `sequences.split`.
 
-        Parameters
-        ----------
-        t, u, setting, phase
-            an orbit: transcription, unknowns, setting; number of the phase.
-
-        Returns
-        -------
-        Starting point; None where it does not come back.
+        t, u, setting, phase: an orbit: transcription, unknowns, setting; number of the phase.
+        Returns starting point; None where it does not come back.
         """
         return split(self.asked(), (t, u, setting), phase)
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has.
 
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where the motion does not lead back.
+        Returns starting point; None where the motion does not lead back.
         """
         return next(iter(marched(self.asked(), (t, u, setting))), None)
 
     def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
         """The sequence at hand; then without a phase that is about to vanish.
 
-        Parameters
-        ----------
-        t, u, setting
-            a predicted point of a branch: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting points, in turn.
+        t, u, setting: a predicted point of a branch: transcription, unknowns, setting.
+        Returns starting points, in turn.
         """
         start = (t, u, setting)
         fewer = self.vanishing(*start)
@@ -239,74 +170,32 @@ class Family(Problem):
     def vanishing(self, t: Transcription, u: Array, setting: Setting) -> tuple[int, Start] | None:
         """The shortest phase, where it may be about to vanish, and the cycle without it.
 
-        Parameters
-        ----------
-        t, u, setting
-            a cycle: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Number of the phase, and starting point; None where there is none.
+        Returns number of the phase, and starting point; None where there is none.
         """
         return without(self.asked(), (t, u, setting))
 
     def strongest(self, t: Transcription, u: Array, setting: Setting) -> int:
-        """Number of the phase at whose start an event is crossed the fastest: the last one to become a touch.
-
-        Parameters
-        ----------
-        t, u, setting
-            a cycle: transcription, unknowns, setting.
-
-        Returns
-        -------
-        The number.
-        """
+        """Number of the phase at whose start an event is crossed the fastest: the last one to become a touch."""
         return strongest((t, u, setting))
 
     def starting_at(self, first: int, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The same cycle from another phase on.
 
-        Parameters
-        ----------
-        first
-            number of the phase.
-        t, u, setting
-            a cycle: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where the images of its phases are not known.
+        Returns starting point; None where the images of its phases are not known.
         """
         return rotated(self.asked(), (t, u, setting), first)
 
     def with_touch(self, phase: int, event: str, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """A cycle that touches an event, as one that meets it with no speed: see `sequences.with_touch`.
 
-        Parameters
-        ----------
-        phase, event
-            number of the phase, name of the event.
-        t, u, setting
-            the cycle: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point, or None.
+        phase, event: number of the phase, name of the event. Returns starting point, or None.
         """
         return with_touch(self.asked(), (t, u, setting), phase, event)
 
     def nearest_touch(self, t: Transcription, u: Array, setting: Setting) -> tuple[float, str, str]:
         """How near a cycle comes to an exit that it does not meet: see `sequences.nearest_touch`.
 
-        Parameters
-        ----------
-        t, u, setting
-            a cycle: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Relative distance, mode and event.
+        Returns relative distance, mode and event.
         """
         return nearest_touch(self.asked(), (t, u, setting))
 
@@ -339,20 +228,8 @@ class Family(Problem):
 def measured_of(system: System, measure: str | Function | None) -> str | Function:
     """What is measured of a system's cycles, checked.
 
-    Parameters
-    ----------
-    system
-        the system.
-    measure
-        name of a state, or a function (x, p); None for the first state that is no angle, whose turns are no size.
-
-    Returns
-    -------
-    Name or function.
-
-    Raises
-    ------
-    InputError : there is no such state, or the function returns no scalar of the system's.
+    measure: name of a state, or a function (x, p); None for the first state that is no angle, whose turns are no size.
+    Raises InputError: there is no such state, or the function returns no scalar of the system's.
     """
     if measure is None:
         return next((state for state in system.states if state not in system.angles), system.states[0])

@@ -119,19 +119,9 @@ class Multipliers(Result):
 def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None) -> Multipliers:
     """The multipliers of a period map in factors.
 
-    Parameters
-    ----------
-    chain
-        the map.
-    repeats
-        how many of it make up the period.
-    frame
-        (n - 1, n - 1) that of the multipliers on another mesh, where they are known.
-
-    Returns
-    -------
-    Multipliers, of one mesh: their error is unknown; no numbers where the motion stands still at a node, for rounding
-    next to an equilibrium, and has no direction there.
+    repeats: how many of it make up the period; frame: (n - 1, n - 1) that of the multipliers on another mesh, where
+    they are known. Returns multipliers, of one mesh: their error is unknown; no numbers where the motion stands still
+    at a node, for rounding next to an equilibrium, and has no direction there.
     """
     if not _moves(chain):
         return _unknown(len(chain.flows[0]), repeats)
@@ -176,16 +166,8 @@ def _unknown(n: int, repeats: int) -> Multipliers:
 def rough_multipliers(chain: MapChain, frame: Array | None = None) -> tuple[Array, Array]:
     """Half multipliers without the trivial one, to be compared with those on another mesh.
 
-    Parameters
-    ----------
-    chain
-        the map.
-    frame
-        (n - 1, n - 1) that of the multipliers on the other mesh, where they are known.
-
-    Returns
-    -------
-    (n - 1,) by decreasing modulus, and their frame; no numbers where the motion stands still at a node.
+    frame: (n - 1, n - 1) that of the multipliers on the other mesh, where they are known.
+    Returns (n - 1,) by decreasing modulus, and their frame; no numbers where the motion stands still at a node.
     """
     if not _moves(chain):
         n = len(chain.flows[0])
@@ -201,18 +183,8 @@ def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Mu
     The error is `share` of the difference where that is small; meshes that show nothing alike bound what is below 1,
     and say nothing of the rest.  An entry that is not the same on both is below the larger of the two.
 
-    Parameters
-    ----------
-    found
-        the multipliers.
-    coarse
-        (n - 1,) half multipliers on the coarser mesh.
-    share
-        of the difference that is left on the finer one.
-
-    Returns
-    -------
-    Multipliers, `found` with `error` and `floor`.
+    coarse: (n - 1,) half multipliers on the coarser mesh; share: of the difference that is left on the finer one.
+    Returns multipliers, `found` with `error` and `floor`.
     """
     own, other = np.abs(found.half[1:]), np.abs(coarse)
     unlike = np.abs(own - other) > NOT_THE_SAME * own
@@ -262,15 +234,5 @@ def _trivial(full: Array, others: Array) -> complex:
 
 
 def multipliers(t: Transcription, u: Array, setting: Setting) -> Multipliers:
-    """The Floquet multipliers of a converged solution on its own mesh, from its collocation blocks.
-
-    Parameters
-    ----------
-    t, u, setting
-        the solution: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Multipliers.
-    """
+    """The Floquet multipliers of a converged solution on its own mesh, from its collocation blocks."""
     return chain_multipliers(collocation_chain(t, u, setting), t.cycle.repeats)

@@ -50,17 +50,7 @@ class Side:
 
 
 def side_of(t: Transcription, u: Array, setting: Setting) -> Side:
-    """The side on which a cycle lies.
-
-    Parameters
-    ----------
-    t, u, setting
-        the cycle: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Side.
-    """
+    """The side on which a cycle lies."""
     lin = t.linearise(u, setting)
     nonzeros = lin.matrix(t.system.border(parameter=1.0))[None]
     size = t.system.size
@@ -80,16 +70,7 @@ def side_of(t: Transcription, u: Array, setting: Setting) -> Side:
 def odd_beyond_one(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> bool:
     """Whether an odd number of the real multipliers of a cycle is beyond +1.
 
-    Parameters
-    ----------
-    t, u, setting
-        the cycle: transcription, unknowns, setting.
-    lin
-        the equations linearised there, where that is known.
-
-    Returns
-    -------
-    bool.
+    lin: the equations linearised there, where that is known.
     """
     others = floquet.chain_multipliers(collocation_chain(t, u, setting, lin), t.cycle.repeats).half[1:]
     return int(((others.imag == 0) & (others.real > 1)).sum()) % 2 == 1

@@ -76,22 +76,8 @@ def spectrum(
 ) -> Spectrum:
     """Eigenvalues of factors[-1] ... factors[0], largest first, each to its own relative accuracy.
 
-    Parameters
-    ----------
-    factors
-        (n, n) matrices.
-    noise
-        (E,) absolute uncertainty delta_e of each of them.
-    frame
-        (n, n) directions to start from, such as those of a product that is nearly the same.
-    rounds
-        around the cycle, at most.
-    wanted
-        those of a smaller modulus delay nothing.
-
-    Returns
-    -------
-    Spectrum.
+    factors: (n, n) matrices; noise: (E,) absolute uncertainty delta_e of each of them; frame: (n, n) directions to
+    start from, such as those of a product that is nearly the same.
     """
     chain = np.asarray(factors)
     n = chain.shape[2]

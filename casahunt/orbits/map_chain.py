@@ -72,18 +72,9 @@ class MapChain:
 def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = None) -> Array:
     """Saltation matrix (n, n) of an event: DR + (f+ - DR f-) h_x' / (h_x f-).
 
-    Parameters
-    ----------
-    f_before, f_after
-        (n,) the field in front of the event and behind it.
-    h_x
-        (n,) gradient of the event.
-    jump
-        (n, n) derivative DR of the state behind by the state in front; None where the state does not jump.
-
-    Returns
-    -------
-    (n, n); not finite where the motion stands still on the event, next to an equilibrium.
+    f_before, f_after: (n,) the field in front of the event and behind it; h_x: (n,) gradient of the event; jump: (n, n)
+    derivative DR of the state behind by the state in front; None where the state does not jump.
+    Returns (n, n); not finite where the motion stands still on the event, next to an equilibrium.
     """
     through = np.eye(f_before.size) if jump is None else jump
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -93,16 +84,7 @@ def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = 
 def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> MapChain:
     """The period map from the condensed collocation blocks.
 
-    Parameters
-    ----------
-    t, u, setting
-        a solution: transcription, unknowns, setting.
-    lin
-        the equations linearised there, where that is known.
-
-    Returns
-    -------
-    MapChain, states scaled.
+    lin: the equations linearised there, where that is known. Returns MapChain, states scaled.
     """
     lin = lin or t.linearise(u, setting)
     return _chain(t.cycle, (t.phase_start, t.phase_end), t.nodes_of(u), setting, (lin.maps, lin.events, lin.closure))
@@ -111,14 +93,7 @@ def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Lineari
 def parted_chain(solved: Corrected) -> MapChain:
     """`collocation_chain` of a solution on the mesh of its parts.
 
-    Parameters
-    ----------
-    solved
-        the solution.
-
-    Returns
-    -------
-    MapChain, states scaled.
+    Returns MapChain, states scaled.
     """
     places, setting = (solved.phase_start, solved.phase_end), solved.member.setting.moved(solved.parameter)
     return _chain(
@@ -151,20 +126,7 @@ def integrator_chain(t: Transcription, u: Array, setting: Setting, *, tol: float
     where it is.  The orbit gives the states at which phases start and their durations, and states inside a phase where
     disturbances have grown by `GROWTH` since the last one: no integrator follows an orbit that repels it by 1e14.
 
-    Parameters
-    ----------
-    t, u, setting
-        a solution: transcription, unknowns, setting.
-    tol
-        relative tolerance of the integrators.
-
-    Returns
-    -------
-    MapChain, states scaled.
-
-    Raises
-    ------
-    NoOrbit : an integrator fails.
+    tol: relative tolerance of the integrators. Returns MapChain, states scaled. Raises NoOrbit: an integrator fails.
     """
     lin = t.linearise(u, setting)
     nodes, durations = t.nodes_of(u), t.durations_of(u)
@@ -215,9 +177,7 @@ def _integrator_of(mode: Mode) -> str:
 def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, durations: Array) -> list[Array]:
     """(n, n) sensitivity of the end to the start of each way (m, n), (m,), states scaled.
 
-    Raises
-    ------
-    _IntegratorFailed : it gave up, or came to no number.
+    Raises _IntegratorFailed: it gave up, or came to no number.
     """
     n = setting.scale.size
     x, p, T = ca.SX.sym("x", n), ca.SX.sym("p", setting.p.size), ca.SX.sym("T")

@@ -29,16 +29,7 @@ def remeshed(start: Start, options: Options) -> Start:
     A march solves the equations of every interval; the estimate of what each is to blame for does not need the
     closure to hold.
 
-    Parameters
-    ----------
-    start
-        the marched motion: transcription, unknowns, setting.
-    options
-        tolerance.
-
-    Returns
-    -------
-    The same on another mesh; as it is where its own does.
+    Returns the same on another mesh; as it is where its own does.
     """
     t, u, setting = start
     e = estimated(t, u, setting, believed=0.0)

@@ -83,18 +83,8 @@ def refined_multipliers(
     They depend on the whole linearised flow, which converges later than period and amplitude.  Their error is that
     against a mesh of intervals twice as long, or against the orbit's own, whose intervals are as long or longer.
 
-    Parameters
-    ----------
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    solver
-        for the finer meshes.
-    lin
-        the equations linearised there, where that is known.
-
-    Returns
-    -------
-    Multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
+    lin: the equations linearised there, where that is known.
+    Returns multipliers, and the orbit (transcription, unknowns, setting) on the mesh on which they came out best.
     """
     ((found, solved),) = _of_many([(t, u, setting, lin)], solver)
     return found, solved.place
@@ -105,14 +95,8 @@ def multipliers_of_many(
 ) -> list[floquet.Multipliers]:
     """Those of many orbits, each on a mesh of its own, solved side by side.
 
-    Parameters
-    ----------
-    orbits, solver
-        transcription, unknowns, setting, linearisation of each, and the solver, as in `refined_multipliers`.
-
-    Returns
-    -------
-    As many, the same but for rounding as one by one.
+    orbits, solver: transcription, unknowns, setting, linearisation of each, and the solver, as in
+    `refined_multipliers`. Returns as many, the same but for rounding as one by one.
     """
     return [found for found, _ in _of_many(orbits, solver)]
 

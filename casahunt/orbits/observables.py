@@ -32,20 +32,8 @@ AT_ONCE = 17
 def scalar_of(what: Any, names: Names) -> Scalar:
     """A state, or a function of the user's, as a scalar of the vectors.
 
-    Parameters
-    ----------
-    what
-        name of a state, or a function (x, p) of named states and parameters.
-    names
-        what the entries of the vectors are called.
-
-    Returns
-    -------
-    Scalar.
-
-    Raises
-    ------
-    InputError : it is neither.
+    what: name of a state, or a function (x, p) of named states and parameters; names: what the entries of the vectors
+    are called. Raises InputError: it is neither.
     """
     if isinstance(what, str):
         i = names.entries.index(known("state", what, names.states))
@@ -68,16 +56,7 @@ class _Coordinate:
 def check_expression(what: str, g: Scalar) -> None:
     """Whether an expression is a scalar of states and parameters.
 
-    Parameters
-    ----------
-    what
-        what it is called in messages.
-    g
-        the expression.
-
-    Raises
-    ------
-    InputError : it is none, or cannot be evaluated with symbols.
+    Raises InputError: it is none, or cannot be evaluated with symbols.
     """
     check_scalar(what, g.function, g.names)
 
@@ -134,14 +113,7 @@ class Values:
     def by_parameters(self, x: Array, p: Array) -> Array:
         """The gradient by the parameters.
 
-        Parameters
-        ----------
-        x, p
-            (n,) state and (np,) parameters.
-
-        Returns
-        -------
-        (np,) g_p.
+        x, p: (n,) state and (np,) parameters. Returns (np,) g_p.
         """
         buffers = self._by_parameters.buffers
         buffers.inputs[0][:], buffers.inputs[1][:] = x, p
@@ -151,19 +123,7 @@ class Values:
 
 @kept(maxsize=64)
 def kept_values(mode: Mode, g: Expression, n: int, parameters: int) -> Values:
-    """`Values`, kept for reuse: for expressions that are as old as their problem.
-
-    Parameters
-    ----------
-    mode, g
-        the mode and the expression.
-    n, parameters
-        numbers of states and of parameters.
-
-    Returns
-    -------
-    Values.
-    """
+    """`Values`, kept for reuse: for expressions that are as old as their problem."""
     return Values(mode, g, n, parameters)
 
 
@@ -180,18 +140,8 @@ def _sensitivity_map(mode: Mode, n: int, parameters: int) -> Caller:
 def flow_sensitivity(mode: Mode, x: Array, time: float, p: Array, dp: Array) -> Array:
     """The derivative of a closed form by the state at its start, the time and lambda.
 
-    Parameters
-    ----------
-    mode
-        a mode with a flow.
-    x, time
-        (n,) state at its start; how much later.
-    p, dp
-        parameters, and the direction in which lambda moves them.
-
-    Returns
-    -------
-    (n, n + 2).
+    x, time: (n,) state at its start; how much later; p, dp: parameters, and the direction in which lambda moves them.
+    Returns (n, n + 2).
     """
     buffers = _sensitivity_map(mode, x.size, p.size).buffers
     for store, value in zip(buffers.inputs, (x, time, p, dp), strict=True):

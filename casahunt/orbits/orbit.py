@@ -236,13 +236,7 @@ class Orbit(Result):
 
 
 def multiplier_record(orbit: Orbit) -> dict[str, Any]:
-    """The multipliers of an orbit by name; None for what is not to be trusted, or not known for a full cycle.
-
-    Parameters
-    ----------
-    orbit
-        the orbit.
-    """
+    """The multipliers of an orbit by name; None for what is not to be trusted, or not known for a full cycle."""
     m = orbit.multipliers
     known = m.trusted and not m.leading_floor
     return {
@@ -288,14 +282,8 @@ def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, 
     Who follows a branch asks twice for every orbit, on the way there and on the way on, and its multipliers once more,
     some orbits later where they are computed for several at once (side_by_side.py).
 
-    Parameters
-    ----------
-    orbit, vary
-        the orbit, and the name of the parameter that lambda moves, in its units (Problem.unit).
-
-    Returns
-    -------
-    Transcription, unknowns, setting, and linearisation: not to be written into.
+    orbit, vary: the orbit, and the name of the parameter that lambda moves, in its units (Problem.unit).
+    Returns transcription, unknowns, setting, and linearisation: not to be written into.
     """
     found = _linearised(orbit, vary)
     effort.problem(found[0].intervals)  # kept or not: when work is given up must not depend on what was asked before
@@ -351,18 +339,8 @@ class Solved:
 def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
     """The orbit of a solution with an estimate.
 
-    Parameters
-    ----------
-    solved
-        the solution.
-    problem
-        with the parameters at which the equations were solved.
-    wall_s
-        time that it took [s].
-
-    Returns
-    -------
-    Orbit, of the class that the problem names.
+    problem: with the parameters at which the equations were solved; wall_s: time that it took [s].
+    Returns Orbit, of the class that the problem names.
     """
     t, solution, setting, error = solved.t, solved.solution, solved.setting, solved.estimate
     assert error is not None

@@ -28,20 +28,8 @@ FRAME = 1e4
 def arrays(content: bytes, name: str, dtypes: Mapping[str, type]) -> dict[str, Array] | None:
     """The arrays of a file, each of one dimension.
 
-    Parameters
-    ----------
-    content, name
-        of the file.
-    dtypes
-        of the arrays, by their names.
-
-    Returns
-    -------
-    Arrays by name; None where the file has others.
-
-    Raises
-    ------
-    InputError : it is no npz file, is damaged, or would take more memory than `LARGEST_ARRAYS`.
+    Returns arrays by name; None where the file has others.
+    Raises InputError: it is no npz file, is damaged, or would take more memory than `LARGEST_ARRAYS`.
     """
     if not content.startswith(b"PK"):  # every npz file is a zip file, and every zip file begins so
         raise InputError(f"{name} is no npz file")

@@ -26,18 +26,9 @@ def turning_values(
 ) -> list[float]:
     """The values of g where it turns inside a phase.
 
-    Parameters
-    ----------
-    t, u, setting
-        a solution.
-    g, phase
-        (x, p) -> scalar, of CasADi symbols, that can be hashed; number of the phase.
-    sense, piece
-        +1 for its largest values, -1 for its smallest ones; number of the computed piece in the period.
-
-    Returns
-    -------
-    Those within `WORTH_POLISHING` of the range of g from the best, in the order of time; none where it does not turn.
+    g, phase: (x, p) -> scalar, of CasADi symbols, that can be hashed; number of the phase; sense, piece: +1 for its
+    largest values, -1 for its smallest ones; number of the computed piece in the period. Returns those within
+    `WORTH_POLISHING` of the range of g from the best, in the order of time; none where it does not turn.
     """
     passage = _Passage(t, u, setting, g, phase, sense, piece)
     if not passage.turns.any():
@@ -51,18 +42,9 @@ def passed(
 ) -> bool:
     """Whether g goes through zero inside a phase.
 
-    Parameters
-    ----------
-    t, u, setting, g, phase
-        as in `turning_values`.
-    sense
-        +1 for rising, -1 for falling.
-    slack, piece
-        |g| that counts as zero; number of the computed piece in the period.
-
-    Returns
-    -------
-    True where it has been beyond zero by more than the slack on both sides, in that order.
+    t, u, setting, g, phase: as in `turning_values`; sense: +1 for rising, -1 for falling; slack, piece: |g| that counts
+    as zero; number of the computed piece in the period.
+    Returns True where it has been beyond zero by more than the slack on both sides, in that order.
     """
     passage, below = _Passage(t, u, setting, g, phase, sense, piece), False
     for k, values in enumerate(passage.values):

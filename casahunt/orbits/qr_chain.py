@@ -31,16 +31,8 @@ LARGEST_COMPILED = 8
 def swept(factors: Array, q: Array, triangular: Array) -> tuple[Array, Array, Array]:
     """The frame behind some factors, their triangular factors, and these multiplied to `triangular`.
 
-    Parameters
-    ----------
-    factors
-        (k, n, n), k <= MANY_AT_ONCE.
-    q, triangular
-        (n, n) orthonormal frame in front of them, and the product so far.
-
-    Returns
-    -------
-    (n, n), (k, n, n), (n, n).
+    factors: (k, n, n), k <= MANY_AT_ONCE; q, triangular: (n, n) orthonormal frame in front of them, and the product so
+    far. Returns (n, n), (k, n, n), (n, n).
     """
     n = len(q)
     if n > LARGEST_COMPILED:
@@ -76,16 +68,7 @@ def _calls_of(count: int) -> int:
 def left_behind(steps: Array, z: Array) -> Array:
     """A row vector carried backwards through a chain, z_e = z_{e+1} R_{e+1}, each to a scale of its own.
 
-    Parameters
-    ----------
-    steps
-        (E, n, n) the R.
-    z
-        (n,) real, behind the last.
-
-    Returns
-    -------
-    (E, n) the z behind every R.
+    steps: (E, n, n) the R; z: (n,) real, behind the last. Returns (E, n) the z behind every R.
     """
     E, n = len(steps), len(z)
     found = np.empty((E, n))

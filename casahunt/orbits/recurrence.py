@@ -53,22 +53,9 @@ def recurrences(
 ) -> list[Recurrence]:
     """The ways in which the end of a motion is near an earlier state of it.
 
-    Parameters
-    ----------
-    system, form
-        the system, and what was marched: with its sections.
-    segments
-        the motion, phase after phase; all but the first start at events.
-    p, scale
-        parameter vector; (n,) sizes of the states.
-    near
-        how near, in those units.
-    believed
-        what is asked of a recurrence besides.
-
-    Returns
-    -------
-    Recurrences, the one with fewest phases first; at most one in which nothing is mirrored.
+    system, form: the system, and what was marched: with its sections; segments: the motion, phase after phase; all but
+    the first start at events; p, scale: parameter vector; (n,) sizes of the states.
+    Returns recurrences, the one with fewest phases first; at most one in which nothing is mirrored.
     """
     found = []
     n = scale.size
@@ -99,18 +86,8 @@ def recurrences(
 def loop_distance(system: System, segments: Sequence[Segment], r: Recurrence, scale: Array) -> float:
     """How far the last loop of a motion is from the loop before, at the ends of its phases.
 
-    Parameters
-    ----------
-    system, segments
-        the system and its motion.
-    r
-        how it repeats.
-    scale
-        (n,) sizes of the states.
-
-    Returns
-    -------
-    The largest distance, in units of the scale; infinite where there is no loop before.
+    scale: (n,) sizes of the states.
+    Returns the largest distance, in units of the scale; infinite where there is no loop before.
     """
     if len(segments) < 2 * r.phases:
         return np.inf
@@ -142,20 +119,8 @@ def is_symmetry(
     Fields, conditions, events, also those that are not met, and jumps are compared at states of the motion and at
     others around them.
 
-    Parameters
-    ----------
-    form
-        what was marched.
-    segments
-        an even number of phases.
-    S, shift
-        (n, n) and (n,).
-    p, scale
-        parameter vector; (n,) sizes of the states.
-
-    Returns
-    -------
-    True where everything agrees.
+    S, shift: (n, n) and (n,); p, scale: parameter vector; (n,) sizes of the states.
+    Returns True where everything agrees.
     """
     m = len(segments) // 2
     inverse = np.linalg.inv(S)
@@ -189,20 +154,8 @@ def image_of(
 ) -> tuple[str, str] | None:
     """What a phase is called one computed piece later, where it is mapped by x -> S^-1 (x + c).
 
-    Parameters
-    ----------
-    form
-        what is marched, with its sections.
-    segment
-        the phase.
-    closure
-        S and c.
-    p, scale
-        parameter vector; (n,) sizes of the states.
-
-    Returns
-    -------
-    Names of mode and event; None where no mode of the system is its image.
+    p, scale: parameter vector; (n,) sizes of the states.
+    Returns names of mode and event; None where no mode of the system is its image.
     """
     S, shift = np.array(closure.matrix), np.array(closure.shift)
     for mode in sorted(form.exits, key=lambda name: name != segment.mode):
@@ -216,18 +169,8 @@ def image_of(
 def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array) -> bool:
     """Whether a symmetry maps the field of a mode of a forced system to what it is half a turn later.
 
-    Parameters
-    ----------
-    system, mode
-        the system and the name of the mode.
-    states
-        (n, m) states at which it is tried, and beside them.
-    p, scale
-        (np,) parameters; (n,) sizes of the states.
-
-    Returns
-    -------
-    True where one does.
+    system, mode: the system and the name of the mode; states: (n, m) states at which it is tried, and beside them; p,
+    scale: (np,) parameters; (n,) sizes of the states.
     """
     here = system.vector_form.modes[mode]
     rng = np.random.default_rng(0)
@@ -287,16 +230,7 @@ def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:
 def rebased(system: System, segments: Sequence[Segment]) -> list[Segment]:
     """Segments with the whole turns taken off that angles and the time have at the start.
 
-    Parameters
-    ----------
-    system
-        the system.
-    segments
-        phases of a motion.
-
-    Returns
-    -------
-    The same phases, their first state within the first turn.
+    Returns the same phases, their first state within the first turn.
     """
     turn = turns(system)
     start = segments[0].start

@@ -32,14 +32,8 @@ CLOSES, RESTARTS = 0.3, 2
 def marched(posed: Posed, start: Start) -> list[Start]:
     """The phases that the motion really has, where they lead back to the start.
 
-    Parameters
-    ----------
-    posed, start
-        the problem, and unknowns that are no motion of it.
-
-    Returns
-    -------
-    Starting points, the ones that close best first.
+    posed, start: the problem, and unknowns that are no motion of it.
+    Returns starting points, the ones that close best first.
     """
     t, u, setting = start
     x = t.nodes_of(u)[0] * setting.scale

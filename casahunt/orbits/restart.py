@@ -39,20 +39,8 @@ def from_segments(
 ) -> Start:
     """Transcription, unknowns and setting of a marched motion.
 
-    Parameters
-    ----------
-    cycle
-        with as many phases as there are `passes`.
-    passes
-        (factor, segment) of each phase: its states are `factor` times those of the segment.
-    p, dp
-        parameters and their direction.
-    degree, kind
-        the scheme that the march had.
-
-    Returns
-    -------
-    Starting point.
+    cycle: with as many phases as there are `passes`; passes: (factor, segment) of each phase: its states are `factor`
+    times those of the segment.
     """
     n = len(cycle.states)
     counts, w, nodes, fractions, durations = [], [], [], [], []
@@ -84,16 +72,7 @@ def from_segments(
 def in_scale(start: Start, scale: Array) -> Start:
     """The same starting point in units of another state scale.
 
-    Parameters
-    ----------
-    start
-        the starting point.
-    scale
-        (n,) the state scale.
-
-    Returns
-    -------
-    Starting point.
+    scale: (n,) the state scale.
     """
     t, u, setting = start
     factor = setting.scale / scale
@@ -105,19 +84,7 @@ def in_scale(start: Start, scale: Array) -> Start:
 
 
 def in_scheme(start: Start, degree: int, kind: Kind) -> Start:
-    """The same starting point in another collocation scheme, its intervals cut where that has fewer stages.
-
-    Parameters
-    ----------
-    start
-        the starting point.
-    degree, kind
-        the scheme.
-
-    Returns
-    -------
-    Starting point.
-    """
+    """The same starting point in another collocation scheme, its intervals cut where that has fewer stages."""
     t, u, setting = start
     if (degree, kind) == (t.degree, t.kind):
         return start
@@ -134,16 +101,7 @@ def in_scheme(start: Start, degree: int, kind: Kind) -> Start:
 def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> Start:
     """The same unknowns for another cycle.
 
-    Parameters
-    ----------
-    cycle
-        with as many phases, collocated where those of `t` are.
-    t, u, setting
-        the orbit at hand: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Starting point.
+    cycle: with as many phases, collocated where those of `t` are.
     """
     return transcribe(cycle, t.counts, t.degree, t.kind), u, setting
 
@@ -151,16 +109,7 @@ def relabelled(cycle: Cycle, t: Transcription, u: Array, setting: Setting) -> St
 def breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
     """Interval boundaries of one collocated phase.
 
-    Parameters
-    ----------
-    t, setting
-        transcription and setting of the orbit.
-    phase
-        index of the phase.
-
-    Returns
-    -------
-    (N + 1,) from 0 to 1.
+    Returns (N + 1,) from 0 to 1.
     """
     return breaks_of_phase(t, setting.fractions, phase)
 
@@ -168,18 +117,8 @@ def breaks_of(t: Transcription, setting: Setting, phase: int) -> Array:
 def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0.0, b: float = 1.0) -> Piece:
     """A part of a collocated phase, from its own polynomials.
 
-    Parameters
-    ----------
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    phase
-        index of the phase.
-    a, b
-        ends of the part, as fractions of the phase.
-
-    Returns
-    -------
-    Breaks of the part in 0..1, start and stages (N, R) of its intervals, its duration [s].
+    a, b: ends of the part, as fractions of the phase.
+    Returns breaks of the part in 0..1, start and stages (N, R) of its intervals, its duration [s].
     """
     breaks = breaks_of(t, setting, phase)
     inner = breaks[(breaks > a + 1e-3 * (b - a)) & (breaks < b - 1e-3 * (b - a))]
@@ -196,20 +135,8 @@ def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0
 def assembled(cycle: Cycle, t: Transcription, setting: Setting, pieces: list[Piece], end: Array) -> Start:
     """The unknowns of a cycle from the pieces of its phases, all of them collocated.
 
-    Parameters
-    ----------
-    cycle
-        the cycle.
-    t, setting
-        of the orbit that the pieces are from.
-    pieces
-        one for each phase of `cycle`.
-    end
-        (n,) the last node, scaled.
-
-    Returns
-    -------
-    Starting point.
+    t, setting: of the orbit that the pieces are from; pieces: one for each phase of `cycle`; end: (n,) the last node,
+    scaled.
     """
     new = transcribe(cycle, tuple(len(w) for _, w, _ in pieces), t.degree, t.kind)
     w = np.vstack([w for _, w, _ in pieces])
@@ -222,18 +149,7 @@ def assembled(cycle: Cycle, t: Transcription, setting: Setting, pieces: list[Pie
 def cut(cycle: Cycle, t: Transcription, u: Array, setting: Setting, cuts: Mapping[int, Array]) -> Start:
     """Cut phases; the polynomials stay what they are.
 
-    Parameters
-    ----------
-    cycle
-        with the phases after the cuts.
-    t, u, setting
-        the orbit at hand: transcription, unknowns, setting.
-    cuts
-        by index of the phase, the fractions of it at which it is cut, rising.
-
-    Returns
-    -------
-    Starting point.
+    cuts: by index of the phase, the fractions of it at which it is cut, rising.
     """
     pieces = []
     for k in range(t.phases):
@@ -245,18 +161,7 @@ def cut(cycle: Cycle, t: Transcription, u: Array, setting: Setting, cuts: Mappin
 def merged(cycle: Cycle, t: Transcription, u: Array, setting: Setting, vanishing: Sequence[int]) -> Start:
     """Take phases out, each with its two neighbours joined to one phase.
 
-    Parameters
-    ----------
-    cycle
-        with the phases that are left.
-    t, u, setting
-        the orbit at hand: transcription, unknowns, setting.
-    vanishing
-        indices of the phases to be taken out.
-
-    Returns
-    -------
-    Starting point.
+    vanishing: indices of the phases to be taken out.
     """
     durations = t.durations_of(u)
     pieces = []

@@ -29,22 +29,8 @@ OTHER_MEASURE, SAME_MEASURE = 10.0, 1e-9
 def posed(system: System, record: Mapping[str, Any], measure: str | Function | None = None) -> Family:
     """The family of a system that a `Family.record` describes.
 
-    Parameters
-    ----------
-    system
-        the system.
-    record
-        what `Family.record` gave.
-    measure
-        what its amplitude is, where that is a function: no record holds one.
-
-    Returns
-    -------
-    Family.
-
-    Raises
-    ------
-    KeyError, ValueError : it is of another system.
+    record: what `Family.record` gave; measure: what its amplitude is, where that is a function: no record holds one.
+    Raises KeyError, ValueError: it is of another system.
     """
     if record["problem"] != system.name or list(record["parameters"]) != list(system.parameters):
         raise ValueError(f"it is an orbit of {record['problem']!r}, not of {system.name!r}")

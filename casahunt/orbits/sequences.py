@@ -72,31 +72,14 @@ class Posed:
         return replace(segment, w=w, end=moved(segment.end), jumped=jumped)
 
     def exit_of(self, mode: str, event: str) -> engine.Exit:
-        """The exit of a mode at an event.
-
-        Parameters
-        ----------
-        mode, event
-            their names.
-
-        Returns
-        -------
-        Exit.
-        """
+        """The exit of a mode at an event."""
         return next(e for e in self.form.exits[mode] if e.event.name == event)
 
 
 def segments_of(t: Transcription, u: Array, setting: Setting) -> list[Segment]:
     """The phases of a solution, or of what is to become one, as marched ones.
 
-    Parameters
-    ----------
-    t, u, setting
-        transcription, unknowns, setting.
-
-    Returns
-    -------
-    Segments in physical units.
+    Returns segments in physical units.
     """
     nodes = t.nodes_of(u) * setting.scale
     w = t.intervals_of(u) * np.tile(setting.scale, t.degree + 1)
@@ -118,16 +101,7 @@ def segments_of(t: Transcription, u: Array, setting: Setting) -> list[Segment]:
 def start_of(posed: Posed, segments: Sequence[Segment], like: Start) -> Start:
     """The unknowns of a cycle with these phases.
 
-    Parameters
-    ----------
-    posed, segments
-        the problem, and the phases.
-    like
-        the starting point whose scheme, parameters and state scale it takes.
-
-    Returns
-    -------
-    Starting point.
+    like: the starting point whose scheme, parameters and state scale it takes.
     """
     t, _, setting = like
     cycle = posed.cycle(tuple((s.mode, s.event) for s in segments))
@@ -142,14 +116,7 @@ def start_of(posed: Posed, segments: Sequence[Segment], like: Start) -> Start:
 def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
     """The cycle without its shortest phase, where that may be about to vanish.
 
-    Parameters
-    ----------
-    posed, start
-        the problem, and the cycle at hand.
-
-    Returns
-    -------
-    Number of the phase, and starting point; None where no phase is short, or none can be taken out.
+    Returns number of the phase, and starting point; None where no phase is short, or none can be taken out.
     """
     segments = segments_of(*start)
     for k in sorted(range(1, len(segments)), key=lambda j: segments[j].duration):
@@ -167,14 +134,7 @@ def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
 def joined(some: Sequence[Segment]) -> Segment:
     """Successive parts of a phase of one mode, or a phase, one that vanishes and the rest of the first, as one phase.
 
-    Parameters
-    ----------
-    some
-        the parts, in order.
-
-    Returns
-    -------
-    Segment, which ends as the last part does.
+    Returns segment, which ends as the last part does.
     """
     first, last = some[0], some[-1]
     # The states of one with a negative duration, or in closed form among others, are dropped: its time is nothing.
@@ -203,16 +163,8 @@ def _leads_past(posed: Posed, segments: Sequence[Segment], k: int, setting: Sett
 def split(posed: Posed, start: Start, phase: int) -> Start | None:
     """Boundaries where a phase crosses exits of its mode, and comes back; its polynomials stay what they are.
 
-    Parameters
-    ----------
-    posed, start
-        the problem, and a root that is no motion of it.
-    phase
-        number of the phase.
-
-    Returns
-    -------
-    Starting point; None where it crosses none, or does not come back.
+    posed, start: the problem, and a root that is no motion of it.
+    Returns starting point; None where it crosses none, or does not come back.
     """
     t, u, setting = start
     segments = segments_of(*start)
@@ -265,16 +217,8 @@ def part_of(
 ) -> Segment:
     """A part of the collocated phase k as a phase of its own; of a mode in closed form its start is enough.
 
-    Parameters
-    ----------
-    posed, start, k, whole
-        the problem, a cycle, number of a phase, and the phase.
-    mode, event, a, b
-        of the part, and where in the phase it begins and ends, as fractions of its duration.
-
-    Returns
-    -------
-    Segment.
+    posed, start, k, whole: the problem, a cycle, number of a phase, and the phase; mode, event, a, b: of the part, and
+    where in the phase it begins and ends, as fractions of its duration.
     """
     t, u, setting = start
     breaks, w, duration = piece(t, u, setting, k, a, b)
@@ -288,16 +232,9 @@ def part_of(
 def with_touch(posed: Posed, start: Start, phase: int, event: str) -> Start | None:
     """A boundary where a phase turns back right in front of an exit, as if that were met with no speed.
 
-    Parameters
-    ----------
-    posed, start
-        the problem, and a cycle that touches the event.
-    phase, event
-        number of the phase; name of the event, at which the mode must go on.
-
-    Returns
-    -------
-    Starting point; None where the phase does not turn back there, or goes on elsewhere.
+    posed, start: the problem, and a cycle that touches the event; phase, event: number of the phase; name of the event,
+    at which the mode must go on.
+    Returns starting point; None where the phase does not turn back there, or goes on elsewhere.
     """
     t, u, setting = start
     segments = segments_of(*start)
@@ -324,14 +261,8 @@ def with_touch(posed: Posed, start: Start, phase: int, event: str) -> Start | No
 def nearest_touch(posed: Posed, start: Start) -> tuple[float, str, str]:
     """How near a cycle comes to an exit without meeting it, where it turns back in front of it.
 
-    Parameters
-    ----------
-    posed, start
-        the problem, and a cycle.
-
-    Returns
-    -------
-    Distance in units of the largest distance from that exit, mode, and event; infinite where it comes near none.
+    Returns distance in units of the largest distance from that exit, mode, and event; infinite where it comes near
+    none.
     """
     t, u, setting = start
     best = (np.inf, "", "")

@@ -15,10 +15,7 @@ from .orbit import Orbit, linearised, unknowns_of
 def know_multipliers(orbits: Sequence[Orbit]) -> None:
     """Compute the multipliers of some orbits, to be had when they are read.
 
-    Parameters
-    ----------
-    orbits
-        the orbits; nothing is done for those whose multipliers are known.
+    orbits: the orbits; nothing is done for those whose multipliers are known.
     """
     unknown = [orbit for orbit in orbits if "multipliers" not in vars(orbit)]
     for solver in sorted({orbit.solver for orbit in unknown}):

@@ -27,14 +27,7 @@ def strongest(start: Start) -> int:
     A phase that may be about to vanish is neither the first nor, among three or more, the last one: it is joined with
     its neighbours.
 
-    Parameters
-    ----------
-    start
-        a cycle.
-
-    Returns
-    -------
-    The number, 0 where the cycle starts there.
+    Returns the number, 0 where the cycle starts there.
     """
     t, u, setting = start
     nodes, p = t.nodes_of(u) * setting.scale, setting.p
@@ -62,16 +55,8 @@ def may_vanish(durations: Sequence[float] | np.ndarray) -> int | None:
 def rotated(posed: Posed, start: Start, k: int) -> Start | None:
     """The same cycle, from the start of another phase on.
 
-    Parameters
-    ----------
-    posed, start
-        the problem, and the cycle.
-    k
-        number of the phase that becomes the first one.
-
-    Returns
-    -------
-    Starting point; None where the image of a phase is not known.
+    k: number of the phase that becomes the first one.
+    Returns starting point; None where the image of a phase is not known.
     """
     segments, setting = segments_of(*start), start[2]
     moved = []

@@ -75,16 +75,7 @@ class Watched(NamedTuple):
 def going_on(form: engine.System, last: Segment, p: Array) -> tuple[str, Array]:
     """Where a motion goes on behind its last segment, which may or may not have met an event.
 
-    Parameters
-    ----------
-    form
-        what was marched.
-    last, p
-        the segment; (np,) parameters.
-
-    Returns
-    -------
-    Mode and (n,) state.
+    last, p: the segment; (np,) parameters. Returns mode and (n,) state.
     """
     if not last.event:
         return last.mode, last.end.copy()
@@ -113,23 +104,8 @@ class Turning(NamedTuple):
 def watched(system: System, mode: str, x: Array, p: Array, kind: Kind) -> Watched:
     """Look at a motion for longer and longer, until there are events or intervals enough.
 
-    Parameters
-    ----------
-    system, mode
-        the system and the name of the mode that it starts in.
-    x, p
-        (n,) state at the start; (np,) parameters.
-    kind
-        collocation scheme of the march.
-
-    Returns
-    -------
-    Watched.
-
-    Raises
-    ------
-    NotMet : it comes to rest, or grows without bound.
-    MarchFailure : it cannot be followed.
+    system, mode: the system and the name of the mode that it starts in; x, p: (n,) state at the start; (np,)
+    parameters. Raises NotMet: it comes to rest, or grows without bound.; MarchFailure: it cannot be followed.
     """
     form, span = system.vector_form, _first_span(system, mode, x, p, kind)
     largest = GREW * max(1.0, float(np.max(np.abs(x))))
@@ -186,14 +162,8 @@ def _moving(system: System, late: Array, scale: Array) -> bool:
 def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], Turning | None]:
     """Where to cut a motion that meets no event.
 
-    Parameters
-    ----------
-    system, seen, p
-        the system, what was seen of the motion, (np,) parameters.
-
-    Returns
-    -------
-    Sections, and what is counted from one to the next, if anything is.
+    system, seen, p: the system, what was seen of the motion, (np,) parameters.
+    Returns sections, and what is counted from one to the next, if anything is.
     """
     names, late = system.names.entries, seen.late
     if system.forcing_period is not None:
@@ -230,18 +200,8 @@ def counted_on(
 ) -> tuple[tuple[Section, ...], list[Segment]]:
     """Phases of a motion that is cut by turns, counted on from each to the next, with planes of their own.
 
-    Parameters
-    ----------
-    turning, section
-        what is counted, and one of its planes.
-    passes
-        the phases, each of which starts within the first turn.
-    states
-        names of the states.
-
-    Returns
-    -------
-    Sections and phases.
+    turning, section: what is counted, and one of its planes; passes: the phases, each of which starts within the first
+    turn.
     """
     i, step = turning.entry, turning.step
     began = round(float(passes[0].start[i]) / step) * step

@@ -115,20 +115,9 @@ class Attraction:
 def first_stick(servo: Servo, gain: float, states: Array) -> FirstStick:
     """Follow motions of the Switch servo to their first stick.
 
-    Parameters
-    ----------
-    servo, gain
-        the servo; gain > 0.
-    states
-        (3, m) initial x1 [rad], x2 [rad/s], x3 [rad s].  At x2 = 0 a state with |m| <= Fs is stuck.
-
-    Returns
-    -------
-    FirstStick; position 0 for a motion that creeps to the set point, nan for one that does not come to stick.
-
-    Raises
-    ------
-    InputError : gain not a finite number > 0, or states not (3, m) finite numbers.
+    servo, gain: the servo; gain > 0; states: (3, m) initial x1 [rad], x2 [rad/s], x3 [rad s].  At x2 = 0 a state with
+    |m| <= Fs is stuck. Returns FirstStick; position 0 for a motion that creeps to the set point, nan for one that does
+    not come to stick. Raises InputError: gain not a finite number > 0, or states not (3, m) finite numbers.
     """
     sensible("gain", gain, power=COMPUTED)
     x = np.array(states, float)
@@ -140,20 +129,8 @@ def first_stick(servo: Servo, gain: float, states: Array) -> FirstStick:
 def swing(servo: Servo, gain: float, a: Array) -> Array:
     """The event map P(a) of the Switch servo at many stick positions.
 
-    Parameters
-    ----------
-    servo, gain
-        the servo; gain > 0.
-    a
-        (m,) [rad], > 0.
-
-    Returns
-    -------
-    (m,) the next stick positions [rad], with sign; nan where no stick was reached.
-
-    Raises
-    ------
-    InputError : gain or an a that is not a finite number > 0.
+    servo, gain: the servo; gain > 0; a: (m,) [rad], > 0. Returns (m,) the next stick positions [rad], with sign; nan
+    where no stick was reached. Raises InputError: gain or an a that is not a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
     a = np.asarray(a, float).ravel()
@@ -166,20 +143,10 @@ def swing(servo: Servo, gain: float, a: Array) -> Array:
 def attraction(unstable: HuntingOrbit, stable: HuntingOrbit, states: Array) -> Attraction:
     """Which initial states come to rest at a fixed point, and which end in the hunting cycle.
 
-    Parameters
-    ----------
-    unstable, stable
-        the two Switch cycles at one gain (`find_orbit`).
-    states
-        (3, m) initial x1 [rad], x2 [rad/s], x3 [rad s].
-
-    Returns
-    -------
-    Attraction; a state of which neither is decided after `MOST_SWINGS` swings is in none of the two sets.
-
-    Raises
-    ------
-    InputError : cycles of different servos, models or gains, or not one of each kind; states as `first_stick`.
+    unstable, stable: the two Switch cycles at one gain (`find_orbit`); states: (3, m) initial x1 [rad], x2 [rad/s], x3
+    [rad s].
+    Returns attraction; a state of which neither is decided after `MOST_SWINGS` swings is in none of the two sets.
+    Raises InputError: cycles of different servos, models or gains, or not one of each kind; states as `first_stick`.
     """
     servo, gain = stable.servo, stable.gain
     if unstable.model != "switch" or stable.model != "switch":

@@ -171,9 +171,7 @@ def basin(
 def stick_position(orbit: HuntingOrbit) -> float:
     """|x1| of the stuck servo [rad]: the amplitude for Switch, |x1| where m = 0.9 Fs comes up for LuGre.
 
-    Raises
-    ------
-    NoOrbit : the torque does not come up to 0.9 Fs at a standstill.
+    Raises NoOrbit: the torque does not come up to 0.9 Fs at a standstill.
     """
     if orbit.model == "switch":
         return orbit.amplitude
@@ -201,26 +199,9 @@ def follow(
 ) -> Trial:
     """Follow a motion from the stick position `a` until it has settled or hunts.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem.
-    a
-        where it starts [rad], > 0.
-    border, hunting
-        stick positions of the unstable and of the outer cycle [rad]; nan where there is no outer one.
-    stable
-        whether the outer cycle is stable, so that a motion next to it has arrived.
-    swings
-        after which it is undecided.
-
-    Returns
-    -------
-    Trial: the stick positions [rad] and what has become of the motion.
-
-    Raises
-    ------
-    InputError : a not > 0.
+    a: where it starts [rad], > 0; border, hunting: stick positions of the unstable and of the outer cycle [rad]; nan
+    where there is no outer one; stable: whether the outer cycle is stable, so that a motion next to it has arrived.
+    Returns trial: the stick positions [rad] and what has become of the motion. Raises InputError: a not > 0.
     """
     a = require("a", a, above=0)
     start, positions, outcome = a, [a], "undecided"

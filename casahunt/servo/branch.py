@@ -101,16 +101,7 @@ class Branch(Result):
 def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
     """One row of the CSV file.
 
-    Parameters
-    ----------
-    orbit
-        of the point.
-    special
-        kind of the special point; "" for none.
-
-    Returns
-    -------
-    Values in the order of `CSV_COLUMNS`.
+    special: kind of the special point; "" for none. Returns values in the order of `CSV_COLUMNS`.
     """
     multipliers = orbit.multipliers
     trusted = multipliers.trusted

@@ -96,18 +96,8 @@ class AtGain:
 def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> Met:
     """The hunting cycle at a gain on the stable side of the fold; close to it the solver can slip over to the other.
 
-    Parameters
-    ----------
-    servo, model, gain, options
-        the problem, checked by `check_problem`, and the method.
-
-    Returns
-    -------
-    Met; its orbit is None where no motion led to one.
-
-    Raises
-    ------
-    NoOrbit : one was met, and could not be computed.
+    servo, model, gain, options: the problem, checked by `check_problem`, and the method. Returns met; its orbit is None
+    where no motion led to one. Raises NoOrbit: one was met, and could not be computed.
     """
     where = f"the stable hunting cycle of the {model} servo at gain {gain:g} was not met"
     return first_of(AT_ONE_GAIN, AtGain(servo, model, gain, options), where)
@@ -118,16 +108,9 @@ def quickly_at(
 ) -> HuntingOrbit | None:
     """The stable cycle at a gain where one motion leads to it.
 
-    Parameters
-    ----------
-    servo, model, gain, options
-        as in `stable_at`.
-    beside
-        a motion of the Switch servo beside its cycle at this gain, with the slope of the map.
-
-    Returns
-    -------
-    The cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
+    servo, model, gain, options: as in `stable_at`; beside: a motion of the Switch servo beside its cycle at this gain,
+    with the slope of the map.
+    Returns the cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
     """
     if options.solver == "ipopt":
         return None
@@ -142,18 +125,9 @@ def quickly_at(
 def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[HuntingOrbit | None, Scan]:
     """The hunting cycle next to the inner fixed point of the event map.
 
-    Parameters
-    ----------
-    servo, model, gain, options
-        the problem, checked by `check_problem`, and the method.
-
-    Returns
-    -------
-    (the cycle, None where the scan has no inner fixed point; the scan).
-
-    Raises
-    ------
-    NoOrbit : the map has the fixed point, but the cycle could not be computed.
+    servo, model, gain, options: the problem, checked by `check_problem`, and the method.
+    Returns (the cycle, None where the scan has no inner fixed point; the scan).
+    Raises NoOrbit: the map has the fixed point, but the cycle could not be computed.
     """
     seen = scan(model, servo, gain, want_lower=True)
     if seen.lower is None:
@@ -333,19 +307,9 @@ def _rings(motion: HalfCycle) -> bool:
 def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
     """A motion as the starting point of the boundary value problem.
 
-    Parameters
-    ----------
-    motion, problem, options
-        half a cycle, of the problem at its gain, in the scheme of the options; their tolerance chooses the intervals
-        of what was followed along series.
-
-    Returns
-    -------
-    Transcription, unknowns, setting.
-
-    Raises
-    ------
-    NoOrbit : the motion comes to rest.
+    motion, problem, options: half a cycle, of the problem at its gain, in the scheme of the options; their tolerance
+    chooses the intervals of what was followed along series. Returns transcription, unknowns, setting. Raises NoOrbit:
+    the motion comes to rest.
     """
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
         raise NoOrbit(

@@ -35,16 +35,8 @@ _TABLE_1_TIME = 1 / (2 * np.pi)
 def torque_gains_of_times(factor: Any, lead_time: Any, integral_time: Any) -> tuple[Any, Any, Any]:
     """The torque gains of a controller by times; numbers, arrays or expressions.
 
-    Parameters
-    ----------
-    factor
-        K cm [N m/rad].
-    lead_time, integral_time
-        tau_d, tau_i [s].
-
-    Returns
-    -------
-    (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
+    factor: K cm [N m/rad]; lead_time, integral_time: tau_d, tau_i [s].
+    Returns (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
     """
     return factor * (1 + lead_time / integral_time), factor * lead_time, factor / integral_time
 
@@ -52,16 +44,8 @@ def torque_gains_of_times(factor: Any, lead_time: Any, integral_time: Any) -> tu
 def torque_gains_of_gains(factor: Any, kp: Any, ki: Any, kd: Any) -> tuple[Any, Any, Any]:
     """The torque gains of a controller by gains; numbers, arrays or expressions.
 
-    Parameters
-    ----------
-    factor
-        K cm [N m/rad].
-    kp, ki, kd
-        gains at K = 1: a number, [1/s], [s].
-
-    Returns
-    -------
-    (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
+    factor: K cm [N m/rad]; kp, ki, kd: gains at K = 1: a number, [1/s], [s].
+    Returns (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
     """
     return factor * kp, factor * kd, factor * ki
 
@@ -231,18 +215,8 @@ BY_TIMES, BY_GAINS = ("lead_time", "integral_time"), ("kp", "ki", "kd")
 def controller_of(values: dict[str, float]) -> Controller | Pid:
     """The controller with these numbers.
 
-    Parameters
-    ----------
-    values
-        by name: all of kp, ki, kd, or times; those left out are the ones of Table 1.
-
-    Returns
-    -------
-    Controller, or Pid.
-
-    Raises
-    ------
-    InputError : numbers of both forms, gains that are not all there, or a value out of range.
+    values: by name: all of kp, ki, kd, or times; those left out are the ones of Table 1. Returns controller, or Pid.
+    Raises InputError: numbers of both forms, gains that are not all there, or a value out of range.
     """
     gains = [name for name in BY_GAINS if name in values]
     times = [name for name in BY_TIMES if name in values]

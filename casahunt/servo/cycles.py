@@ -42,35 +42,14 @@ def _system(model: Model, parameters: int) -> System:
 
 
 def names_of(model: Model, parameters: int) -> Names:
-    """The entries of x and p by name.
-
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    parameters
-        length of p.
-
-    Returns
-    -------
-    Names.
-    """
+    """The entries of x and p by name."""
     return _system(model, parameters).names
 
 
 def automaton(model: Model, parameters: int) -> engine.System:
     """The servo for the engine.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    parameters
-        length of p.
-
-    Returns
-    -------
-    Its modes and exits; those of stick_band.py where p tells of a stick band.
+    Returns its modes and exits; those of stick_band.py where p tells of a stick band.
     """
     return _system(model, parameters).vector_form
 
@@ -78,16 +57,7 @@ def automaton(model: Model, parameters: int) -> engine.System:
 def motor_torque(x: Any, p: Any) -> Any:
     """The torque of the motor.
 
-    Parameters
-    ----------
-    x
-        (n,) or (n, m) states of either model.
-    p
-        parameter vector.
-
-    Returns
-    -------
-    m [N m], one number or (m,).
+    x: (n,) or (n, m) states of either model. Returns m [N m], one number or (m,).
     """
     names = names_of("switch", p.shape[0])
     return hunting.motor_torque(names.x(x, p), names.p(p))
@@ -96,16 +66,7 @@ def motor_torque(x: Any, p: Any) -> Any:
 def slips_back(x: np.ndarray, p: np.ndarray) -> bool:
     """Whether the Switch servo, stopped at x, is reversed at once by more torque than static friction holds.
 
-    Parameters
-    ----------
-    x
-        (3,) state with x2 = 0.
-    p
-        parameter vector.
-
-    Returns
-    -------
-    False where it sticks.
+    x: (3,) state with x2 = 0. Returns False where it sticks.
     """
     return automaton("switch", p.size).ways_out("slip+", "stop")[0].successor(x, p) != "stick"
 
@@ -120,16 +81,7 @@ def softened(signature: Signature, k: int) -> Signature | None:
 
     For a phase that holds reversals so weak and so close to touching zero that no phase boundary can be put on them.
 
-    Parameters
-    ----------
-    signature
-        phase sequence.
-    k
-        index of the phase.
-
-    Returns
-    -------
-    The sequence; None where there is nothing to soften.
+    Returns the sequence; None where there is nothing to soften.
     """
     mode, event = signature[k]
     if mode not in ("slide+", "slide-"):
@@ -143,21 +95,8 @@ def hunting_cycle(
 ) -> Cycle:
     """The hunting cycle with a given phase sequence.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    signature
-        phase sequence of half a period.
-    half
-        closed by x(T/2) = -x(0); False gives the full cycle, the sequence and its mirror image, closed
-        by x(T) = x(0).
-    parameters
-        servo.PARAMETERS or servo.PID_PARAMETERS.
-
-    Returns
-    -------
-    Cycle of half a period (`repeats` 2) or of a whole one (1).
+    half: closed by x(T/2) = -x(0); False gives the full cycle, the sequence and its mirror image, closed by x(T) =
+    x(0). Returns cycle of half a period (`repeats` 2) or of a whole one (1).
     """
     form = automaton(model, len(parameters))
     n = len(form.states)

@@ -80,20 +80,9 @@ class Margins(Result):
 def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
     """ln |L|^2 at omega = exp(y), for numbers, arrays and CasADi expressions.
 
-    Parameters
-    ----------
-    J, cm, sigma2
-        inertia [kg m2], motor gain [N m/V], viscous friction [N m s/rad].
-    k
-        ln K, K in V/rad.
-    q
-        ln (tau_d, tau_i), times in s, or ln (kp', ki', kd').
-    y
-        ln omega, omega in rad/s; decides what comes back.
-
-    Returns
-    -------
-    ln |L|^2, of the kind and shape of `y`.
+    J, cm, sigma2: inertia [kg m2], motor gain [N m/V], viscous friction [N m s/rad]; k: ln K, K in V/rad; q: ln (tau_d,
+    tau_i), times in s, or ln (kp', ki', kd'); y: ln omega, omega in rad/s; decides what comes back.
+    Returns ln |L|^2, of the kind and shape of `y`.
     """
     exp, log, *_ = _functions_of(y)
     w = exp(2 * y)
@@ -108,20 +97,9 @@ def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
 def phase(J, sigma2, D, q, y):  # type: ignore[no-untyped-def]
     """The phase phi = arg L + pi at omega = exp(y), for numbers, arrays and CasADi expressions.
 
-    Parameters
-    ----------
-    J, sigma2
-        inertia [kg m2], viscous friction [N m s/rad].
-    D
-        delay [s], half a sample time included.
-    q
-        ln (tau_d, tau_i), times in s.
-    y
-        ln omega, omega in rad/s; decides what comes back.
-
-    Returns
-    -------
-    phi [rad], of the kind and shape of `y`.
+    J, sigma2: inertia [kg m2], viscous friction [N m s/rad]; D: delay [s], half a sample time included; q: ln (tau_d,
+    tau_i), times in s; y: ln omega, omega in rad/s; decides what comes back.
+    Returns phi [rad], of the kind and shape of `y`.
     """
     exp, _, atan, atan2 = _functions_of(y)
     omega = exp(y)
@@ -162,20 +140,8 @@ def _phase(servo: Servo, delay: float, y: float | np.ndarray) -> np.ndarray:
 def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
     """The frequency [rad/s] at which |L| = level; the largest one where there are several.
 
-    Parameters
-    ----------
-    servo, gain
-        the loop; gain K > 0 [V/rad].
-    level
-        magnitude > 0.
-
-    Returns
-    -------
-    omega [rad/s].
-
-    Raises
-    ------
-    InputError : gain not a finite number > 0.
+    servo, gain: the loop; gain K > 0 [V/rad]; level: magnitude > 0. Returns omega [rad/s]. Raises InputError: gain not
+    a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
     if isinstance(servo.controller, Pid):

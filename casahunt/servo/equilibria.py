@@ -117,22 +117,8 @@ class Equilibria(Result):
 def member(servo: Servo, gain: float, q: float, alpha: float) -> Array:
     """One member A (4, 4) of the generalised Jacobian of the LuGre servo at the equilibrium with z = q.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    q
-        bristle deflection [rad], |q| <= Fs/sigma0.
-    alpha
-        weight of the side x2 > 0, in [0, 1].
-
-    Returns
-    -------
-    (4, 4) matrix A in x1, x2, x3, z.
-
-    Raises
-    ------
-    InputError : q or alpha out of range.
+    servo, gain: the problem; gain K > 0 [V/rad]; q: bristle deflection [rad], |q| <= Fs/sigma0; alpha: weight of the
+    side x2 > 0, in [0, 1]. Returns (4, 4) matrix A in x1, x2, x3, z. Raises InputError: q or alpha out of range.
     """
     f = servo.friction
     require("q", q, at_least=-f.static / f.stiffness, at_most=f.static / f.stiffness)
@@ -151,16 +137,8 @@ def member(servo: Servo, gain: float, q: float, alpha: float) -> Array:
 def cubic(servo: Servo, gain: float, c: Array) -> Array:
     """The cubic factor of det(s - A) J of members of the generalised Jacobian.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    c
-        (m,) slopes of the module docstring.
-
-    Returns
-    -------
-    (m, 4) coefficients, highest power first.
+    servo, gain: the problem; gain K > 0 [V/rad]; c: (m,) slopes of the module docstring.
+    Returns (m, 4) coefficients, highest power first.
     """
     f = servo.friction
     kp, kd, ki = servo.torque_gains(gain)
@@ -174,14 +152,8 @@ def cubic(servo: Servo, gain: float, c: Array) -> Array:
 def threshold(servo: Servo, gain: float) -> float:
     """The c below which a member is unstable.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    The positive root of (kd + sigma2 + sigma1 c)(kp + sigma0 c) = J ki; 0 where no c >= 0 is unstable.
+    servo, gain: the problem; gain K > 0 [V/rad].
+    Returns the positive root of (kd + sigma2 + sigma1 c)(kp + sigma0 c) = J ki; 0 where no c >= 0 is unstable.
     """
     f = servo.friction
     kp, kd, ki = servo.torque_gains(gain)

@@ -66,21 +66,9 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     The event map of the Switch servo finds a gain with a cycle and climbs from there; it costs a hundredth of
     an orbit.  The first gain, from the highest down, at which the model's own cycle is found wins.
 
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    options
-        tolerance and method of the orbit.
-
-    Returns
-    -------
-    HuntingOrbit, stable, at the gain that was found.
-
-    Raises
-    ------
-    InputError : unknown model, or times too far apart (`check_times`).
-    NoOrbit : there is provably none (status None), or none of the gains searched has one; says which were searched.
+    Returns HuntingOrbit, stable, at the gain that was found.
+    Raises InputError: unknown model, or times too far apart (`check_times`).; NoOrbit: there is provably none (status
+    None), or none of the gains searched has one; says which were searched.
     """
     base = typical_gain(servo)
     check_problem(servo, model, base)

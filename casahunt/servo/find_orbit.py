@@ -350,9 +350,7 @@ def _followed_down(
 ) -> tuple[HuntingOrbit, str]:
     """(last orbit, why the walk ends with it) down from a fold on the stable or the unstable side.
 
-    Raises
-    ------
-    NoOrbit : the branch turns back to larger gains in another fold, which is located above `gain`.
+    Raises NoOrbit: the branch turns back to larger gains in another fold, which is located above `gain`.
     """
     row = curve_point(fold.orbit, "gain").row
     for heading in (row, -row):

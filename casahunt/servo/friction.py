@@ -66,18 +66,8 @@ class Friction:
 def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:
     """The Stribeck curve g(v) as a CasADi expression.
 
-    Parameters
-    ----------
-    v
-        velocity [rad/s].
-    static, coulomb
-        Fs and Fc [N m].
-    stribeck_velocity
-        vs [rad/s].
-
-    Returns
-    -------
-    g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2) [N m].
+    v: velocity [rad/s]; static, coulomb: Fs and Fc [N m]; stribeck_velocity: vs [rad/s].
+    Returns g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2) [N m].
     """
     return coulomb + (static - coulomb) * ca.exp(-((v / stribeck_velocity) ** 2))
 
@@ -85,21 +75,7 @@ def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:
 def bristle_rate(v: Any, speed: Any, z: Any, g: Any, stiffness: Any) -> Any:
     """The bristle's z' = v - sigma0 |v| z / g(v).
 
-    Parameters
-    ----------
-    v
-        velocity x2 [rad/s].
-    speed
-        |v| [rad/s], given by the caller, who knows its sign.
-    z
-        bristle deflection [rad].
-    g
-        value of the Stribeck curve at v [N m].
-    stiffness
-        sigma0 [N m/rad].
-
-    Returns
-    -------
-    z' [rad/s].
+    v: velocity x2 [rad/s]; speed: |v| [rad/s], given by the caller, who knows its sign; z: bristle deflection [rad]; g:
+    value of the Stribeck curve at v [N m]; stiffness: sigma0 [N m/rad]. Returns z' [rad/s].
     """
     return v - stiffness * speed * z / g

@@ -57,14 +57,7 @@ def torque_gains(p: Any) -> tuple[Any, Any, Any]:
 def motor_torque(x: Any, p: Any) -> Any:
     """The torque of the motor.
 
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    m = -(kp x1 + kd x2 + ki x3) [N m].
+    Returns m = -(kp x1 + kd x2 + ki x3) [N m].
     """
     kp, kd, ki = torque_gains(p)
     return -(kp * x.x1 + kd * x.x2 + ki * x.x3)
@@ -181,18 +174,8 @@ def called(names: Iterable[str]) -> tuple[str, ...]:
 def hunting_system(servo: Servo, model: Model, gain: float) -> System:
     """A servo as a system like any user's, for `casahunt.motion.simulate` and `casahunt.orbits.find_cycle`.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    System with the parameters of `Servo.names`, by the last parts of their names.
-
-    Raises
-    ------
-    InputError : a value out of range.
+    servo, model, gain: the problem; gain K > 0 [V/rad]. Returns system with the parameters of `Servo.names`, by the
+    last parts of their names. Raises InputError: a value out of range.
     """
     values = dict(zip(called(servo.names), map(float, servo.parameters(gain)), strict=True))
     return System(TITLES[model], STATES[model], values, MODES[model])

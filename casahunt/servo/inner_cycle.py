@@ -47,18 +47,8 @@ MOST_SOLVED, ACROSS = 3, 4.0
 def inner_cycle(servo: Servo, gain: float, outer: float, moving: float, options: Options) -> HuntingOrbit | None:
     """The unstable cycle at the first change of sign of y inside the stable one.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem.
-    outer, moving
-        stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
-    options
-        tolerance and method.
-
-    Returns
-    -------
-    The cycle; None where none was met.
+    outer, moving: stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
+    Returns the cycle; None where none was met.
     """
     problem, failed, needed = Hunting("switch", servo, gain), 0, CAME_TO_REST
     for inside, outside in _narrowing(servo, gain, outer, CREEPS_AFTER * moving):

@@ -121,14 +121,7 @@ def routh_hurwitz_gain(servo: Servo) -> float:
 def typical_gain(servo: Servo) -> float:
     """A gain of the right size, where a search for hunting begins.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-
-    Returns
-    -------
-    `routh_hurwitz_gain`, or where that is infinite `integral_gain` [V/rad].
+    Returns `routh_hurwitz_gain`, or where that is infinite `integral_gain` [V/rad].
     """
     base = routh_hurwitz_gain(servo)
     return base if math.isfinite(base) else integral_gain(servo)
@@ -137,14 +130,8 @@ def typical_gain(servo: Servo) -> float:
 def integral_gain(servo: Servo) -> float:
     """The gain at which inertia and integral action are equally fast.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-
-    Returns
-    -------
-    J/(cm tau_i^2) for a controller by times; J/(cm kp' (kp'/ki')^2) by gains, the same where there is no kd [V/rad].
+    Returns J/(cm tau_i^2) for a controller by times; J/(cm kp' (kp'/ki')^2) by gains, the same where there is no kd
+    [V/rad].
     """
     c, base = servo.controller, servo.inertia
     if isinstance(c, Pid):
@@ -164,18 +151,8 @@ def lowest_stable_gain(servo: Servo) -> float:
 def characteristic_polynomial(servo: Servo, gain: float) -> Array:
     """The characteristic polynomial chi(s) = J s^3 + (kd + sigma2) s^2 + kp s + ki.
 
-    Parameters
-    ----------
-    servo, gain
-        the loop; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    (4,) coefficients, highest power first.
-
-    Raises
-    ------
-    InputError : gain not a finite number > 0.
+    servo, gain: the loop; gain K > 0 [V/rad]. Returns (4,) coefficients, highest power first. Raises InputError: gain
+    not a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
     kp, kd, ki = servo.torque_gains(gain)
@@ -185,14 +162,7 @@ def characteristic_polynomial(servo: Servo, gain: float) -> Array:
 def stable(servo: Servo, gain: float) -> bool:
     """Whether the loop is stable, by the Routh-Hurwitz inequality.
 
-    Parameters
-    ----------
-    servo, gain
-        the loop; gain K [V/rad].
-
-    Returns
-    -------
-    Whether (kd + sigma2) kp > J ki.
+    servo, gain: the loop; gain K [V/rad]. Returns whether (kd + sigma2) kp > J ki.
     """
     kp, kd, ki = servo.torque_gains(gain)
     return bool((kd + servo.friction.viscous) * kp > servo.inertia * ki)
@@ -201,16 +171,7 @@ def stable(servo: Servo, gain: float) -> bool:
 def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
     """Frequency response C(j omega) of the controller.
 
-    Parameters
-    ----------
-    servo, gain
-        the controller; gain K [V/rad].
-    frequencies
-        (m,) omega [rad/s].
-
-    Returns
-    -------
-    (m,) complex [V/rad].
+    servo, gain: the controller; gain K [V/rad]; frequencies: (m,) omega [rad/s]. Returns (m,) complex [V/rad].
     """
     return servo.controller.response(gain, 1j * np.asarray(frequencies))
 
@@ -218,16 +179,7 @@ def controller_response(servo: Servo, gain: float, frequencies: Array) -> Array:
 def loop_response(servo: Servo, gain: float, frequencies: Array) -> Array:
     """Frequency response L(j omega) of the open loop.
 
-    Parameters
-    ----------
-    servo, gain
-        the loop; gain K [V/rad].
-    frequencies
-        (m,) omega [rad/s].
-
-    Returns
-    -------
-    (m,) complex.
+    servo, gain: the loop; gain K [V/rad]; frequencies: (m,) omega [rad/s]. Returns (m,) complex.
     """
     s = 1j * np.asarray(frequencies)
     plant = servo.motor_gain / (s * (servo.inertia * s + servo.friction.viscous))
@@ -237,14 +189,7 @@ def loop_response(servo: Servo, gain: float, frequencies: Array) -> Array:
 def loop_polynomials(servo: Servo, gain: float) -> tuple[Array, Array]:
     """The open loop L(s) as a quotient of polynomials.
 
-    Parameters
-    ----------
-    servo, gain
-        the loop; gain K [V/rad].
-
-    Returns
-    -------
-    Coefficients of numerator and denominator, highest power first.
+    servo, gain: the loop; gain K [V/rad]. Returns coefficients of numerator and denominator, highest power first.
     """
     numerator, factor = servo.controller.polynomials
     denominator = factor * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
@@ -298,18 +243,8 @@ def linear_loop(servo: Servo, gain: float) -> LinearLoop:
 def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
     """All frequencies with |L(j omega)| = 1.
 
-    Parameters
-    ----------
-    numerator, denominator
-        coefficients of L(s), highest power first.
-
-    Returns
-    -------
-    Crossovers by increasing frequency [rad/s], with their phase margins [deg].
-
-    Raises
-    ------
-    InputError : |L| = 1 at every frequency, as for an all-pass.
+    numerator, denominator: coefficients of L(s), highest power first. Returns crossovers by increasing frequency
+    [rad/s], with their phase margins [deg]. Raises InputError: |L| = 1 at every frequency, as for an all-pass.
     """
     a, b = _along_the_axis(numerator), _along_the_axis(denominator)
     found = []
@@ -323,18 +258,8 @@ def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[fl
 def phase_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
     """All frequencies with L(j omega) real and negative.
 
-    Parameters
-    ----------
-    numerator, denominator
-        coefficients of L(s), highest power first.
-
-    Returns
-    -------
-    Crossovers by increasing frequency [rad/s], with the factors 1/|L|.
-
-    Raises
-    ------
-    InputError : L is real at every frequency.
+    numerator, denominator: coefficients of L(s), highest power first. Returns crossovers by increasing frequency
+    [rad/s], with the factors 1/|L|. Raises InputError: L is real at every frequency.
     """
     a, b = _along_the_axis(numerator), _along_the_axis(denominator)
     imaginary = np.polymul(a, np.conj(b)).imag  # odd in omega: only every other coefficient is there

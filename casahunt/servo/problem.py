@@ -178,18 +178,7 @@ class Hunting(Problem):
     def with_value(self, name: str, value: float) -> Hunting:
         """The problem with one parameter changed.
 
-        Parameters
-        ----------
-        name, value
-            name in `names`, and its value.
-
-        Returns
-        -------
-        Hunting.
-
-        Raises
-        ------
-        InputError : a servo cannot have that value.
+        name, value: name in `names`, and its value. Raises InputError: a servo cannot have that value.
         """
         if name == "gain":
             return replace(self, gain=value)
@@ -198,18 +187,7 @@ class Hunting(Problem):
     def with_values(self, names: tuple[str, ...], values: Array) -> Hunting:
         """The problem with several parameters changed at once, between which there may be no servo.
 
-        Parameters
-        ----------
-        names, values
-            k of `names`, and (k,) their values.
-
-        Returns
-        -------
-        Hunting.
-
-        Raises
-        ------
-        InputError : a servo cannot have them.
+        names, values: k of `names`, and (k,) their values. Raises InputError: a servo cannot have them.
         """
         changes = dict(zip(names, map(float, values), strict=True))
         gain = changes.pop("gain", self.gain)
@@ -218,20 +196,8 @@ class Hunting(Problem):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The hunting cycle with these phases.
 
-        Parameters
-        ----------
-        signature
-            phase sequence: of half a period, or of a whole one.
-        repeats
-            2: half a cycle, closed by its mirror image; 1: both mirrored halves.
-
-        Returns
-        -------
-        Cycle.
-
-        Raises
-        ------
-        ValueError : a phase that the model does not have.
+        signature: phase sequence: of half a period, or of a whole one; repeats: 2: half a cycle, closed by its mirror
+        image; 1: both mirrored halves. Raises ValueError: a phase that the model does not have.
         """
         modes = automaton(self.model, len(self.names)).modes
         if any(mode not in modes for mode, _ in signature):
@@ -243,46 +209,22 @@ class Hunting(Problem):
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
         """Starting points for other phase sequences: see `sequences.next_sequence`.
 
-        Parameters
-        ----------
-        t, u, setting
-            an orbit that is no motion any more: transcription, unknowns, setting.
-        phase
-            index of the phase that fails.
-        soft
-            also last resorts that converge everywhere, but slowly.
-
-        Returns
-        -------
-        Starting points, most promising first.
+        t, u, setting: an orbit that is no motion any more: transcription, unknowns, setting; soft: also last resorts
+        that converge everywhere, but slowly. Returns starting points, most promising first.
         """
         return next_sequence(self.model, t, u, setting, phase, soft=soft)
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has: see `sequences.remarch`.
 
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where the motion could not be followed.
+        Returns starting point; None where the motion could not be followed.
         """
         return remarch(self.model, t, u, setting)
 
     def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
         """Starting points at a predicted point of a branch.
 
-        Parameters
-        ----------
-        t, u, setting
-            the predicted point: transcription, unknowns, setting.
-
-        Returns
-        -------
-        The sequence at hand, unsplit phases given their sign again; then without a pair about to vanish.
+        Returns the sequence at hand, unsplit phases given their sign again; then without a pair about to vanish.
         """
         start = (t, u, setting)
         starts = [harden(self.model, *start) or start, merge_vanishing(self.model, *start)]

@@ -16,15 +16,8 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
     Below a gain at which the loop without dry friction is stable, pure Coulomb friction proves nothing.  Of a bristle
     the proof for rigid friction proves nothing either: where a scan shows no cycle of it, none was found.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K [V/rad].
-
-    Raises
-    ------
-    InputError : unknown model, or a gain that is not a finite number > 0.
-    NoOrbit : there is provably no cycle; or a scan of a bristle shows none, and none was found.
+    servo, model, gain: the problem; gain K [V/rad]. Raises InputError: unknown model, or a gain that is not a finite
+    number > 0.; NoOrbit: there is provably no cycle; or a scan of a bristle shows none, and none was found.
     """
     a_servo(servo)
     known("model", model, MODELS)
@@ -49,14 +42,7 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
 def check_hunts(servo: Servo, model: Model) -> None:
     """Refuse a servo that is proved to have no cycle at any gain.
 
-    Parameters
-    ----------
-    servo, model
-        the problem.
-
-    Raises
-    ------
-    NoOrbit : there is such a proof (denial.py).
+    Raises NoOrbit: there is such a proof (denial.py).
     """
     why = no_cycle(servo, model)
     if why:

@@ -43,20 +43,8 @@ def next_sequence(
 ) -> list[Start]:
     """Starting points for other phase sequences where one has stopped being a motion.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    phase
-        index of the phase where the sequence fails.
-    soft
-        also phases with the kink unsplit, the last resort: they converge everywhere, but slowly.
-
-    Returns
-    -------
-    Starting points, most promising first.
+    phase: index of the phase where the sequence fails; soft: also phases with the kink unsplit, the last resort: they
+    converge everywhere, but slowly. Returns starting points, most promising first.
     """
     if model == "switch":
         start = remarch(model, t, u, setting)
@@ -78,22 +66,8 @@ def from_half_cycle(
     A march that starts with negative velocity is mirrored first, so that every cycle starts its phase
     sequence with the positive slip.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    segments
-        the march of half a cycle.
-    p, dp
-        parameter vector, and the direction in which a free parameter moves.
-    degree, kind
-        collocation scheme.
-    half
-        a half cycle; False for a full one, with the mirror image of the march.
-
-    Returns
-    -------
-    Starting point.
+    p, dp: parameter vector, and the direction in which a free parameter moves; half: a half cycle; False for a full
+    one, with the mirror image of the march.
     """
     signature = tuple((s.mode, s.event) for s in segments)
     sign = 1.0
@@ -109,16 +83,7 @@ def from_half_cycle(
 def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
     """The phases that the motion from the start of u really has in half a cycle.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Starting point; None where the march fails or comes to rest.
+    Returns starting point; None where the march fails or comes to rest.
     """
     x = t.nodes_of(u)[0] * setting.scale
     try:
@@ -140,18 +105,7 @@ def split_reversals(
 ) -> Start | None:
     """Phase boundaries where x2 changes sign inside a slide; the polynomials stay what they are.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    phase
-        index of the slide.
-
-    Returns
-    -------
-    Starting point; None where the phase is no slide, or x2 does not change sign an even number of times in it.
+    Returns starting point; None where the phase is no slide, or x2 does not change sign an even number of times in it.
     """
     half = half_signature(t)
     length = len(half)
@@ -201,16 +155,7 @@ def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> A
 def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
     """Take out the shortest inner slide with its two reversals: three phases become one; or a Switch stick.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Starting point; None where no phase is short enough to be taken out.
+    Returns starting point; None where no phase is short enough to be taken out.
     """
     if model == "switch":
         return _without_stick(t, u, setting)
@@ -244,18 +189,7 @@ def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None
 def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
     """The same unknowns for the sequence with the kink left unsplit in `phase` (cycles.softened).
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-    phase
-        index of the phase.
-
-    Returns
-    -------
-    Starting point; None where the phase is no slide.
+    Returns starting point; None where the phase is no slide.
     """
     half = half_signature(t)
     softer = softened(half, phase % len(half))
@@ -265,16 +199,7 @@ def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: in
 def harden(model: Model, t: Transcription, u: Array, setting: Setting) -> Start | None:
     """The same unknowns with every unsplit phase given the sign that x2 mostly has in it.
 
-    Parameters
-    ----------
-    model
-        "switch" or "lugre".
-    t, u, setting
-        the orbit: transcription, unknowns, setting.
-
-    Returns
-    -------
-    Starting point; None where no phase is unsplit.
+    Returns starting point; None where no phase is unsplit.
     """
     half = half_signature(t)
     if all(mode != "slide" for mode, _ in half):

@@ -141,9 +141,7 @@ class Servo:
 def a_servo(value: Any) -> Servo:
     """What must be a servo.
 
-    Raises
-    ------
-    InputError : it is none; says what it is, and how one is made.
+    Raises InputError: it is none; says what it is, and how one is made.
     """
     servo: Servo = of_kind("servo", value, Servo, "such as Servo(inertia=0.02); load(path) reads one from a file")
     return servo
@@ -191,20 +189,8 @@ def unflatten(values: Mapping[str, float]) -> Servo:
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """The tables of a TOML file.
 
-    Parameters
-    ----------
-    path
-        the file.
-    what
-        the beginning of a refusal: what the file is.
-
-    Returns
-    -------
-    Tables by name.
-
-    Raises
-    ------
-    InputError : no such file, not readable, too large, or not valid TOML.
+    what: the beginning of a refusal: what the file is.
+    Raises InputError: no such file, not readable, too large, or not valid TOML.
     """
     text = bounded(path, what, LARGEST_TOML)
     try:
@@ -287,20 +273,8 @@ def dump(servo: Servo) -> str:
 def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
     """Apply texts as the command line's --set gives them.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-    assignments
-        ``section.key=value`` texts.
-
-    Returns
-    -------
-    Servo with these values.
-
-    Raises
-    ------
-    InputError : no "=", unknown key, or a value that is not a number or out of range.
+    assignments: ``section.key=value`` texts. Returns servo with these values. Raises InputError: no "=", unknown key,
+    or a value that is not a number or out of range.
     """
     changes: dict[str, Any] = {}
     for text in assignments:

@@ -66,18 +66,8 @@ MODES_WITH_BAND = (
 def band_system(servo: Servo, gain: float) -> System:
     """A Switch servo with its stick band as a system like any user's.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    System with the parameters of `parameters`, by the last parts of their names.
-
-    Raises
-    ------
-    InputError : a value out of range.
+    servo, gain: the problem; gain K > 0 [V/rad]. Returns system with the parameters of `parameters`, by the last parts
+    of their names. Raises InputError: a value out of range.
     """
     values = map(float, parameters(servo, gain))
     names = called(servo.names + STICK_BAND)
@@ -87,14 +77,7 @@ def band_system(servo: Servo, gain: float) -> System:
 def parameters(servo: Servo, gain: float) -> np.ndarray:
     """The parameter vector of the servo with a stick band.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-
-    Returns
-    -------
-    `Servo.names`, then servo.STICK_BAND: eta [rad/s] and alpha [1/s].
+    servo, gain: the problem; gain K [V/rad]. Returns `Servo.names`, then servo.STICK_BAND: eta [rad/s] and alpha [1/s].
     """
     return np.append(servo.parameters(gain), [servo.friction.stick_band, servo.friction.stick_rate])
 
@@ -102,14 +85,7 @@ def parameters(servo: Servo, gain: float) -> np.ndarray:
 def mode_of(x: Any, p: Any) -> str:
     """The mode at any state.
 
-    Parameters
-    ----------
-    x, p
-        states and parameters, numbers.
-
-    Returns
-    -------
-    "slip+" or "slip-" outside the band, in it "stick", "transition+" or "transition-".
+    Returns "slip+" or "slip-" outside the band, in it "stick", "transition+" or "transition-".
     """
     if abs(x.x2) > p.stick_band:
         return "slip+" if x.x2 > 0 else "slip-"

@@ -57,20 +57,9 @@ class Ended:
 def first_of(strategies: Sequence[Strategy[Q, R]], question: Q, what: str) -> R:
     """The answer of the first strategy that has one.
 
-    Parameters
-    ----------
-    strategies, question
-        the table, and what every row of it is asked.
-    what
-        the beginning of the refusal where no strategy has a sentence of its own; how they ended follows it.
-
-    Returns
-    -------
-    That answer.
-
-    Raises
-    ------
-    NoOrbit : a strategy denied that there is one (status None), or all that apply have failed.
+    strategies, question: the table, and what every row of it is asked; what: the beginning of the refusal where no
+    strategy has a sentence of its own; how they ended follows it.
+    Raises NoOrbit: a strategy denied that there is one (status None), or all that apply have failed.
     """
     ended: list[Ended] = []
     for strategy in strategies:
@@ -93,16 +82,8 @@ def first_of(strategies: Sequence[Strategy[Q, R]], question: Q, what: str) -> R:
 def refused(ended: Sequence[Ended], what: str) -> NoOrbit:
     """The refusal of a table of which every row ended without an answer.
 
-    Parameters
-    ----------
-    ended
-        how the rows ended, in the order of the table.
-    what
-        the beginning of the sentence where no row has one of its own.
-
-    Returns
-    -------
-    NoOrbit, to be raised; its status is that of the row that leads the sentence.
+    ended: how the rows ended, in the order of the table; what: the beginning of the sentence where no row has one of
+    its own. Returns NoOrbit, to be raised; its status is that of the row that leads the sentence.
     """
     met = [e for e in ended if e.status is not None]
     lead = next((e for e in reversed(met) if e.status is not Status.NOT_FOUND), met[-1] if met else None)

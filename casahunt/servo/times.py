@@ -25,16 +25,8 @@ def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
     sqrt(J/sigma0), J/sigma1 and Fc/(sigma0 vs); too slow the drop, the bristle, and at a gain the controller itself,
     sqrt(J/kp) and (kd + sigma2)/kp.
 
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    gain
-        K [V/rad]; nan: the largest one that hunts is looked for, where both controller times act.
-
-    Raises
-    ------
-    InputError : one of these times is more than `SPREAD` times tau_d + tau_i, or less than that part of it.
+    gain: K [V/rad]; nan: the largest one that hunts is looked for, where both controller times act.
+    Raises InputError: one of these times is more than `SPREAD` times tau_d + tau_i, or less than that part of it.
     """
     J, f, c = servo.inertia, servo.friction, servo.controller
     both, fast, slow = {}, {}, {}
@@ -64,14 +56,8 @@ def check_times(servo: Servo, model: Model, gain: float = math.nan) -> None:
 def stiff_at(servo: Servo, gain: float) -> bool:
     """Whether the controller's damping acts so fast that no motion can be computed.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-
-    Returns
-    -------
-    True where J/(kd + sigma2) is less than 1/`SPREAD` of tau_d + tau_i.
+    servo, gain: the problem; gain K [V/rad].
+    Returns True where J/(kd + sigma2) is less than 1/`SPREAD` of tau_d + tau_i.
     """
     c, (_, kd, _) = servo.controller, servo.torque_gains(gain)
     return SPREAD * servo.inertia < (kd + servo.friction.viscous) * c.reset_time

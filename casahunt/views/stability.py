@@ -31,14 +31,7 @@ UNSEEN: dict[str, Any] = {
 def stability_of(fold: HuntingFold, options: Options) -> dict[str, Any]:
     """The record of the stable cycles below a fold.
 
-    Parameters
-    ----------
-    fold, options
-        the fold, and the tolerance of the gains.
-
-    Returns
-    -------
-    Keys as in the docstring of the module.
+    fold, options: the fold, and the tolerance of the gains. Returns keys as in the docstring of the module.
     """
     try:
         found = stable_range(fold, options=options)

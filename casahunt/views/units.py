@@ -27,9 +27,7 @@ PARAMETER_UNITS = {
 def unit_of(name: str) -> str:
     """The unit of a parameter, by its key or the last part of it; "" where it has none.
 
-    Raises
-    ------
-    KeyError : no such parameter.
+    Raises KeyError: no such parameter.
     """
     if name in PARAMETER_UNITS:
         return PARAMETER_UNITS[name]
@@ -45,14 +43,8 @@ def with_unit(name: str) -> str:
 def column(name: str, unit: str | None = None) -> str:
     """The name of a column of a CSV file: `friction.viscous_Nms_per_rad`; the name alone for a plain number.
 
-    Parameters
-    ----------
-    name, unit
-        what it holds, and in which unit; None: that of the parameter of this name.
-
-    Returns
-    -------
-    A name without spaces and slashes.
+    name, unit: what it holds, and in which unit; None: that of the parameter of this name.
+    Returns A name without spaces and slashes.
     """
     unit = unit_of(name) if unit is None else unit
     above, _, below = unit.partition("/")

@@ -49,21 +49,7 @@ class _Known:
 
 
 def points_in_batches(problem: Problem, first: FoldPoint, sense: float) -> Generator[FoldPoint]:
-    """The points that follow one, as far as batches lead.
-
-    Parameters
-    ----------
-    problem
-        the curve that is asked for.
-    first
-        a point of it, no cusp.
-    sense
-        direction of c.
-
-    Yields
-    ------
-    FoldPoint.
-    """
+    """The points that follow one, as far as batches lead."""
     axis, tol = problem.axis, problem.options.tol
     try:
         base = expansion_at(first.orbit, "gain", (axis.vary,), tol)

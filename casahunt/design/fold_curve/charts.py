@@ -78,16 +78,7 @@ class Chart:
     def value(self, s: float, m: float) -> Reading | str:
         """Read phi at a place of the surface.
 
-        Parameters
-        ----------
-        s
-            arclength from the fold, along the branch.
-        m
-            place of q from that of the fold.
-
-        Returns
-        -------
-        phi and the orbit there, or a sentence that says why there is none.
+        m: place of q from that of the fold. Returns phi and the orbit there, or a sentence that says why there is none.
         """
         orbit = self.sheet.orbit_at(s, m)
         return orbit if isinstance(orbit, str) else Reading(float(self.sheet.point_of(orbit).row[-1]), orbit)
@@ -95,16 +86,7 @@ class Chart:
     def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
         """The chart of the fold that was read at a place of the surface.
 
-        Parameters
-        ----------
-        s, m
-            the place, as in `value`.
-        reading
-            what was read there.
-
-        Returns
-        -------
-        Chart, or a sentence that says why there is none.
+        s, m: the place, as in `value`. Returns chart, or a sentence that says why there is none.
         """
         chart: Chart | str = chart_of(self.problem, reading.data, self.position + m, like=self)
         if isinstance(chart, str):
@@ -119,20 +101,8 @@ class Chart:
 def chart_of(problem: Problem, orbit: HuntingOrbit, position: float, *, like: Chart | None) -> Chart | str:
     """The chart of a fold, with slope, gradient and tilt.
 
-    Parameters
-    ----------
-    problem
-        the curve that is asked for.
-    orbit
-        at the fold.
-    position
-        place of the second parameter in its range.
-    like
-        chart before this one, in whose direction the branch is followed.
-
-    Returns
-    -------
-    Chart, or a sentence that says why there is none.
+    position: place of the second parameter in its range; like: chart before this one, in whose direction the branch is
+    followed. Returns chart, or a sentence that says why there is none.
     """
     axis = problem.axis
     sheet = sheet_of(

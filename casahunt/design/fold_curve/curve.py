@@ -199,18 +199,8 @@ def _fading(found: Sequence[FoldPoint], axis: Axis, goal: Servo) -> tuple[str, b
 def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
     """Refuse a range that a parameter cannot run over.
 
-    Parameters
-    ----------
-    servo
-        all other values.
-    vary
-        name of the parameter (sensitivity.NAMES).
-    start, end
-        its range.
-
-    Raises
-    ------
-    InputError : unknown parameter, an empty range, or a value that the parameter cannot have.
+    vary: name of the parameter (sensitivity.NAMES).
+    Raises InputError: unknown parameter, an empty range, or a value that the parameter cannot have.
     """
     known("parameter", vary, [name for name in NAMES if name in servo.names])
     if start == end:

@@ -24,18 +24,7 @@ _NUMBERS = ("value", "gain", "slope", "error_estimate", "curvature", "turns")
 def save_curve(curve: FoldCurve, path: Path, settings: Mapping[str, Any]) -> None:
     """Write a fold curve (npz) with the settings it was computed with.
 
-    Parameters
-    ----------
-    curve
-        the curve.
-    path
-        the file.
-    settings
-        by their names on the command line.
-
-    Raises
-    ------
-    InputError, OSError : as `save_branch`.
+    settings: by their names on the command line. Raises InputError, OSError: as `save_branch`.
     """
     run = {
         "settings": dict(settings),
@@ -50,9 +39,7 @@ def save_curve(curve: FoldCurve, path: Path, settings: Mapping[str, Any]) -> Non
 def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
     """(curve, settings) that `save_curve` has written.
 
-    Raises
-    ------
-    InputError : the file is missing or damaged, or holds something else.
+    Raises InputError: the file is missing or damaged, or holds something else.
     """
     branch, run = load_branch(path), load_run(path)
     try:
@@ -73,22 +60,8 @@ def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
 def begun(path: Path, servo: Servo, model: Model, settings: Mapping[str, Any]) -> FoldCurve | None:
     """The curve of an earlier run of the same task.
 
-    Parameters
-    ----------
-    path
-        the file.
-    servo, model
-        the problem.
-    settings
-        by their names on the command line.
-
-    Returns
-    -------
-    The curve, or what there is of it; None where there is no file.
-
-    Raises
-    ------
-    InputError : the file is damaged, or is of another task.
+    settings: by their names on the command line. Returns the curve, or what there is of it; None where there is no
+    file. Raises InputError: the file is damaged, or is of another task.
     """
     if not path.exists():
         return None

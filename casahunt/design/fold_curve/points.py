@@ -132,14 +132,7 @@ class FoldCurve(Result):
 def row_of(vary: str, point: FoldPoint) -> list[Any]:
     """One row of the table of a fold curve.
 
-    Parameters
-    ----------
-    vary, point
-        the second parameter, and the point.
-
-    Returns
-    -------
-    Values in the order of `CSV_COLUMNS`.
+    Returns values in the order of `CSV_COLUMNS`.
     """
     orbit = point.orbit
     return [
@@ -151,16 +144,7 @@ def row_of(vary: str, point: FoldPoint) -> list[Any]:
 def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
     """The cubic through the points of a curve with their exact slopes.
 
-    Parameters
-    ----------
-    curve
-        its points.
-    samples
-        values for each gap between two points.
-
-    Returns
-    -------
-    q, and K [V/rad] there.
+    Returns q, and K [V/rad] there.
     """
     q, K, slope = curve.values, curve.gains, curve.slopes
     if len(q) < 2:
@@ -177,16 +161,7 @@ def as_found(points: Sequence[FoldPoint], start: float) -> list[FoldPoint]:
 
     A curve may have been followed from its other end.  At a cusp the second parameter has no direction to go on in.
 
-    Parameters
-    ----------
-    points
-        by the second parameter.
-    start
-        where its range begins.
-
-    Returns
-    -------
-    The points.
+    start: where its range begins.
     """
     found = list(points if points and points[0].value == start else points[::-1])
     while len(found) > 1 and found[-1].turns:

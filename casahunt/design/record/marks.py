@@ -64,16 +64,7 @@ class Marks:
 def level_of(grid: Grid, period: float) -> Array:
     """Mean over one period round each point of the grid, between and beyond those a straight line.
 
-    Parameters
-    ----------
-    grid
-        the record.
-    period
-        [s].
-
-    Returns
-    -------
-    (n,) level [rad].
+    period: [s]. Returns (n,) level [rad].
     """
     t, step = grid.times, grid.step
     total = np.concatenate([[0.0], np.cumsum(grid.values)]) * step
@@ -93,16 +84,7 @@ def extended(t: Array, where: Array, values: Array) -> Array:
 
     The median (Theil and Sen), because a transient at the start must not tilt the end.
 
-    Parameters
-    ----------
-    t
-        (n,) times at which the lines are asked for.
-    where, values
-        (k,) rising times and the values there.
-
-    Returns
-    -------
-    (n,).
+    t: (n,) times at which the lines are asked for; where, values: (k,) rising times and the values there. Returns (n,).
     """
     slope = 0.0
     if where.size > 2:
@@ -121,18 +103,8 @@ def noise_of(values: Array) -> float:
 def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None:
     """Divide a record into periods.
 
-    Parameters
-    ----------
-    times, values
-        (m,) samples [s], [rad].
-    grid
-        the same on an even grid.
-    period
-        its period [s].
-
-    Returns
-    -------
-    Marks; None where there are no two.
+    times, values: (m,) samples [s], [rad]; grid: the same on an even grid; period: its period [s].
+    Returns marks; None where there are no two.
     """
     level = level_of(grid, period)
     r = grid.values - level
@@ -168,16 +140,8 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
 def means_between(times: Array, values: Array, marks: Array, whole: Array) -> tuple[Array, Array]:
     """Means over time of the whole periods.
 
-    Parameters
-    ----------
-    times, values
-        (m,) samples [s], [rad].
-    marks, whole
-        (k,) times that divide the record [s]; (k - 1,) bool.
-
-    Returns
-    -------
-    Middle times of the whole periods [s], and the means there [rad].
+    times, values: (m,) samples [s], [rad]; marks, whole: (k,) times that divide the record [s]; (k - 1,) bool.
+    Returns middle times of the whole periods [s], and the means there [rad].
     """
     integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
     mean = np.diff(np.interp(marks, times, integral))[whole] / np.diff(marks)[whole]

@@ -79,14 +79,7 @@ def usual_distance(times: Array) -> float:
 def gridded(times: Array, values: Array) -> Grid:
     """The samples on an even grid.
 
-    Parameters
-    ----------
-    times, values
-        (m,) samples [s], [rad].
-
-    Returns
-    -------
-    Grid.
+    times, values: (m,) samples [s], [rad].
     """
     n = int(np.clip(4 * times.size, *EVEN_POINTS))
     span = float(times[-1] - times[0])
@@ -163,16 +156,7 @@ def _thinned(values: Array, covered: Array, step: float, block: int) -> tuple[Ar
 def moving_mean(values: Array, covered: Array, width: int) -> Array:
     """Mean of the covered values round each point, at the ends of those that there are.
 
-    Parameters
-    ----------
-    values, covered
-        (n,) values on an even grid; bool, False in gaps.
-    width
-        points that are averaged.
-
-    Returns
-    -------
-    (n,).
+    values, covered: (n,) values on an even grid; bool, False in gaps. Returns (n,).
     """
     n = values.size
     total = np.concatenate([[0.0], np.cumsum(np.where(covered, values, 0.0))])
@@ -185,14 +169,8 @@ def moving_mean(values: Array, covered: Array, width: int) -> Array:
 def unlikeness(values: Array, covered: Array) -> Array:
     """U of the module docstring.
 
-    Parameters
-    ----------
-    values, covered
-        (n,) values on an even grid; bool, False in gaps.
-
-    Returns
-    -------
-    U at the lags 0, 1, 2 ... of the grid; nan where there are too few pairs.
+    values, covered: (n,) values on an even grid; bool, False in gaps.
+    Returns U at the lags 0, 1, 2 ... of the grid; nan where there are too few pairs.
     """
     n = values.size
     lags = int(LONGEST * n)

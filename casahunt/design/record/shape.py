@@ -64,16 +64,8 @@ class Folded:
 def fold(times: Array, values: Array, marks: Array, whole: Array) -> Folded:
     """Lay the whole periods over each other.
 
-    Parameters
-    ----------
-    times, values
-        (m,) samples [s], [rad].
-    marks, whole
-        (k + 1,) times that divide the record [s]; (k,) bool.
-
-    Returns
-    -------
-    Folded: phases 0..1, rising, of the samples in whole periods.
+    times, values: (m,) samples [s], [rad]; marks, whole: (k + 1,) times that divide the record [s]; (k,) bool.
+    Returns folded: phases 0..1, rising, of the samples in whole periods.
     """
     i = np.searchsorted(marks, times, side="right") - 1
     inside = (i >= 0) & (i < marks.size - 1)
@@ -88,16 +80,8 @@ def fold(times: Array, values: Array, marks: Array, whole: Array) -> Folded:
 def waves(times: Array, values: Array, marks: Array, whole: Array) -> Array:
     """Means over time of each whole period's parts, less the mean of the period.
 
-    Parameters
-    ----------
-    times, values
-        (m,) samples [s], [rad].
-    marks, whole
-        times that divide the record [s]; for each gap between them, whether it is a whole period.
-
-    Returns
-    -------
-    (k, BINS) [rad].
+    times, values: (m,) samples [s], [rad]; marks, whole: times that divide the record [s]; for each gap between them,
+    whether it is a whole period. Returns (k, BINS) [rad].
     """
     integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
     length = np.diff(marks)[whole]
@@ -116,14 +100,8 @@ def coherence(wave: Array) -> Array:
 def factors(wave: Array, mean: Array) -> Array:
     """How large each period is, beside the mean.
 
-    Parameters
-    ----------
-    wave, mean
-        (k, BINS) the periods' waves; (BINS,) the mean one.
-
-    Returns
-    -------
-    (k,) factor that fits the mean wave to each period's.
+    wave, mean: (k, BINS) the periods' waves; (BINS,) the mean one.
+    Returns (k,) factor that fits the mean wave to each period's.
     """
     return np.asarray(wave @ mean / max(float(mean @ mean), 1e-300))
 
@@ -134,16 +112,8 @@ def equal_parts(wave: Array, blur: float) -> int:
     Two parts are equal if their difference is no larger than that of the waves from their mean, averaged, than `ALIKE`
     of the wave, or than what sampling and rounding can make of equal periods.
 
-    Parameters
-    ----------
-    wave
-        (k, BINS) the periods' waves [rad].
-    blur
-        variance that sampling and rounding make [rad2].
-
-    Returns
-    -------
-    1 for a period, n where n periods were taken for one.
+    wave: (k, BINS) the periods' waves [rad]; blur: variance that sampling and rounding make [rad2].
+    Returns 1 for a period, n where n periods were taken for one.
     """
     k = wave.shape[0]
     if k < 2:
@@ -223,18 +193,8 @@ def _smoothed(phi: Array, values: Array, grid: Array, count: int) -> Array:
 def peak_to_peak(folded: Folded, phase: Array, shape: Array, noise: float) -> tuple[float, float]:
     """Top minus bottom of the folded samples.
 
-    Parameters
-    ----------
-    folded
-        the samples.
-    phase, shape
-        (n,) phases 0..1 and the smoothed samples there [rad].
-    noise
-        standard deviation of a sample [rad].
-
-    Returns
-    -------
-    Its size [rad], and its error: of noise, and what caps of other depths change.
+    phase, shape: (n,) phases 0..1 and the smoothed samples there [rad]; noise: standard deviation of a sample [rad].
+    Returns its size [rad], and its error: of noise, and what caps of other depths change.
     """
     size, error = 0.0, 0.0
     for sign in (1, -1):

@@ -84,22 +84,7 @@ def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
 def unit_of(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     """The unit that a person states: a name, or a number of seconds or radians.
 
-    Parameters
-    ----------
-    quantity
-        "time" or "angle".
-    text
-        such as "ms", "deg" or "0.00153398".
-    what
-        what states it, for the message.
-
-    Returns
-    -------
-    Unit.
-
-    Raises
-    ------
-    InputError : neither a known name nor a finite number > 0.
+    text: such as "ms", "deg" or "0.00153398". Raises InputError: neither a known name nor a finite number > 0.
     """
     found = _lookup(quantity, text)
     if found is not None:
@@ -134,22 +119,7 @@ def split_header(cell: str) -> tuple[list[str], str | None]:
 def stated_unit(quantity: Quantity, cell: str, *, what: str) -> Unit | None:
     """The unit in a column's header.
 
-    Parameters
-    ----------
-    quantity
-        "time" or "angle".
-    cell
-        the header.
-    what
-        the file, for the message.
-
-    Returns
-    -------
-    Unit; None where the header states none.
-
-    Raises
-    ------
-    InputError : a unit is stated, but none of this quantity.
+    Returns unit; None where the header states none. Raises InputError: a unit is stated, but none of this quantity.
     """
     stated = split_header(cell)[1]
     if not stated:

@@ -72,16 +72,8 @@ def deviation(values: Array) -> float:
 def settled(found: Periods, blur: float) -> Marks:
     """Leave out the periods of a transient: those up to the last one that differs from those of the second half.
 
-    Parameters
-    ----------
-    found
-        the record divided.
-    blur
-        variance that sampling and rounding make [rad2].
-
-    Returns
-    -------
-    The marks, in which the periods at the start are not whole.
+    blur: variance that sampling and rounding make [rad2].
+    Returns the marks, in which the periods at the start are not whole.
     """
     marks, k = found.marks, found.lengths.size
     half = max(FEWEST_PERIODS, (k + 1) // 2)
@@ -157,16 +149,7 @@ def by_chance(found: Periods) -> float:
 def chi_square(m: int, x: float) -> float:
     """Distribution function of chi-square with m degrees of freedom: the series of the incomplete gamma function.
 
-    Parameters
-    ----------
-    m
-        degrees of freedom.
-    x
-        value >= 0.
-
-    Returns
-    -------
-    Probability of a value up to x.
+    x: value >= 0. Returns probability of a value up to x.
     """
     a, z = m / 2, x / 2
     if z > a + 40 * math.sqrt(a):
@@ -183,16 +166,7 @@ def chi_square(m: int, x: float) -> float:
 def lasting(t: Array, found: Periods) -> tuple[Kind, str]:
     """Whether the oscillation goes on to the end of the record.
 
-    Parameters
-    ----------
-    t
-        (m,) times of the samples [s].
-    found
-        the record divided.
-
-    Returns
-    -------
-    "hunting" and ""; or "irregular" and where it ends.
+    t: (m,) times of the samples [s]. Returns "hunting" and ""; or "irregular" and where it ends.
     """
     period, last = float(np.mean(found.lengths)), float(found.marks.times[-1])
     behind = np.diff(t, prepend=last)[t > last]

@@ -133,16 +133,9 @@ def verified(
 ) -> Verification:  # fmt: skip
     """Everything of the module docstring.
 
-    Parameters
-    ----------
-    answer, model, demands, uncertainty, options
-        the answer of the search, and the problem; no uncertainty: the answer's servo alone.
-    tell
-        takes sentences that say where the verification is.
-
-    Returns
-    -------
-    Verification: what was computed, what stands against the answer, and what could not be verified.
+    answer, model, demands, uncertainty, options: the answer of the search, and the problem; no uncertainty: the
+    answer's servo alone; tell: takes sentences that say where the verification is.
+    Returns verification: what was computed, what stands against the answer, and what could not be verified.
     """
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
     unverified: list[str] = []
@@ -338,17 +331,9 @@ def _margins_said(loop: Margins) -> str:
 def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None] = silent) -> tuple[str, Seen]:
     """What the event map says of a servo.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-    tell
-        takes sentences that say where the scan is.
-
-    Returns
-    -------
-    A sentence, and what it shows: "clear", every motion sticks nearer to the set point; "cycle", a fixed point, or a
-    motion that goes farther out; "open", a motion that does not come to stick, or a part of the range that was not
+    servo, model, gain: the problem; gain K > 0 [V/rad]; tell: takes sentences that say where the scan is.
+    Returns A sentence, and what it shows: "clear", every motion sticks nearer to the set point; "cycle", a fixed point,
+    or a motion that goes farther out; "open", a motion that does not come to stick, or a part of the range that was not
     resolved.
     """
     if model == "switch":

@@ -31,16 +31,8 @@ LOG_OMEGA, BISECTIONS = (-60.0, 60.0), 60
 def log_kappa(J: Array, sigma2: Array, *c_and_y: Array) -> Array:
     """The size of the gain at which loops cross.
 
-    Parameters
-    ----------
-    J, sigma2
-        inertia [kg m2], viscous friction [N m s/rad].
-    *c_and_y
-        the numbers of the controller, (tau_d, tau_i) or (kp', ki', kd'), and ln omega, omega in rad/s.
-
-    Returns
-    -------
-    ln kappa, kappa in N m/rad.
+    J, sigma2: inertia [kg m2], viscous friction [N m s/rad]; *c_and_y: the numbers of the controller, (tau_d, tau_i) or
+    (kp', ki', kd'), and ln omega, omega in rad/s. Returns ln kappa, kappa in N m/rad.
     """
     *c, y = c_and_y
     w = np.exp(2 * y)
@@ -55,18 +47,8 @@ def log_kappa(J: Array, sigma2: Array, *c_and_y: Array) -> Array:
 def phase_at(J: Array, sigma2: Array, *c_and_omega: Array, lag: float) -> Array:
     """The phase of loops.
 
-    Parameters
-    ----------
-    J, sigma2
-        inertia [kg m2], viscous friction [N m s/rad].
-    *c_and_omega
-        the numbers of the controller, (tau_d, tau_i) or (kp', ki', kd'), and omega [rad/s].
-    lag
-        D [s].
-
-    Returns
-    -------
-    phi [rad].
+    J, sigma2: inertia [kg m2], viscous friction [N m s/rad]; *c_and_omega: the numbers of the controller, (tau_d,
+    tau_i) or (kp', ki', kd'), and omega [rad/s]; lag: D [s]. Returns phi [rad].
     """
     *c, omega = c_and_omega
     if len(c) == 3:
@@ -80,16 +62,8 @@ def phase_at(J: Array, sigma2: Array, *c_and_omega: Array, lag: float) -> Array:
 def crossovers(J: Array, sigma2: Array, kp: Array, ki: Array, kd: Array, goal: Array) -> Array:
     """All crossovers of loops by gains: bisection between the zeros of the derivative of the cubic, w1 <= w2.
 
-    Parameters
-    ----------
-    J, sigma2, kp, ki, kd
-        (m,) or numbers: inertia [kg m2], viscous friction [N m s/rad], the numbers of the controller.
-    goal
-        (m,) ln kappa.
-
-    Returns
-    -------
-    (3, m) ln omega; nan where there are fewer than three.
+    J, sigma2, kp, ki, kd: (m,) or numbers: inertia [kg m2], viscous friction [N m s/rad], the numbers of the
+    controller; goal: (m,) ln kappa. Returns (3, m) ln omega; nan where there are fewer than three.
     """
     a, k2 = J**2, np.exp(2 * goal)
     b, c, d = sigma2**2 - k2 * kd**2, k2 * (2 * kd * ki - kp**2), -k2 * ki**2  # a w^3 + b w^2 + c w + d
@@ -121,16 +95,8 @@ def crossovers(J: Array, sigma2: Array, kp: Array, ki: Array, kd: Array, goal: A
 def crossover_phase(points: Array, lag: float) -> Array:
     """The phase of loops at their crossovers.
 
-    Parameters
-    ----------
-    points
-        (m, 5) or (m, 6): J, sigma2, the numbers of the controller, ln kappa.
-    lag
-        D [s].
-
-    Returns
-    -------
-    (m,) phi [rad]; the least one, where there are several crossovers.
+    points: (m, 5) or (m, 6): J, sigma2, the numbers of the controller, ln kappa; lag: D [s].
+    Returns (m,) phi [rad]; the least one, where there are several crossovers.
     """
     if points.shape[1] == 6:
         found = crossovers(*points.T)

@@ -87,22 +87,10 @@ def check_bounds(
 ) -> dict[str, tuple[float, float]]:
     """The bounds of what is tuned, all checked.
 
-    Parameters
-    ----------
-    servo
-        its controller is where the search starts.
-    free
-        the numbers of the controller to be tuned.
-    bounds
-        (low, high) by name; K in V/rad, times in s.
-
-    Returns
-    -------
-    (low, high) of every free number, by default `FREE_FACTOR` to both sides, and of the gain where given.
-
-    Raises
-    ------
-    InputError : an unknown name, a bound that is no bound, or one that leaves the servo's own number out.
+    servo: its controller is where the search starts; free: the numbers of the controller to be tuned; bounds: (low,
+    high) by name; K in V/rad, times in s.
+    Returns (low, high) of every free number, by default `FREE_FACTOR` to both sides, and of the gain where given.
+    Raises InputError: an unknown name, a bound that is no bound, or one that leaves the servo's own number out.
     """
     own = tuple(name.removeprefix("controller.") for name in servo.controller_names)
     for name in free:
@@ -136,16 +124,8 @@ def check_bounds(
 def cost_of(cost: str, servo: Servo, gain: float) -> float:
     """The cost in the unit of `COSTS`; inf for the settling of an unstable loop.
 
-    Parameters
-    ----------
-    cost
-        one of `COSTS`.
-    servo, gain
-        the loop; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    In the unit of `COSTS`; inf for the settling of an unstable loop.
+    cost: one of `COSTS`; servo, gain: the loop; gain K > 0 [V/rad].
+    Returns in the unit of `COSTS`; inf for the settling of an unstable loop.
     """
     if cost == "gain":
         return gain
@@ -158,14 +138,7 @@ def cost_of(cost: str, servo: Servo, gain: float) -> float:
 def controller_said(servo: Servo) -> str:
     """The controller's numbers for a person.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-
-    Returns
-    -------
-    Names, values and units, such as "lead_time 0.15915 s, integral_time 0.15915 s".
+    Returns names, values and units, such as "lead_time 0.15915 s, integral_time 0.15915 s".
     """
     values, unit = flatten(servo), {"kp": "", "ki": " 1/s"}
     names = [(name, name.removeprefix("controller.")) for name in servo.controller_names]
@@ -175,14 +148,7 @@ def controller_said(servo: Servo) -> str:
 def log_numbers(servo: Servo) -> Array:
     """Logarithms of the controller's numbers.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-
-    Returns
-    -------
-    (2,) of tau_d, tau_i [s], or (3,) of kp, ki, kd.
+    Returns (2,) of tau_d, tau_i [s], or (3,) of kp, ki, kd.
     """
     values = flatten(servo)
     return np.log([values[name] for name in servo.controller_names])
@@ -191,19 +157,6 @@ def log_numbers(servo: Servo) -> Array:
 def with_numbers(servo: Servo, q: Array) -> Servo:
     """The servo with other controller numbers.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-    q
-        their logarithms, as `log_numbers` gives them.
-
-    Returns
-    -------
-    Servo.
-
-    Raises
-    ------
-    InputError : a number that a controller cannot have.
+    q: their logarithms, as `log_numbers` gives them. Raises InputError: a number that a controller cannot have.
     """
     return servo.replace(**{name: float(value) for name, value in zip(servo.controller_names, np.exp(q), strict=True)})

@@ -108,16 +108,8 @@ class Given:
     def gains(self, needed: float, servo: Servo) -> tuple[float, float]:
         """Bounds of the gain.
 
-        Parameters
-        ----------
-        needed
-            (1 + margin) times the worst fold gain [V/rad]; 0 where nothing hunts.
-        servo
-            the servo at the times in question.
-
-        Returns
-        -------
-        (low, high) [V/rad]: as given, or wide around what is needed.
+        needed: (1 + margin) times the worst fold gain [V/rad]; 0 where nothing hunts.
+        Returns (low, high) [V/rad]: as given, or wide around what is needed.
         """
         if "gain" in self.limits:
             return self.limits["gain"]
@@ -211,16 +203,7 @@ class Given:
     def join(self, worst: WorstCase, q: Array) -> bool:
         """Keep the worst servo at some times.
 
-        Parameters
-        ----------
-        worst
-            the worst servo.
-        q
-            (2,) ln of the times there [s].
-
-        Returns
-        -------
-        Whether it is a new one.
+        q: (2,) ln of the times there [s]. Returns whether it is a new one.
         """
         self.folds.setdefault(worst.servo, worst.fold)
         own = worst.servo
@@ -234,16 +217,7 @@ class Given:
     def cut(self, q: Array, gain: float) -> bool:
         """Add the worst loops at a point to those that constrain the problem.
 
-        Parameters
-        ----------
-        q
-            (2,) ln of the times [s].
-        gain
-            K > 0 [V/rad].
-
-        Returns
-        -------
-        Whether there are new ones.
+        q: (2,) ln of the times [s]; gain: K > 0 [V/rad]. Returns whether there are new ones.
         """
         new = False
         for name in DEMANDS:
@@ -280,9 +254,7 @@ class Given:
     def folds_at(self, q: Array) -> list[HuntingFold]:
         """The folds of the members that have one, at the times exp(q).
 
-        Raises
-        ------
-        NoOrbit : one was not computed.
+        Raises NoOrbit: one was not computed.
         """
         moved = q - log_numbers(self.servo)
         members = [with_numbers(m, log_numbers(m) + moved) if moved.any() else m for m in self.members]
@@ -315,16 +287,7 @@ class Given:
     def nearest(self, q: Array, worst: WorstCase) -> Nearest:
         """What a refusal says of these times.
 
-        Parameters
-        ----------
-        q
-            (2,) ln of the times [s].
-        worst
-            the worst servo there.
-
-        Returns
-        -------
-        Nearest.
+        q: (2,) ln of the times [s].
         """
         servo = self.at(q)
         needed = (1 + self.demands.margin) * worst.gain
@@ -335,16 +298,7 @@ class Given:
 def fastest(servo: Servo, low: float, high: float) -> float:
     """The gain of fastest settling between two: the best of a row of gains, polished by golden section.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-    low, high
-        gains [V/rad].
-
-    Returns
-    -------
-    K [V/rad].
+    low, high: gains [V/rad]. Returns K [V/rad].
     """
 
     def settling(gain: float) -> float:
@@ -377,18 +331,8 @@ def _distance(a: Servo, b: Servo) -> float:
 def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
     """The fold of a servo, from nothing.
 
-    Parameters
-    ----------
-    servo, model, options
-        the problem and its tolerance.
-
-    Returns
-    -------
-    The fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm.
-
-    Raises
-    ------
-    NoOrbit : it was not computed.
+    Returns the fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm.
+    Raises NoOrbit: it was not computed.
     """
     try:
         return find_fold(servo, model, options=options)

@@ -87,18 +87,8 @@ class WorstLoop:
 def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float) -> LoopBox:
     """The loops of a servo with some parameters in intervals.
 
-    Parameters
-    ----------
-    servo
-        the values of what is certain.
-    bounds
-        (low, high) by parameter name; names that the loop does not depend on are left out.
-    lag
-        D [s], half a sample time included.
-
-    Returns
-    -------
-    LoopBox.
+    bounds: (low, high) by parameter name; names that the loop does not depend on are left out; lag: D [s], half a
+    sample time included.
     """
     own = flatten(servo)
     names = ("servo.inertia", "friction.viscous", *servo.controller_names, "servo.motor_gain")
@@ -109,18 +99,7 @@ def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float
 def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
     """The loop of least phase over the box, with the gain multiplied by anything between two factors.
 
-    Parameters
-    ----------
-    box
-        the loops.
-    gain
-        K > 0 [V/rad].
-    factors
-        (lowest, highest) g.
-
-    Returns
-    -------
-    WorstLoop.
+    gain: K > 0 [V/rad]; factors: (lowest, highest) g.
     """
     ends = math.log(gain * factors[0] * box.low[-1]), math.log(gain * factors[1] * box.high[-1])
     low, high = np.append(box.low[:-1], ends[0]), np.append(box.high[:-1], ends[1])
@@ -194,18 +173,8 @@ class LoopDemands:
 def shortfall(boxes: Sequence[LoopBox], demands: LoopDemands, gain: float, name: str) -> tuple[float, WorstLoop]:
     """By how much a demand is missed at a gain.
 
-    Parameters
-    ----------
-    boxes, demands
-        the loops, and the margins asked for.
-    gain
-        K > 0 [V/rad].
-    name
-        which of `DEMANDS`.
-
-    Returns
-    -------
-    Phase missed [rad], negative where the demand is kept, and the worst loop.
+    gain: K > 0 [V/rad]; name: which of `DEMANDS`.
+    Returns phase missed [rad], negative where the demand is kept, and the worst loop.
     """
     found = min((worst(box, gain, demands.factors(name)) for box in boxes), key=lambda loop: loop.phase)
     return demands.least(name) - found.phase, found
@@ -285,14 +254,8 @@ def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: 
 
     The table says where to look; ends, and intervals that fit between its gains, come from `worst`.
 
-    Parameters
-    ----------
-    boxes, demands, table, name
-        the loops, the margins asked for, by how much they are missed, and which of `DEMANDS`.
-
-    Returns
-    -------
-    Intervals [V/rad] within the table, rising; 0 and inf where they go on beyond it.
+    boxes, demands, table, name: the loops, the margins asked for, by how much they are missed, and which of `DEMANDS`.
+    Returns intervals [V/rad] within the table, rising; 0 and inf where they go on beyond it.
     """
 
     def missed(gain: float) -> float:

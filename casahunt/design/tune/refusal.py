@@ -49,18 +49,8 @@ class Nearest:
 def refusal(near: Nearest, demands: Demands, *, times: int = 0, missed: float = 0.0, proven: bool = True) -> str:
     """What cannot be met, or was not found, and which demand stands against which.
 
-    Parameters
-    ----------
-    near, demands
-        the nearest times, and what is asked for.
-    times, missed
-        with free times: how many pairs were looked at, and v at the nearest one.
-    proven
-        whether they are evidence that there are none.
-
-    Returns
-    -------
-    One sentence.
+    near, demands: the nearest times, and what is asked for; times, missed: with free times: how many pairs were looked
+    at, and v at the nearest one; proven: whether they are evidence that there are none.
     """
     low = min(near.span[0], near.needed or math.inf) / WIDER
     high = max(near.span[1], near.needed) * WIDER

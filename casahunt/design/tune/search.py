@@ -76,9 +76,7 @@ class Search:
     def run(self) -> Answer:
         """The answer.
 
-        Raises
-        ------
-        NoOrbit : the task cannot be met, or nothing was found; or a fold was not computed.
+        Raises NoOrbit: the task cannot be met, or nothing was found; or a fold was not computed.
         """
         q = log_numbers(self.given.servo)
         answer, worst = self.given.answer(q)
@@ -94,20 +92,8 @@ class Search:
     def again(self, q: Array, points: list[Array]) -> Answer:
         """The answer at the times of an answer, or anew, now that points of the set are known that hunt more.
 
-        Parameters
-        ----------
-        q
-            (2,) ln of the times [s].
-        points
-            (k,) parameter values each.
-
-        Returns
-        -------
-        Answer.
-
-        Raises
-        ------
-        NoOrbit : the task cannot be met, or nothing was found; or a fold was not computed.
+        q: (2,) ln of the times [s]; points: (k,) parameter values each.
+        Raises NoOrbit: the task cannot be met, or nothing was found; or a fold was not computed.
         """
         self.given.points += points
         answer, worst = self.given.answer(q)

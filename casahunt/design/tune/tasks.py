@@ -54,22 +54,9 @@ class Task:
 def until_decided(servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float]) -> Trajectory:
     """A motion, simulated until its verdict is decided, within limits.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-    span
-        first length [s].
-    start
-        initial values, as `simulate` takes them.
-
-    Returns
-    -------
-    Trajectory over `span`, or over as much longer as its verdict takes; perhaps still undecided.
-
-    Raises
-    ------
-    NoOrbit : not even the first length could be computed.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; span: first length [s]; start: initial values, as `simulate`
+    takes them. Returns trajectory over `span`, or over as much longer as its verdict takes; perhaps still undecided.
+    Raises NoOrbit: not even the first length could be computed.
     """
     values: dict[str, Any] = dict(start)
     motion = simulate(servo, model, gain, time=span, **values)
@@ -100,26 +87,9 @@ def regulator_tasks(
 ) -> list[Task]:
     """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-    span
-        length of the motions [s].
-    amplitude
-        of the breakaway [rad].
-    friction
-        what the friction is called.
-    decide
-        simulate longer until the verdict is decided.
-
-    Returns
-    -------
-    Three tasks: a step of 1 rad, one of 0.1 rad, the breakaway.
-
-    Raises
-    ------
-    NoOrbit : a motion could not be computed.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s]; amplitude: of the breakaway
+    [rad]. Returns three tasks: a step of 1 rad, one of 0.1 rad, the breakaway. Raises NoOrbit: a motion could not be
+    computed.
     """
     kp, _, ki = servo.torque_gains(gain)
     brink = (kp * amplitude - servo.friction.static) / ki

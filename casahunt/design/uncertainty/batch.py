@@ -66,19 +66,7 @@ class Done:
 
 
 def joined(parts: Iterable[Done], count: int) -> Done:
-    """Several of them as one.
-
-    Parameters
-    ----------
-    parts
-        in the order of their rows.
-    count
-        j.
-
-    Returns
-    -------
-    Done.
-    """
+    """Several of them as one."""
     parts = list(parts)
     return Done(
         np.concatenate([np.zeros((6, 0)), *(part.numbers for part in parts)], axis=1),
@@ -126,14 +114,7 @@ def work(task: Task) -> Done:
 def in_batch(task: Task, known: Expansion) -> Folds:
     """The folds of a batch as far as the known one leads to them.
 
-    Parameters
-    ----------
-    task, known
-        the batch, and the fold from which they are predicted.
-
-    Returns
-    -------
-    Folds; `how` is "" where it does not.
+    task, known: the batch, and the fold from which they are predicted. Returns folds; `how` is "" where it does not.
     """
     places = [task.servo.names.index(name) for name in task.names]
     p = np.repeat(task.servo.parameters(known.problem.value("gain"))[None], len(task.rows), axis=0)
@@ -144,18 +125,9 @@ def in_batch(task: Task, known: Expansion) -> Folds:
 def known_fold(servo: Servo, names: Sequence[str], fold: HuntingFold | None, tol: float) -> Expansion | None:
     """The expansion from which servos near one are predicted.
 
-    Parameters
-    ----------
-    servo, names
-        the servo, and the parameters that differ from its own.
-    fold
-        of any servo nearby.
-    tol
-        relative error of the folds that are to be computed.
-
-    Returns
-    -------
-    Expansion; None where there is no fold, its controller is given otherwise, or it could not be solved again.
+    servo, names: the servo, and the parameters that differ from its own; tol: relative error of the folds that are to
+    be computed.
+    Returns expansion; None where there is no fold, its controller is given otherwise, or it could not be solved again.
     """
     if fold is None or fold.orbit.problem.names != servo.names:
         return None
@@ -181,20 +153,10 @@ def folds_of(
 ) -> Done:
     """The folds of servos by the rows of their parameters.
 
-    Parameters
-    ----------
-    servo, model, names, rows
-        the servo, the names of k of its parameters, and (n, k) values of them.
-    options, fold
-        tolerance of every fold; the fold from which the others are predicted, None: each is looked for alone.
-    executor, report
-        who computes the batches, default this process; called with the number of folds computed so far.
-    elasticities_by
-        parameters whose d ln K/d ln q are wanted.
-
-    Returns
-    -------
-    Done, in the order of the rows.
+    servo, model, names, rows: the servo, the names of k of its parameters, and (n, k) values of them; options, fold:
+    tolerance of every fold; the fold from which the others are predicted, None: each is looked for alone; executor,
+    report: who computes the batches, default this process; called with the number of folds computed so far;
+    elasticities_by: parameters whose d ln K/d ln q are wanted. Returns done, in the order of the rows.
     """
     names, rows = tuple(names), np.asarray(rows, float)
     near = fold.orbit.servo if fold is not None else servo
@@ -222,23 +184,9 @@ def fold_gains(
 ) -> tuple[Array, dict[int, str]]:
     """Fold gains at given parameter values.
 
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    names, rows
-        k parameters and (n, k) values of them.
-    options
-        tolerance of every fold.
-    fold
-        a fold from which the others are predicted, of any servo nearby.
-    report
-        called with the number of folds computed so far.
-
-    Returns
-    -------
-    (n,) gains; 0 where a proof shows that no gain hunts (servo/denial.py), nan where the fold was not computed, and the
-    sentence by index of the latter.
+    names, rows: k parameters and (n, k) values of them; fold: a fold from which the others are predicted, of any servo
+    nearby; report: called with the number of folds computed so far. Returns (n,) gains; 0 where a proof shows that no
+    gain hunts (servo/denial.py), nan where the fold was not computed, and the sentence by index of the latter.
     """
     done = folds_of(servo, model, names, rows, options=options or Options(), fold=fold, report=report)
     return done.numbers[0], {i: said for i, said in enumerate(done.sentences) if said}

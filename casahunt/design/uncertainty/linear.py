@@ -20,17 +20,8 @@ from .set import Array, Uncertainty, values_of
 def linear_interval(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """The fold gain by linearisation about the servo of a fold.
 
-    Parameters
-    ----------
-    fold
-        where it is linearised.
-    uncertainty
-        of the same servo.
-
-    Returns
-    -------
-    (low, high) [V/rad] of the linear function over intervals (`linear_range`); (mean, std) for a covariance
-    (`linear_moments`).
+    fold: where it is linearised. Returns (low, high) [V/rad] of the linear function over intervals (`linear_range`);
+    (mean, std) for a covariance (`linear_moments`).
     """
     return (linear_range if uncertainty.covariance is None else linear_moments)(fold, uncertainty)
 
@@ -38,16 +29,8 @@ def linear_interval(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float,
 def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """Range of the linearised fold gain.
 
-    Parameters
-    ----------
-    fold
-        where it is linearised.
-    uncertainty
-        of the same servo.
-
-    Returns
-    -------
-    (low, high) [V/rad]: extremes over the intervals; mean -+ sigmas std for a covariance.
+    fold: where it is linearised.
+    Returns (low, high) [V/rad]: extremes over the intervals; mean -+ sigmas std for a covariance.
     """
     if uncertainty.covariance is not None:
         mean, std = linear_moments(fold, uncertainty)
@@ -60,16 +43,7 @@ def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, fl
 def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """Moments of the linearised fold gain, with uniform distributions on intervals.
 
-    Parameters
-    ----------
-    fold
-        where it is linearised.
-    uncertainty
-        of the same servo.
-
-    Returns
-    -------
-    (mean, standard deviation) [V/rad].
+    fold: where it is linearised. Returns (mean, standard deviation) [V/rad].
     """
     g, servo = gradient(fold, uncertainty.parameters), fold.orbit.servo
     if uncertainty.covariance is not None:
@@ -82,18 +56,7 @@ def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, 
 def linear_gains(fold: HuntingFold, names: Sequence[str], rows: Array) -> Array:
     """Linearised fold gains.
 
-    Parameters
-    ----------
-    fold
-        where it is linearised.
-    names
-        the k parameters.
-    rows
-        (n, k) their values.
-
-    Returns
-    -------
-    (n,) [V/rad].
+    fold: where it is linearised; rows: (n, k) their values. Returns (n,) [V/rad].
     """
     return fold.gain + (rows - values_of(fold.orbit.servo, names)) @ gradient(fold, names)
 
@@ -101,16 +64,7 @@ def linear_gains(fold: HuntingFold, names: Sequence[str], rows: Array) -> Array:
 def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
     """The gradient dK/dq of the fold gain.
 
-    Parameters
-    ----------
-    fold
-        where it is taken.
-    names
-        the k parameters.
-
-    Returns
-    -------
-    (k,) [V/rad] per unit of each parameter.
+    fold: where it is taken. Returns (k,) [V/rad] per unit of each parameter.
     """
     derivatives = fold_sensitivities(fold).derivatives
     return np.array([derivatives[name] for name in names], dtype=float)

@@ -35,22 +35,8 @@ BELOW = 0.7
 def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> HuntingFold | None:
     """The fold of a servo whose gain is about known.
 
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    expected
-        its fold gain [V/rad], about; nan: unknown.
-    options
-        tolerance of the fold.
-
-    Returns
-    -------
-    The fold; None where the servo cannot hunt.
-
-    Raises
-    ------
-    NoOrbit : the fold was not computed.
+    expected: its fold gain [V/rad], about; nan: unknown. Returns the fold; None where the servo cannot hunt. Raises
+    NoOrbit: the fold was not computed.
     """
     start = None
     if np.isfinite(expected):
@@ -91,16 +77,8 @@ class Prediction:
 def prediction(servo: Servo, fold: HuntingFold | None, names: Sequence[str]) -> Prediction:
     """The gains to be expected of servos near one.
 
-    Parameters
-    ----------
-    servo, fold
-        that servo and its fold; None: nothing is expected.
-    names
-        the k parameters that differ.
-
-    Returns
-    -------
-    Prediction: (n, k) parameter values -> (n,) gains [V/rad], nan without a fold.
+    servo, fold: that servo and its fold; None: nothing is expected.
+    Returns prediction: (n, k) parameter values -> (n,) gains [V/rad], nan without a fold.
     """
     q = values_of(servo, names)
     if fold is None:
@@ -112,16 +90,7 @@ def prediction(servo: Servo, fold: HuntingFold | None, names: Sequence[str]) -> 
 def nominal_fold(servo: Servo, model: Model, options: Options, fold: HuntingFold | None) -> HuntingFold | None:
     """The servo's own fold, computed where it is not given.
 
-    Parameters
-    ----------
-    servo, model, options
-        the problem and its tolerance.
-    fold
-        the fold, where known.
-
-    Returns
-    -------
-    The fold; None where it cannot hunt or was not computed.
+    fold: the fold, where known. Returns the fold; None where it cannot hunt or was not computed.
     """
     if fold is not None:
         return fold
@@ -136,22 +105,8 @@ def fold_beside(
 ) -> HuntingFold | None:
     """The fold of a servo, looked for where that of a servo nearby lets it be expected.
 
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    known
-        the fold of a servo nearby.
-    options
-        tolerance.
-
-    Returns
-    -------
-    The fold; None where a proof shows that it hunts at no gain (servo/denial.py).
-
-    Raises
-    ------
-    NoOrbit : it was not computed.
+    Returns the fold; None where a proof shows that it hunts at no gain (servo/denial.py).
+    Raises NoOrbit: it was not computed.
     """
     names = tuple(fold_sensitivities(known).elasticities)
     expected = prediction(known.orbit.servo, known, names)(values_of(servo, names)[None, :])

@@ -80,23 +80,9 @@ class Samples(Result):
 def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
     """Parameter values: uniform in the intervals, or normal about the servo's values.
 
-    Parameters
-    ----------
-    servo, uncertainty
-        the servo, and k of its parameters as they may be.
-    n
-        how many.
-    seed
-        >= 0, of the random numbers.
-
-    Returns
-    -------
-    (n, k); the first rows do not depend on n.
-
-    Raises
-    ------
-    InputError : n or seed is no such number, or a value is out of its parameter's range, for example static below
-        Coulomb friction.
+    servo, uncertainty: the servo, and k of its parameters as they may be; seed: >= 0, of the random numbers. Returns
+    (n, k); the first rows do not depend on n. Raises InputError: n or seed is no such number, or a value is out of its
+    parameter's range, for example static below Coulomb friction.
     """
     if isinstance(n, bool) or int(n) != n or n < 1:
         raise InputError(f"samples = {quoted(n)}: must be a whole number, at least 1")

@@ -132,16 +132,7 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
 def values_of(servo: Servo, names: Iterable[str]) -> Array:
     """Values of parameters of a servo.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-    names
-        k names `section.key`.
-
-    Returns
-    -------
-    (k,) in the units of the servo.
+    names: k names `section.key`. Returns (k,) in the units of the servo.
     """
     values = flatten(servo)
     return np.array([values[known("parameter", name, servo.names)] for name in names])
@@ -150,14 +141,8 @@ def values_of(servo: Servo, names: Iterable[str]) -> Array:
 def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
     """Refuse a box that is no servo's.
 
-    Parameters
-    ----------
-    servo, uncertainty
-        the servo, and its parameters as they may be.
-
-    Raises
-    ------
-    InputError : a bound is out of its parameter's range, or static < Coulomb friction all over the box.
+    servo, uncertainty: the servo, and its parameters as they may be.
+    Raises InputError: a bound is out of its parameter's range, or static < Coulomb friction all over the box.
     """
     a_servo(servo)
     of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
@@ -179,19 +164,6 @@ def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
 def servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
     """The servo with other values of some parameters.
 
-    Parameters
-    ----------
-    servo
-        all other values.
-    names, q
-        k names, and (k,) their values.
-
-    Returns
-    -------
-    Servo.
-
-    Raises
-    ------
-    InputError : the values are none of a servo.
+    names, q: k names, and (k,) their values. Raises InputError: the values are none of a servo.
     """
     return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})

@@ -32,14 +32,8 @@ def climbed(servo: Servo, gain: float, beside: HalfCycle) -> list[tuple[float, H
 
     Stick positions are foreseen from the last two; a servo that takes much longer than there creeps to rest.
 
-    Parameters
-    ----------
-    servo, gain, beside
-        the servo, and where to begin: a motion with the slope of the map.
-
-    Returns
-    -------
-    (gain, motion), the first of them as given.
+    servo, gain, beside: the servo, and where to begin: a motion with the slope of the map.
+    Returns (gain, motion), the first of them as given.
     """
     gains, rate = [(gain, beside)], -1.0
     for factor in CLIMB_FACTORS:
@@ -61,14 +55,8 @@ def climbed(servo: Servo, gain: float, beside: HalfCycle) -> list[tuple[float, H
 def lowered(servo: Servo, gain: float, beside: HalfCycle) -> Iterator[tuple[float, HalfCycle]]:
     """Decreasing gains at which the Switch servo has a stable cycle, each with a motion beside it, from there down.
 
-    Parameters
-    ----------
-    servo, gain, beside
-        the servo, and where to begin: a motion with the slope of the map.
-
-    Yields
-    ------
-    (gain, motion), one after the other, without the first.
+    servo, gain, beside: the servo, and where to begin: a motion with the slope of the map.
+    Yields (gain, motion), one after the other, without the first.
     """
     for factor in LOWER_FACTORS:
         for _ in range(MOST_LOWERED):

@@ -27,14 +27,8 @@ CUBIC_PLACES = 33
 def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
     """Whether the motion half-way is where the cubic has it, and the cubics keep off P = a.
 
-    Parameters
-    ----------
-    left, middle, right
-        the event map at three stick positions, in rising order.
-
-    Returns
-    -------
-    False also where the motion half-way was not computed, or P - a changes sign.
+    left, middle, right: the event map at three stick positions, in rising order.
+    Returns False also where the motion half-way was not computed, or P - a changes sign.
     """
     if not math.isfinite(middle.position) or not middle.excess * left.excess > 0:
         return False
@@ -47,14 +41,7 @@ def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
 def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
     """The cubic through P/a - 1 and its slopes at two stick positions.
 
-    Parameters
-    ----------
-    left, right
-        the event map there.
-
-    Returns
-    -------
-    (4,) coefficients, highest power first, in t from 0 to 1 along log a.
+    Returns (4,) coefficients, highest power first, in t from 0 to 1 along log a.
     """
     width = math.log(right.start / left.start)
     y0, y1 = left.excess, right.excess
@@ -66,14 +53,7 @@ def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
 def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
     """What the cubic says of the stick positions between two.
 
-    Parameters
-    ----------
-    left, right
-        the event map there.
-
-    Returns
-    -------
-    P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
+    Returns P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
     """
     c = hermite(left, right)
     t = np.linspace(0, 1, CUBIC_PLACES)
@@ -85,14 +65,8 @@ def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
 def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
     """Whether P keeps to one side of a narrow interval close to P = a, with room to spare.
 
-    Parameters
-    ----------
-    left, middle, right
-        the event map at the ends and half-way.
-
-    Returns
-    -------
-    True where the cubics of both halves stay off P = a by a tenth of what they vary.
+    left, middle, right: the event map at the ends and half-way.
+    Returns True where the cubics of both halves stay off P = a by a tenth of what they vary.
     """
     for a, b in ((left, middle), (middle, right)):
         c = hermite(a, b)
@@ -106,14 +80,7 @@ def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
 def cubic_is_good(left: MapPoint, right: MapPoint) -> bool:
     """Both slopes are of the size of the step, so that P is no jump here.
 
-    Parameters
-    ----------
-    left, right
-        the event map at two stick positions.
-
-    Returns
-    -------
-    False where the step of P is much larger than the slopes explain.
+    Returns False where the step of P is much larger than the slopes explain.
     """
     step = abs(right.position - left.position)
     by_slope = max(abs(left.slope), abs(right.slope)) * (right.start - left.start)

@@ -157,14 +157,7 @@ class FixedPoints(Result):
 def default_range(servo: Servo, gain: float) -> tuple[float, float]:
     """The stick positions that a scan looks at by default: 1e-4 to 20 times Fs/kp.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-
-    Returns
-    -------
-    Lowest and highest stick position [rad].
+    servo, gain: the problem; gain K [V/rad]. Returns lowest and highest stick position [rad].
     """
     kp, _, _ = a_servo(servo).torque_gains(gain)
     unit = servo.friction.static / kp

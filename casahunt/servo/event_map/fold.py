@@ -56,16 +56,9 @@ class MapFold:
 def map_fold(servo: Servo) -> MapFold:
     """The largest gain at which the Switch servo hunts, from its event map alone.
 
-    Parameters
-    ----------
-    servo
-        the servo.
-
-    Raises
-    ------
-    NoOrbit : no gain with a pair of fixed points was found, or max P(a)/a is no smooth maximum.  The latter is what
-        happens where the peak is narrower than rounding at gains below the fold, although it is smooth at the
-        fold: Table 1 with static friction 0.7, say.
+    Raises NoOrbit: no gain with a pair of fixed points was found, or max P(a)/a is no smooth maximum.  The latter is
+    what happens where the peak is narrower than rounding at gains below the fold, although it is smooth at the fold:
+    Table 1 with static friction 0.7, say.
     """
     if servo.friction.static == servo.friction.coulomb:
         raise NoOrbit("no fold: static equals Coulomb friction, and the servo does not hunt at any gain")

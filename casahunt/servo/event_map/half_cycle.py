@@ -83,24 +83,9 @@ def half_cycle(
 ) -> HalfCycle:
     """Let the servo go from the stick position -a < 0 until it is stuck again.
 
-    Parameters
-    ----------
-    model, servo, gain
-        the problem; gain K > 0 [V/rad].
-    a
-        stick position [rad], > 0.
-    tol, degree, kind
-        of the march; defaults per model.
-    longest
-        time after which the servo counts as being at rest, if that is less than its `patience` [s].
-
-    Returns
-    -------
-    HalfCycle.
-
-    Raises
-    ------
-    MarchFailure : the motion could not be computed.
+    model, servo, gain: the problem; gain K > 0 [V/rad]; a: stick position [rad], > 0; tol, degree, kind: of the march;
+    defaults per model; longest: time after which the servo counts as being at rest, if that is less than its `patience`
+    [s]. Raises MarchFailure: the motion could not be computed.
     """
     if degree == 0:
         degree, kind = SCHEMES[model]
@@ -111,16 +96,8 @@ def half_cycle(
 def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
     """Expected size of the states in a motion.
 
-    Parameters
-    ----------
-    model, servo, gain
-        the problem; gain K > 0 [V/rad].
-    a
-        amplitude of the motion [rad], > 0.
-
-    Returns
-    -------
-    (n,) in the units of the states.
+    model, servo, gain: the problem; gain K > 0 [V/rad]; a: amplitude of the motion [rad], > 0.
+    Returns (n,) in the units of the states.
     """
     kp, kd, ki = servo.torque_gains(gain)
     f = servo.friction

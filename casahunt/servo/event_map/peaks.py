@@ -32,16 +32,9 @@ Point = tuple[float, float]
 def highest(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
     """The motion with the largest ratio between two others.
 
-    Parameters
-    ----------
-    at
-        the motion from a stick position, None where it cannot be computed.
-    inner, best, outer
-        three of them, by increasing stick position; the middle one leads farthest out.
-
-    Returns
-    -------
-    One whose ratio exceeds one as soon as there is one; else the one with the largest ratio.
+    at: the motion from a stick position, None where it cannot be computed; inner, best, outer: three of them, by
+    increasing stick position; the middle one leads farthest out.
+    Returns one whose ratio exceeds one as soon as there is one; else the one with the largest ratio.
     """
     low, top, high = ((float(np.log(run.start)), run.ratio) for run in (inner, best, outer))
     foretold, golden, in_vain = 0, False, 0

@@ -114,17 +114,9 @@ class Scan:
 def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
     """Find the fixed points of the map, the outer one first, without a guess.
 
-    Parameters
-    ----------
-    model, servo, gain
-        the problem; gain K > 0 [V/rad].
-    want_lower
-        look for the unstable fixed point too: the one next inside the stable one, or where there is no stable one the
-        outermost.
-
-    Returns
-    -------
-    Scan: the fixed points that were met, None for those that were not, and the largest |P(a)|/a.
+    model, servo, gain: the problem; gain K > 0 [V/rad]; want_lower: look for the unstable fixed point too: the one next
+    inside the stable one, or where there is no stable one the outermost.
+    Returns scan: the fixed points that were met, None for those that were not, and the largest |P(a)|/a.
     """
     kp, _, _ = servo.torque_gains(gain)
     unit = servo.friction.static / kp
@@ -192,23 +184,10 @@ def near_stable(
     taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so steeply that the
     next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a and crosses it nowhere.
 
-    Parameters
-    ----------
-    model, servo, gain
-        the problem; gain K > 0 [V/rad].
-    a
-        stick position next to it [rad], > 0.
-    close
-        |log P/a| at which it is close enough, default per model; where P < a, no larger than that: P > a alone shows
-        that there is a fixed point, farther out.
-    slope
-        of log P/a where it is known from another gain; one motion may then be enough.
-    longest
-        of a motion [s]: `half_cycle`.
-
-    Returns
-    -------
-    HalfCycle with the slope of log P/a; None where it is no quick case.
+    model, servo, gain: the problem; gain K > 0 [V/rad]; a: stick position next to it [rad], > 0; close: |log P/a| at
+    which it is close enough, default per model; where P < a, no larger than that: P > a alone shows that there is a
+    fixed point, farther out; slope: of log P/a where it is known from another gain; one motion may then be enough;
+    longest: of a motion [s]: `half_cycle`. Returns HalfCycle with the slope of log P/a; None where it is no quick case.
     """
     close = close or CONVERGING[model]
     x, previous, known = float(np.log(a)), None, math.isfinite(slope)
@@ -246,14 +225,7 @@ def near_typical(servo: Servo, gain: float, *, close: float | None = None) -> Ha
 
     Next to their folds cycles stick there: a motion from nearer may start inside the unstable one.
 
-    Parameters
-    ----------
-    servo, gain, close
-        as there.
-
-    Returns
-    -------
-    HalfCycle with the slope of log P/a; None where neither is a quick case.
+    Returns HalfCycle with the slope of log P/a; None where neither is a quick case.
     """
     kp, _, _ = servo.torque_gains(gain)
     a = TYPICAL * (servo.friction.static / kp)

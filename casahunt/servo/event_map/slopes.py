@@ -95,23 +95,9 @@ class MapPoint:
 def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, degree: int = 0) -> MapPoint:
     """The event map of the Switch servo with its slopes.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    a
-        stick position [rad], > 0.
-    tol, degree
-        of the march; by default as tight as rounding allows.
-
-    Returns
-    -------
-    MapPoint; nan and a note where the motion does not come to stick.
-
-    Raises
-    ------
-    InputError : gain or a not a finite number > 0.
-    MarchFailure : the motion could not be computed.
+    servo, gain: the problem; gain K > 0 [V/rad]; a: stick position [rad], > 0; tol, degree: of the march; by default as
+    tight as rounding allows. Returns MapPoint; nan and a note where the motion does not come to stick. Raises
+    InputError: gain or a not a finite number > 0.; MarchFailure: the motion could not be computed.
     """
     require("a", a, above=0)
     p = servo.parameters(gain)
@@ -216,18 +202,8 @@ def _interval_slopes(
 def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:
     """Measured errors of the event map: against another scheme on other intervals.
 
-    Parameters
-    ----------
-    servo, gain, a
-        as in `map_at`.
-
-    Returns
-    -------
-    Relative errors of P(a) and of P'(a).
-
-    Raises
-    ------
-    InputError, MarchFailure : as `map_at`.
+    servo, gain, a: as in `map_at`. Returns relative errors of P(a) and of P'(a). Raises InputError, MarchFailure: as
+    `map_at`.
     """
     best = map_at(servo, gain, a)
     other = map_at(servo, gain, a, tol=CHECK_TOLERANCE, degree=CHECK_DEGREE)
@@ -237,16 +213,7 @@ def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:
 def rounding(servo: Servo, gain: float, a: float) -> float:
     """Relative precision to which the state at breakaway holds a.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    a
-        stick position [rad], > 0.
-
-    Returns
-    -------
-    eps max(1, Fs/(kp a)).
+    servo, gain: the problem; gain K > 0 [V/rad]; a: stick position [rad], > 0. Returns eps max(1, Fs/(kp a)).
     """
     kp, _, _ = servo.torque_gains(gain)
     return EPS * max(1.0, servo.friction.static / (kp * a))

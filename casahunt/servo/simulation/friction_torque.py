@@ -28,20 +28,8 @@ Array = np.ndarray
 def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     """The friction torque F in a motion.
 
-    Parameters
-    ----------
-    trajectory
-        the motion.
-    times
-        (m,) [s], between 0 and the end of the motion.
-
-    Returns
-    -------
-    (m,) [N m].
-
-    Raises
-    ------
-    InputError : a time outside the motion, or not a number.
+    times: (m,) [s], between 0 and the end of the motion. Returns (m,) [N m]. Raises InputError: a time outside the
+    motion, or not a number.
     """
     t = np.asarray(times, float).ravel()
     x = trajectory.sample(t)
@@ -68,16 +56,8 @@ def _rates(mode: Mode, x: Array, p: Array) -> Array:
 def sliding_torque(friction: Friction, v: Array) -> Array:
     """Friction torque of steady sliding, g(v) sgn(v) + sigma2 v: the same for both models.
 
-    Parameters
-    ----------
-    friction
-        the friction parameters.
-    v
-        (m,) velocities [rad/s]; at v = 0 the value is 0, although all of [-Fs, Fs] is possible there.
-
-    Returns
-    -------
-    (m,) [N m].
+    v: (m,) velocities [rad/s]; at v = 0 the value is 0, although all of [-Fs, Fs] is possible there.
+    Returns (m,) [N m].
     """
     v = np.asarray(v, float).ravel()
     g = np.array(stribeck(v, friction.static, friction.coulomb, friction.stribeck_velocity), float).ravel()

@@ -104,16 +104,7 @@ class Cycle:
 def escapes(servo: Servo, model: Model, gain: float, x: Array) -> bool:
     """Whether the motion from x grows without bound, whatever the friction does.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-    x
-        (n,) state.
-
-    Returns
-    -------
-    False where that is not certain.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; x: (n,) state. Returns False where that is not certain.
     """
     kp, kd, ki = servo.torque_gains(gain)
     J, f = servo.inertia, servo.friction
@@ -164,18 +155,9 @@ def _band_position(servo: Servo, gain: float, b: float) -> float:
 def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: bool = False) -> Ahead:
     """Whether every stick position up to one is followed by a smaller one.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-    a
-        that stick position [rad], > 0.
-    regularised
-        Switch friction with the report's stick band instead of an exact stick.
-
-    Returns
-    -------
-    Ahead; where it does not hold, or is not resolved, the words say so.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; a: that stick position [rad], > 0; regularised: Switch friction
+    with the report's stick band instead of an exact stick.
+    Returns ahead; where it does not hold, or is not resolved, the words say so.
     """
     swing, exact = _swing(servo, model, gain, regularised), model == "switch" and not regularised
     limit = 1.0 if exact else 1 - MARGIN
@@ -249,18 +231,8 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
 
     Whether a cycle draws motions cannot be seen from a motion that has been on it from the start.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    x, mode
-        (4,) state on the cycle, and the mode there.
-    period
-        of the cycle [s].
-
-    Returns
-    -------
-    Largest |x1| [rad] of each swing, the first two left out; none where the march fails.
+    servo, gain: the problem; gain K > 0 [V/rad]; x, mode: (4,) state on the cycle, and the mode there; period: of the
+    cycle [s]. Returns largest |x1| [rad] of each swing, the first two left out; none where the march fails.
     """
     size = float(np.abs(x[0]))
     scale = np.maximum(state_scale("lugre", servo, gain, max(size, 1e-3 * servo.friction.static)), np.abs(x))
@@ -286,16 +258,8 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
 def cycle_near(servo: Servo, gain: float, a: float, error: float) -> Cycle | None:
     """The cycle of the Switch servo that attracts every stick position near one.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    a, error
-        the stick position and what near means [rad].
-
-    Returns
-    -------
-    Cycle; None where there is none, or its motions were not computed.
+    servo, gain: the problem; gain K > 0 [V/rad]; a, error: the stick position and what near means [rad].
+    Returns cycle; None where there is none, or its motions were not computed.
     """
     try:
         found = _cycle(servo, gain, a, error, 1)

@@ -32,14 +32,7 @@ FAR_INSIDE = 1e-3
 def linear_range(servo: Servo, model: Model, gain: float) -> float:
     """The range of stick positions in which the drop of the friction is not felt in a slip.
 
-    Parameters
-    ----------
-    servo, model, gain
-        the problem; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    Its upper end [rad].
+    servo, model, gain: the problem; gain K > 0 [V/rad]. Returns its upper end [rad].
     """
     kp, kd, _ = servo.torque_gains(gain)
     f = servo.friction
@@ -52,14 +45,7 @@ def linear_range(servo: Servo, model: Model, gain: float) -> float:
 def creeps(servo: Servo, gain: float) -> bool:
     """Whether every small slip of the Switch servo ends at the set point, without a stop before.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-
-    Returns
-    -------
-    False where it stops before, or where that is not certain.
+    servo, gain: the problem; gain K > 0 [V/rad]. Returns False where it stops before, or where that is not certain.
     """
     kp, kd, ki = servo.torque_gains(gain)
     J, damping = servo.inertia, kd + servo.friction.viscous
@@ -81,16 +67,7 @@ def creeps(servo: Servo, gain: float) -> bool:
 def distance(servo: Servo, gain: float, x: np.ndarray) -> float:
     """How far from the set point the torques of a state that slips would hold it: of x1, x2, and of m beside Fs [rad].
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K > 0 [V/rad].
-    x
-        (3,) state.
-
-    Returns
-    -------
-    The sum of the three, in units of x1.
+    servo, gain: the problem; gain K > 0 [V/rad]; x: (3,) state. Returns the sum of the three, in units of x1.
     """
     kp, kd, ki = servo.torque_gains(gain)
     m = kp * x[0] + kd * x[1] + ki * x[2]
@@ -101,14 +78,8 @@ def distance(servo: Servo, gain: float, x: np.ndarray) -> float:
 def crept(servo: Servo, gain: float, x: np.ndarray) -> tuple[float, str] | None:
     """Where a Switch servo that slips next to the set point could still stick, if it has crept there for good.
 
-    Parameters
-    ----------
-    servo, gain, x
-        as in `distance`.
-
-    Returns
-    -------
-    An upper bound of |x1| [rad], and the beginning of a sentence; None where it may go farther, or that is not certain.
+    servo, gain, x: as in `distance`. Returns an upper bound of |x1| [rad], and the beginning of a sentence; None where
+    it may go farther, or that is not certain.
     """
     a = distance(servo, gain, x)
     near = 0 < a <= FAR_INSIDE * linear_range(servo, "switch", gain)

@@ -35,16 +35,8 @@ def limit_of(swings: Array, error: float) -> tuple[float, float, float] | None:
 
     Newton's step on the latest differences that stand clear enough of the error, with the later swings for a check.
 
-    Parameters
-    ----------
-    swings
-        (m,) [rad], in order of time.
-    error
-        to which they are known [rad].
-
-    Returns
-    -------
-    Limit [rad], its error [rad], ratio of successive differences; None where convergence is not certain.
+    swings: (m,) [rad], in order of time; error: to which they are known [rad].
+    Returns limit [rad], its error [rad], ratio of successive differences; None where convergence is not certain.
     """
     A = np.asarray(swings, float)
     d = np.diff(A)
@@ -80,16 +72,8 @@ def _newton(A: Array, d: Array, k: int, error: float) -> tuple[float, float, flo
 def limit_of_sides(swings: Array, error: float) -> tuple[float, float, float] | None:
     """The limit of the swings of a cycle whose two sides differ: each side by itself.
 
-    Parameters
-    ----------
-    swings
-        (m,) [rad], in order of time.
-    error
-        to which they are known [rad].
-
-    Returns
-    -------
-    As `limit_of`, for the side of the last swing; None where one of the sides has no certain limit.
+    swings: (m,) [rad], in order of time; error: to which they are known [rad].
+    Returns as `limit_of`, for the side of the last swing; None where one of the sides has no certain limit.
     """
     here, there = limit_of(swings[::-1][::2][::-1], error), limit_of(swings[::-1][1::2][::-1], error)
     return here if here is not None and there is not None else None

@@ -58,14 +58,7 @@ class Parser(argparse.ArgumentParser):
     def add_required(self, name: str, *, example: str, **keywords: Any) -> None:
         """Add an option that must be given.
 
-        Parameters
-        ----------
-        name
-            of the option.
-        example
-            how it is given, for who leaves it out.
-        **keywords
-            of `add_argument`.
+        example: how it is given, for who leaves it out; **keywords: of `add_argument`.
         """
         if self._required is None:
             self._required = self.add_argument_group("required")
@@ -87,9 +80,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> Any:
         """Refuse with argparse's message in our words.
 
-        Raises
-        ------
-        InputError : always.
+        Raises InputError: always.
         """
         text = message.removeprefix("argument ")
         for theirs, ours in _ARGPARSE_WORDS.items():
@@ -105,12 +96,7 @@ class Parser(argparse.ArgumentParser):
 def add_common(command: Parser, *, tol: bool = True) -> None:
     """The arguments that every command has.
 
-    Parameters
-    ----------
-    command
-        parser of the command.
-    tol
-        it computes to a tolerance, and has --tol.
+    tol: it computes to a tolerance, and has --tol.
     """
     low, high = TOLERANCE_RANGE
     command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
@@ -140,9 +126,7 @@ def solver_of(options: argparse.Namespace) -> Literal["auto", "ipopt", "newton"]
 def models_of(options: argparse.Namespace) -> list[Model]:
     """The friction models of a command that may have several: each once, all where none is named.
 
-    Raises
-    ------
-    InputError : an unknown model, or one that is named twice.
+    Raises InputError: an unknown model, or one that is named twice.
     """
     models: list[Any] = [known("model", model, MODELS) for model in options.model or MODELS]
     if len(set(models)) != len(models):
@@ -159,18 +143,7 @@ def servo_of(options: argparse.Namespace) -> Servo:
 def finite(key: str, text: Any) -> float:
     """A finite number.
 
-    Parameters
-    ----------
-    key, text
-        what the user calls it, and what was given.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none.
+    key, text: what the user calls it, and what was given. Raises InputError: it is none.
     """
     try:
         value = float(text)
@@ -184,18 +157,7 @@ def finite(key: str, text: Any) -> float:
 def positive(key: str, text: Any) -> float:
     """A gain, a time or a position.
 
-    Parameters
-    ----------
-    key, text
-        what the user calls it, and what was given.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    InputError : it is none in the range of `checks`.
+    key, text: what the user calls it, and what was given. Raises InputError: it is none in the range of `checks`.
     """
     return sensible(key, finite(key, text))
 
@@ -203,12 +165,7 @@ def positive(key: str, text: Any) -> float:
 def add_gain(command: Parser, **keywords: Any) -> None:
     """The gain of a command that must have one.
 
-    Parameters
-    ----------
-    command
-        parser of the command.
-    **keywords
-        of `add_argument`.
+    **keywords: of `add_argument`.
     """
     command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": "controller gain in V/rad"} | keywords)
 
@@ -226,10 +183,7 @@ def picture_of(options: argparse.Namespace) -> Path | None:
 def add_csv(command: Parser, what: str) -> None:
     """The option --csv.
 
-    Parameters
-    ----------
-    command, what
-        parser of the command, and what its table holds.
+    command, what: parser of the command, and what its table holds.
     """
     command.add_argument("--csv", metavar="F.csv", help=f"write {what}, with all digits")
 
@@ -242,14 +196,7 @@ def csv_of(options: argparse.Namespace) -> Path | None:
 def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **keywords: Any) -> None:
     """The folder of a command that writes several files.
 
-    Parameters
-    ----------
-    command
-        parser of the command.
-    results
-        from the parsed command line to what is written there.
-    **keywords
-        of `add_argument`.
+    results: from the parsed command line to what is written there; **keywords: of `add_argument`.
     """
     command.add_argument("--out", **{"metavar": "DIR"} | keywords)
     command.set_defaults(results=results)
@@ -258,20 +205,9 @@ def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **k
 def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
     """A file that can be written; checked before anything is computed.
 
-    Parameters
-    ----------
-    key, path
-        what the user calls it, and what was given; None: no file is wanted.
-    suffixes
-        of which the name must have one, in small letters.
-
-    Returns
-    -------
-    The file; None where none is wanted.
-
-    Raises
-    ------
-    InputError : another suffix, no such folder, no permission.
+    key, path: what the user calls it, and what was given; None: no file is wanted; suffixes: of which the name must
+    have one, in small letters. Returns the file; None where none is wanted. Raises InputError: another suffix, no such
+    folder, no permission.
     """
     if path is None:
         return None

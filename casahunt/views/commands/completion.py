@@ -49,14 +49,7 @@ ASSIGNED = {"set": KEYS, "bounds": ("gain", *NUMBERS)}
 def offered(words: Iterable[str], end: str = "") -> Callable[..., list[str]]:
     """A completer for words.
 
-    Parameters
-    ----------
-    words, end
-        the words, and what stands behind each.
-
-    Returns
-    -------
-    Function for argcomplete.
+    Returns function for argcomplete.
     """
 
     def complete(prefix: str, **_: Any) -> list[str]:

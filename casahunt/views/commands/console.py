@@ -34,9 +34,7 @@ def own_process() -> None:
     Numbers that overflow on the way are dealt with where they do: numpy's warnings are not for the user.  Pictures are
     drawn into files, whatever backend is set for windows.  Any name of a file can be printed.
 
-    Raises
-    ------
-    OSError : standard output is closed.
+    Raises OSError: standard output is closed.
     """
     if not sys.warnoptions:
         sys.warnoptions.append("ignore::RuntimeWarning")  # processes that are started from here take it over
@@ -66,10 +64,7 @@ def progress(quiet: bool) -> IO[str] | None:
 def say(stream: IO[str] | None, text: str) -> None:
     """Print a line of progress.
 
-    Parameters
-    ----------
-    stream, text
-        where to, None: nowhere; and the line.
+    stream, text: where to, None: nowhere; and the line.
     """
     if stream is not None:
         print(text, file=stream, flush=True)
@@ -121,16 +116,8 @@ def telling(stream: IO[str] | None) -> Iterator[Callable[[str], None]]:
 def of_this(left: str, what: str, others: bool) -> str:
     """How long something will still take (effort.left), named where others follow.
 
-    Parameters
-    ----------
-    left, what
-        what `effort.left` says, and of what: "branch".
-    others
-        whether others follow.
-
-    Returns
-    -------
-    ", about 12 s left" or ", about 12 s left of this branch".
+    left, what: what `effort.left` says, and of what: "branch"; others: whether others follow.
+    Returns ", about 12 s left" or ", about 12 s left of this branch".
     """
     return f"{left} of this {what}" if left and others else left
 
@@ -138,18 +125,8 @@ def of_this(left: str, what: str, others: bool) -> str:
 def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
 
-    Parameters
-    ----------
-    value
-        the multiplier.
-    error
-        relative for those above 1 in size, absolute for smaller ones.
-    floor
-        a bound where no more is known, else 0.
-
-    Returns
-    -------
-    Text such as "0.5+0.1j".
+    error: relative for those above 1 in size, absolute for smaller ones; floor: a bound where no more is known, else 0.
+    Returns text such as "0.5+0.1j".
     """
     if floor > 0:
         return f"below 1e{math.ceil(math.log10(floor))}"
@@ -175,15 +152,7 @@ class Outputs:
         self._pictures: list[Callable[[], object]] = []
 
     def write(self, function: Callable[..., object], *arguments: Any) -> None:
-        """Write a file now; what hinders that is kept for the end.
-
-        Parameters
-        ----------
-        function
-            writes it.
-        *arguments
-            of the function.
-        """
+        """Write a file now; what hinders that is kept for the end."""
         try:
             function(*arguments)
         except (OSError, InputError) as error:
@@ -214,10 +183,7 @@ class Outputs:
 def complain(command: str, what: object) -> None:
     """Print an error message, in one line.
 
-    Parameters
-    ----------
-    command, what
-        who complains, such as "casahunt orbit", and of what.
+    command, what: who complains, such as "casahunt orbit", and of what.
     """
     print(f"{command}: {what}", file=sys.stderr)
     _COMPLAINTS.append(str(what))
@@ -226,10 +192,7 @@ def complain(command: str, what: object) -> None:
 def explain_complaints(*, aloud: bool) -> None:
     """Explain the words of the trade in the error messages since the last call, once and below them.
 
-    Parameters
-    ----------
-    aloud
-        print it; what is wrong with a command line, and what a program reads, needs no explanation.
+    aloud: print it; what is wrong with a command line, and what a program reads, needs no explanation.
     """
     if aloud:
         for line in meanings(_COMPLAINTS):
@@ -244,21 +207,8 @@ def folder(path: str, results: Signs) -> Iterator[Path]:
 
     What is in it already stays until something new of the same name takes its place.
 
-    Parameters
-    ----------
-    path
-        the folder.
-    results
-        what will be written into it.
-
-    Yields
-    ------
-    The folder.
-
-    Raises
-    ------
-    InputError : it cannot be made or written into, holds what casahunt has not written, or another run is writing into
-        it.
+    Raises InputError: it cannot be made or written into, holds what casahunt has not written, or another run is writing
+    into it.
     """
     complaint = f"out = {path!r}: the folder cannot be "
     if not path:
@@ -286,16 +236,7 @@ def folder(path: str, results: Signs) -> Iterator[Path]:
 def progress_line(orbit: HuntingOrbit, mu: str = "") -> str:
     """A computed point as a line of progress: gain, amplitude, period, multiplier and iterations.
 
-    Parameters
-    ----------
-    orbit
-        the point.
-    mu
-        text for the multiplier; default: mu, or lambda of a full cycle.
-
-    Returns
-    -------
-    The line.
+    mu: text for the multiplier; default: mu, or lambda of a full cycle.
     """
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"

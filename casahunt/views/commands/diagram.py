@@ -66,10 +66,8 @@ def _results(options: argparse.Namespace) -> dict[str, bytes]:
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code.
 
-    Raises
-    ------
-    InputError : the command line is wrong.
-    KeyboardInterrupt : interrupted; says where the points computed so far are.
+    Raises InputError: the command line is wrong.; KeyboardInterrupt: interrupted; says where the points computed so far
+    are.
     """
     models = models_of(options)
     start = None if options.start is None else positive("from", options.start)

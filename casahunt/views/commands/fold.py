@@ -91,14 +91,7 @@ def _lines(fold: HuntingFold, slopes: Sensitivities, stable: dict[str, Any], how
 def sensitivity_text(value: float, tol: float) -> str:
     """Per cent of the fold gain per per cent, to the tolerance, four decimals at most.
 
-    Parameters
-    ----------
-    value, tol
-        the elasticity, and the tolerance: it is known to that much and better.
-
-    Returns
-    -------
-    Text with a sign.
+    value, tol: the elasticity, and the tolerance: it is known to that much and better.
     """
     return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"
 

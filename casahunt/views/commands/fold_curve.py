@@ -54,10 +54,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code.
 
-    Raises
-    ------
-    InputError : the command line is wrong.
-    NoOrbit : no model has a curve.
+    Raises InputError: the command line is wrong.; NoOrbit: no model has a curve.
     """
     desk = _desk_of(options)
     plot = picture_of(options)

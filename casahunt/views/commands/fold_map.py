@@ -50,10 +50,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code.
 
-    Raises
-    ------
-    InputError : the command line is wrong.
-    NoOrbit : no fold was found.
+    Raises InputError: the command line is wrong.; NoOrbit: no fold was found.
     """
     model: Any = known("model", options.model, MODELS)
     how = Options(tol=finite("tol", options.tol))

@@ -22,9 +22,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print; returns the exit code.
 
-    Raises
-    ------
-    InputError : there is no such word.
+    Raises InputError: there is no such word.
     """
     asked = " ".join(options.word)
     names = {word.lower(): word for word in GLOSSARY}

@@ -40,9 +40,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code.
 
-    Raises
-    ------
-    InputError, NoOrbit : the command line is wrong; none of the motions could be computed.
+    Raises InputError, NoOrbit: the command line is wrong; none of the motions could be computed.
     """
     gain = gain_of(options)
     low = None if options.start is None else positive("from", options.start)

@@ -187,16 +187,7 @@ def _row(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
 def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
     """The JSON object of `casahunt orbit`.
 
-    Parameters
-    ----------
-    orbit
-        the orbit.
-    branch
-        on which it was asked for.
-
-    Returns
-    -------
-    None for what is not to be trusted, or not known for a full cycle.
+    branch: on which it was asked for. Returns None for what is not to be trusted, or not known for a full cycle.
     """
     m = orbit.multipliers
     return {

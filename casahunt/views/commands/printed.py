@@ -32,16 +32,7 @@ def folded(line: str, width: int = LINE_WIDTH) -> list[str]:
 
     A single word that is longer, such as a path that somebody will copy, stays whole on a line of its own.
 
-    Parameters
-    ----------
-    line
-        the line; a label ends in two spaces.
-    width
-        columns.
-
-    Returns
-    -------
-    The lines.
+    line: the line; a label ends in two spaces.
     """
     if len(line) <= width:
         return [line.replace(HARD_SPACE, " ")]
@@ -58,16 +49,7 @@ def folded(line: str, width: int = LINE_WIDTH) -> list[str]:
 def meanings(lines: Sequence[str], said: Collection[str] = ()) -> list[str]:
     """The lines that explain the words of the trade in `lines`; none where there is nothing to explain.
 
-    Parameters
-    ----------
-    lines
-        what is printed.
-    said
-        words that it explains itself.
-
-    Returns
-    -------
-    Lines, a heading first.
+    Returns lines, a heading first.
     """
     words = [word for word in words_in("\n".join(lines)) if word not in said]
     return [MEANINGS, *(f"  {sentence(word)}" for word in words)] if words else []
@@ -76,12 +58,7 @@ def meanings(lines: Sequence[str], said: Collection[str] = ()) -> list[str]:
 def show(lines: Iterable[str], said: Collection[str] = ()) -> None:
     """Print the result of a command.
 
-    Parameters
-    ----------
-    lines
-        its lines, of any length.
-    said
-        words of the trade that they explain themselves.
+    said: words of the trade that they explain themselves.
     """
     lines = list(lines)
     for line in (*lines, *meanings(lines, said)):
@@ -92,14 +69,8 @@ def show(lines: Iterable[str], said: Collection[str] = ()) -> None:
 def write_table(path: Path, columns: Sequence[str], rows: Rows) -> None:
     """Write a table, whole or not at all.
 
-    Parameters
-    ----------
-    path, columns, rows
-        the file, the names of the columns with their units, and rows of numbers, texts or None.
-
-    Raises
-    ------
-    InputError, OSError : as `whole_text`.
+    path, columns, rows: the file, the names of the columns with their units, and rows of numbers, texts or None.
+    Raises InputError, OSError: as `whole_text`.
     """
     with whole_text(path) as stream:
         csv_table(stream, columns)(rows)
@@ -108,9 +79,6 @@ def write_table(path: Path, columns: Sequence[str], rows: Rows) -> None:
 def write_records(path: Path, records: Sequence[dict[str, Any]]) -> None:
     """`write_table` for rows that carry the names of their columns.
 
-    Parameters
-    ----------
-    path, records
-        the file, and one row or more; all have the same columns.
+    path, records: the file, and one row or more; all have the same columns.
     """
     write_table(path, list(records[0]), [list(record.values()) for record in records])

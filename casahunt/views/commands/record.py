@@ -59,9 +59,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Measure, compute and print; returns the exit code.
 
-    Raises
-    ------
-    InputError : the command line or the record is wrong.
+    Raises InputError: the command line or the record is wrong.
     """
     model = known("model", options.model, MODELS)
     gain = None if options.gain is None else positive("gain", options.gain)

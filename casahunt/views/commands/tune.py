@@ -138,9 +138,7 @@ def _write(out: Path, html: str, record: dict[str, Any]) -> None:
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """`NAME=LOW,HIGH` as numbers; names and order are checked by `tune`.
 
-    Raises
-    ------
-    InputError : not of this form, or no finite numbers.
+    Raises InputError: not of this form, or no finite numbers.
     """
     found: dict[str, tuple[float, float]] = {}
     for text in texts:

@@ -32,14 +32,7 @@ Signs = Mapping[str, bytes]
 def keep_inputs(options: argparse.Namespace) -> None:
     """Refuse a command line that would write what it reads, or two things into one file.
 
-    Parameters
-    ----------
-    options
-        the parsed command line.
-
-    Raises
-    ------
-    InputError : it would.
+    Raises InputError: it would.
     """
     taken: dict[tuple[int, int] | str, str] = {}
     for name, what in READ.items():
@@ -78,14 +71,8 @@ def _file(place: str | int) -> tuple[int, int] | str | None:
 def keep_others(folder: str | Path, results: Signs) -> None:
     """Refuse a folder in which something that casahunt has not written has the name of a result.
 
-    Parameters
-    ----------
-    folder, results
-        the folder, and what is to be written into it.
-
-    Raises
-    ------
-    InputError : it holds such a file, or one that is protected from being written.
+    folder, results: the folder, and what is to be written into it.
+    Raises InputError: it holds such a file, or one that is protected from being written.
     """
     for name, sign in results.items():
         path = Path(folder, name)

@@ -30,16 +30,7 @@ CONTROLLER = {
 def value_at(record: Mapping[str, Any], key: str) -> Any:
     """The entry of a record at a path.
 
-    Parameters
-    ----------
-    record
-        tables and lists within tables.
-    key
-        keys and indices, separated by "/".
-
-    Returns
-    -------
-    The entry.
+    key: keys and indices, separated by "/".
     """
     value: Any = record
     for part in key.split("/"):
@@ -155,16 +146,7 @@ CAPTIONS = {
 def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """The evidence as one HTML page.
 
-    Parameters
-    ----------
-    record
-        of `record_of`.
-    images
-        PNG files by name: any of `CAPTIONS`.
-
-    Returns
-    -------
-    HTML, with the images in it.
+    record: of `record_of`; images: PNG files by name: any of `CAPTIONS`. Returns HTML, with the images in it.
     """
     p = _Page(record)
     figures = {name: _figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}

@@ -42,15 +42,9 @@ DELAY = "The delay is in the margins of the linear loop only; fold, scan and sim
 def made(servo_file: str | None, changes: Sequence[str]) -> dict[str, Any]:
     """When and by what a record is made, and for which servo.
 
-    Parameters
-    ----------
-    servo_file, changes
-        the servo file, None for the servo built in; and what was set beside it, KEY=VALUE.
-
-    Returns
-    -------
-    date (UTC; that of SOURCE_DATE_EPOCH where that is set, for builds that are to be the same again), casahunt (the
-    version), servo_file, set.
+    servo_file, changes: the servo file, None for the servo built in; and what was set beside it, KEY=VALUE.
+    Returns date (UTC; that of SOURCE_DATE_EPOCH where that is set, for builds that are to be the same again), casahunt
+    (the version), servo_file, set.
     """
     import importlib.metadata  # takes 30 ms
 
@@ -67,16 +61,8 @@ def made(servo_file: str | None, changes: Sequence[str]) -> dict[str, Any]:
 def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task, ...]]:
     """The simulated tasks with the controller as given.
 
-    Parameters
-    ----------
-    tuning
-        the tuning.
-    gain
-        K used before [V/rad]; default: half the fold gain of the nominal friction with the times as given or tuned.
-
-    Returns
-    -------
-    Their gain [V/rad], and the tasks.
+    gain: K used before [V/rad]; default: half the fold gain of the nominal friction with the times as given or tuned.
+    Returns their gain [V/rad], and the tasks.
     """
     check = tuning.verification
     fold = check.nominal_fold or check.fold
@@ -118,18 +104,8 @@ def record_of(
 ) -> dict[str, Any]:
     """The JSON object of a tuning; keys in views/commands/tune.py.
 
-    Parameters
-    ----------
-    tuning
-        the tuning.
-    before
-        gain and tasks of `before_tasks`.
-    options
-        tolerance of the gains that are computed here.
-
-    Returns
-    -------
-    Numbers, texts, lists and tables only; None for what is not finite.
+    before: gain and tasks of `before_tasks`; options: tolerance of the gains that are computed here.
+    Returns numbers, texts, lists and tables only; None for what is not finite.
     """
     demands = tuning.demands
     what, _, unit = COSTS[tuning.cost].rpartition(" [")

@@ -225,16 +225,8 @@ def _scaled(name: str, unit: str, peak: float) -> tuple[float, str]:
 def rolled(times: Array, states: Array) -> tuple[Array, Array]:
     """A periodic motion with t = 0 where x1 rises through zero, from -T/4 on.
 
-    Parameters
-    ----------
-    times
-        (m,) [s] of one period, both ends included.
-    states
-        (n, m).
-
-    Returns
-    -------
-    times (m,) and states (n, m) of one period, both ends included.
+    times: (m,) [s] of one period, both ends included; states: (n, m).
+    Returns times (m,) and states (n, m) of one period, both ends included.
     """
     x1, x2, period = states[0], states[1], times[-1] - times[0]
     rising = np.flatnonzero((x1[:-1] < 0) & (x1[1:] >= 0))

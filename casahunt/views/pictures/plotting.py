@@ -111,19 +111,7 @@ def save(picture: Any, path: str | Path) -> None:
 
 
 def drawn(figure: Figure, suffix: str = "png", dpi: float = DPI) -> bytes:
-    """A figure as the content of a file.
-
-    Parameters
-    ----------
-    figure, suffix
-        the figure, and its format.
-    dpi
-        dots per inch.
-
-    Returns
-    -------
-    The bytes.
-    """
+    """A figure as the content of a file."""
     stream = io.BytesIO()
     with _laid_out(figure, dpi) if suffix == "png" else nullcontext():
         figure.savefig(stream, dpi=dpi, format=suffix, **(PNG if suffix == "png" else {}))
@@ -153,16 +141,7 @@ def figure_of(drawn: Any) -> Figure:
 def at_least_one(what: str, items: Sequence[Any]) -> None:
     """Refuse to draw nothing.
 
-    Parameters
-    ----------
-    what
-        what the items are.
-    items
-        what is to be drawn.
-
-    Raises
-    ------
-    InputError : there is none.
+    Raises InputError: there is none.
     """
     if len(items) == 0:
         raise InputError(f"{what} = {items!r}: must be at least one to draw")
@@ -178,22 +157,9 @@ def new_figure() -> Figure:
 def panels(given: Any, rows: int, columns: int = 1, **how: Any) -> tuple[Figure | None, Array]:
     """Where a picture is drawn: the axes that were given, or those of a new figure.
 
-    Parameters
-    ----------
-    given
-        axes, one or several, or None.
-    rows, columns
-        panels of the picture.
-    **how
-        for `Figure.subplots`, of a new figure.
-
-    Returns
-    -------
-    The figure where it is a new one, else None; and the axes (rows * columns,), row by row.
-
-    Raises
-    ------
-    InputError : other things than axes were given, or not as many as the picture has panels.
+    given: axes, one or several, or None; **how: for `Figure.subplots`, of a new figure.
+    Returns the figure where it is a new one, else None; and the axes (rows * columns,), row by row.
+    Raises InputError: other things than axes were given, or not as many as the picture has panels.
     """
     if given is None:
         figure = new_figure()
@@ -224,14 +190,7 @@ class _Powers(LogFormatterSciNotation):
 def logarithmic(axes: Axes, *names: str, linear: float = 0.0) -> None:
     """Make axes of a panel logarithmic.
 
-    Parameters
-    ----------
-    axes
-        the panel.
-    *names
-        "x", "y" or both.
-    linear
-        up to this size of either sign they are linear; 0: they have positive values alone.
+    linear: up to this size of either sign they are linear; 0: they have positive values alone.
     """
     for name in names:
         axes.set(**{f"{name}scale": SymmetricalLogScale(None, linthresh=linear) if linear else "log"})
@@ -244,10 +203,7 @@ def logarithmic(axes: Axes, *names: str, linear: float = 0.0) -> None:
 def align(figure: Figure | None, axes: Sequence[Axes] | Array) -> None:
     """Bring the labels of panels one below the other into line, where the figure is a new one.
 
-    Parameters
-    ----------
-    figure, axes
-        the new figure or None, and its panels.
+    figure, axes: the new figure or None, and its panels.
     """
     if figure is not None:
         figure.align_ylabels(axes)
@@ -256,14 +212,8 @@ def align(figure: Figure | None, axes: Sequence[Axes] | Array) -> None:
 def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = None, **how: Any) -> None:
     """The legend of a picture: outside of the panels of a new figure, inside of axes that were given.
 
-    Parameters
-    ----------
-    figure, axes
-        the new figure or None, and the panel that has room otherwise.
-    handles
-        what it says; default: all that has a label.
-    **how
-        for `Figure.legend`.
+    figure, axes: the new figure or None, and the panel that has room otherwise; handles: what it says; default: all
+    that has a label; **how: for `Figure.legend`.
     """
     said = {} if handles is None else {"handles": handles}
     if figure is not None:

@@ -139,16 +139,7 @@ def evidence_images(
 ) -> dict[str, bytes]:
     """The images of the evidence page.
 
-    Parameters
-    ----------
-    tuning, before
-        the tuning, and gain and tasks before.
-    options
-        of the diagram.
-
-    Returns
-    -------
-    PNG files by name (page.CAPTIONS); what cannot be drawn is left out.
+    Returns PNG files by name (page.CAPTIONS); what cannot be drawn is left out.
     """
     images: dict[str, bytes] = {}
     fold = tuning.verification.fold
