@@ -37,5 +37,6 @@ cubic_friction.py     stick and slip, slip alone, rest
 buck.py               a converter with a clock, its cascade
 ends.py               ends that few branches have: without bound, to a point, at a level
 
-The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.
+The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.  Cycles whose phases never
+change their order: fixed_sequence.py.
 """

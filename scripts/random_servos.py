@@ -147,7 +147,7 @@ ENGINES: dict[str, Any] = {"switch": SwitchTruth, "lugre": LugreTruth}
 
 @cache
 def watched() -> dict[str, list[int]]:
-    """[times tried, times it had the answer] of every row of every table of strategies; they are counted from now on."""
+    """[times tried, times it had the answer] of every row of every table of strategies, counted from now on."""
     counts: dict[str, list[int]] = {}
 
     def counting(run: Callable[..., Any], count: list[int]) -> Callable[..., Any]:

@@ -13,15 +13,13 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
 
 A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
 
-A problem is compared by value: two equal ones have the same cycles.  `FixedSequence` is the simplest of them, one cycle
-whose phases are always in the same order.
+A problem is compared by value: two equal ones have the same cycles.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -179,64 +177,3 @@ class Problem(ABC):
         Returns number of the phase, and starting point; None where there is none, or nobody knows.
         """
         return None
-
-
-@dataclass(frozen=True)
-class FixedSequence(Problem):
-    """One cycle at one p: the phases are always these.
-
-    Attributes
-    ----------
-    posed : the cycle.
-    values : the parameters, in the order of its names.
-    followed : the principal parameter.
-    scheme, largest_step : as in `Problem`.
-    """
-
-    posed: Cycle
-    values: tuple[float, ...]
-    followed: str
-    scheme: tuple[int, Kind] = (7, "radau")
-    largest_step: float = 1.0
-
-    def __post_init__(self) -> None:
-        if len(self.values) != len(self.posed.parameters):
-            raise ValueError(f"{len(self.posed.parameters)} parameters are needed, {len(self.values)} given")
-        if self.followed not in self.posed.parameters:
-            raise ValueError(f"{self.followed!r} is none of the parameters {', '.join(self.posed.parameters)}")
-
-    @property
-    def title(self) -> str:
-        """The name of its cycle."""
-        return self.posed.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Those of its cycle."""
-        return self.posed.parameters
-
-    @property
-    def principal(self) -> str:
-        """As given."""
-        return self.followed
-
-    def vector(self) -> Array:
-        """(np,) the values."""
-        return np.array(self.values, float)
-
-    def with_value(self, name: str, value: float) -> FixedSequence:
-        """The same cycle at another p.
-
-        name, value: a parameter of the cycle, and its value. Raises ValueError: no such parameter.
-        """
-        at = self.names.index(name)
-        return replace(self, values=(*self.values[:at], float(value), *self.values[at + 1 :]))
-
-    def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """Its cycle.
-
-        Raises ValueError: another sequence.
-        """
-        if (signature, repeats) != (self.posed.signature, self.posed.repeats):
-            raise ValueError(f"{self.title} has no cycle with the phases {signature} ({repeats} times)")
-        return self.posed

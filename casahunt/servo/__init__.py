@@ -28,5 +28,4 @@ find_orbit.py     from a servo to an orbit; where there is none, the fold that s
 basin.py          the amplitude below which a stuck servo settles
 other_end.py      the cycle that a motion which rests has not come to
 stable_range.py   below a fold: up to which gain a stable cycle exists
-attraction.py     many initial states: which stick they reach, which rest and which hunt
 """

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 
+import map_support as fold_module
 import numpy as np
 import pytest
+from map_support import map_fold
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.collocation.scheme import scheme
@@ -14,10 +16,8 @@ from casahunt.motion.march_step import Stepper
 from casahunt.motion.march_watch import Watch
 from casahunt.servo.cycles import automaton
 from casahunt.servo.event_map import fixed_points as module
-from casahunt.servo.event_map import fold as fold_module
 from casahunt.servo.event_map.cubics import cubic_is_good, nothing_between, one_sided
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.fold import map_fold
 from casahunt.servo.event_map.half_cycle import half_cycle
 from casahunt.servo.event_map.scan import Scan, _fixed_point
 from casahunt.servo.event_map.slopes import MapPoint, map_at, map_error, rounding

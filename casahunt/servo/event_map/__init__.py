@@ -9,5 +9,4 @@ climb.py         upwards in the gain along its stable fixed points, and down
 slopes.py        the map to rounding, with its derivatives
 cubics.py        what motions foretell of those between them
 fixed_points.py  all fixed points in a range, and the jumps that are none
-fold.py          the largest gain with a fixed point
 """

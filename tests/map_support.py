@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...errors import NoOrbit, Status
-from ...hybrid.roots import Bracket
-from ..linear_loop import typical_gain
-from ..servo import Servo
-from .fixed_points import FixedPoint, fixed_points
-from .scan import scan
-from .slopes import EPS, MapPoint, map_at
+from casahunt.errors import NoOrbit, Status
+from casahunt.hybrid.roots import Bracket
+from casahunt.servo.event_map.fixed_points import FixedPoint, fixed_points
+from casahunt.servo.event_map.scan import scan
+from casahunt.servo.event_map.slopes import EPS, MapPoint, map_at
+from casahunt.servo.linear_loop import typical_gain
+from casahunt.servo.servo import Servo
 
 FOLD_ROUNDS, FOLD_STEP = 40, 1e-12
 """Newton steps on the gain of a fold, and the relative step at which they end."""
