@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,8 +59,8 @@ class FoldMap(Result):
     ((2, 2), True)
     """
 
-    _quantities = ("model", "names", "size = gains.shape", "tolerance", "status")
-    _details = ("servo", "values", "gains", "failures", "wall_s [s]")
+    _quantities = ("model", "parameters = names", "size = gains.shape", "tolerance", "status")
+    _details = ("servo", "values", "gains", "wall_s [s]")
 
     servo: Servo
     model: Model
@@ -96,6 +97,9 @@ class FoldMap(Result):
         """
         gain = self.gains[i, j]
         return "not computed" if np.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
+
+    def _more(self) -> dict[str, Any]:
+        return {"failures": [{"place": place, "sentence": said} for place, said in self.failures.items()]}
 
     def _columns(self) -> Columns:
         i, j = (place.ravel() for place in np.indices(self.gains.shape))

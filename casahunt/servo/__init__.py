@@ -5,6 +5,7 @@
 friction.py       friction records and laws
 controller.py     the controller in its two forms, by times and by gains
 servo.py          the servo record; TOML in and out
+units.py          the units of its numbers
 linear_loop.py    the loop without dry friction: stability, poles, margins
 delayed_loop.py   the same with a delay: margins of phase and gain
 hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events

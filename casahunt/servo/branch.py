@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.special_points import FOLD, Missed, SpecialPoint
-from ..export import Columns
+from ..export import Columns, columns_from
 from ..results import Result
 from .hunting import Model
 from .problem import HuntingOrbit
@@ -56,8 +56,8 @@ class Branch(Result):
     '0.65'
     """
 
-    _quantities = ("model", "number_of_points = orbits.size", "ended")
-    _details = ("servo", "special", "missed")
+    _quantities = ("model", "points = orbits.size", "ended")
+    _details = ("servo", "gain_range [V/rad]", "missed")
 
     model: Model
     servo: Servo
@@ -91,11 +91,22 @@ class Branch(Result):
         """(m,) bool."""
         return np.array([orbit.stable for orbit in self.orbits])
 
+    @property
+    def gain_range(self) -> tuple[float, ...]:
+        """The smallest and the largest gain; empty without orbits."""
+        return (float(self.gains.min()), float(self.gains.max())) if self.orbits else ()
+
     def _columns(self) -> Columns:
         kinds = {id(special.orbit): special.kind for special in self.special}
         rows = [csv_row(orbit, kinds.get(id(orbit), "")) for orbit in self.orbits]
-        columns = dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False))
-        return columns or {name: () for name in CSV_COLUMNS}
+        return columns_from(CSV_COLUMNS, rows)
+
+    def _more(self) -> dict[str, Any]:
+        special = [
+            {**s.to_dict(table=False), "gain": s.orbit.gain, "amplitude": s.orbit.amplitude, "period": s.orbit.period}
+            for s in self.special
+        ]
+        return {"special": special}
 
 
 def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:

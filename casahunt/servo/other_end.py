@@ -57,7 +57,7 @@ class OtherEnd(Result):
     """
 
     _quantities = ("hunts", "start", "orbit", "none")
-    _details = ("reason",)
+    _details = ("reason", "amplitude = orbit.amplitude [rad]", "period = orbit.period [s]")
 
     orbit: HuntingOrbit | None
     reason: str = ""

@@ -76,7 +76,7 @@ class StableRange(Result):
     """
 
     _quantities = ("gain [V/rad]", "beyond", "ranges")
-    _details = ("fold_gain = fold.gain [V/rad]", "seen [V/rad]", "largest")
+    _details = ("fold_gain = fold.gain [V/rad]", "seen [V/rad]", "largest_log10_half_multiplier = largest")
 
     fold: HuntingFold
     gain: float

@@ -19,9 +19,10 @@ from casahunt.continuation.plane_curve import Place, Reading, follow
 from casahunt.continuation.sheet import Axis
 from casahunt.design.fold_curve import batches, charts
 from casahunt.design.fold_curve.curve import fold_curve, unfed
-from casahunt.design.fold_curve.files import INTERRUPTED, load_curve, save_curve
+from casahunt.design.fold_curve.files import load_curve, save_curve
 from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found, hermite
 from casahunt.errors import Status
+from casahunt.servo.saved import INTERRUPTED
 
 TOL = 1e-8
 

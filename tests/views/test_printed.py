@@ -13,9 +13,9 @@ from command_line import one_json, run
 from casahunt import Servo, cli, find_orbit
 from casahunt.checks import to_absolute_error, to_error
 from casahunt.servo.servo import KEYS
+from casahunt.servo.units import PARAMETER_UNITS, column, with_unit
 from casahunt.views.commands.printed import LINE_WIDTH, MEANINGS, folded, meanings
 from casahunt.views.glossary import FAMILIAR, GLOSSARY, OTHER_FORMS, page, words_in
-from casahunt.views.units import PARAMETER_UNITS, column, with_unit
 
 ROOT = Path(__file__).parents[2]
 SET = ROOT / "problems" / "table1_uncertainty.toml"

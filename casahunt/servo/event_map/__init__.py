@@ -8,5 +8,6 @@ scan.py          the map by half cycles: guesses, and evidence that no cycle exi
 climb.py         upwards in the gain along its stable fixed points, and down
 slopes.py        the map to rounding, with its derivatives
 cubics.py        what motions foretell of those between them
+points.py        what a scan of it has seen, as data
 fixed_points.py  all fixed points in a range, and the jumps that are none
 """
