@@ -18,7 +18,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -96,8 +96,12 @@ class Verification(Result):
     unverified : what could not be verified, in sentences.
     """
 
-    _quantities = ("ok", "margin", "margin_kept", "loops_kept", "against", "unverified")
-    _details = ("fold", "nominal_fold", "scan_sentence", "loops", "loop_corners", "loops_checked")
+    _quantities = ("ok", "result", "margin", "margin_kept", "loops_kept", "against", "unverified")
+    _details = (
+        "fold_gain = fold.gain [V/rad]", "fold_error = fold.gain_error",
+        "nominal_fold_gain = nominal_fold.gain [V/rad]", "scan = scan_sentence", "scan_clear", "loops", "loops_checked",
+        "loop_corners", "tasks",
+    )  # fmt: skip
 
     fold: HuntingFold | None
     nominal_fold: HuntingFold | None
@@ -115,6 +119,15 @@ class Verification(Result):
     tasks: tuple[Task, ...]
     against: tuple[str, ...]
     unverified: tuple[str, ...]
+
+    def _more(self) -> dict[str, Any]:
+        folds = self.set_check
+        return {"set": None if folds is None else {"folds": folds.computed, "largest_fold_gain": folds.largest}}
+
+    @property
+    def result(self) -> str:
+        """One of "verified", "not everything verified", "speaks against it"."""
+        return "speaks against it" if self.against else "verified" if self.ok else "not everything verified"
 
     @property
     def scan_clear(self) -> bool:
