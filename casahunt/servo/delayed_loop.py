@@ -68,7 +68,8 @@ class Margins(Result):
     <Margins: phase margin 52.2768 deg, frequency 11.9131 rad/s, lowest factor 0, highest factor inf, stable True>
     """
 
-    _quantities = ("phase_margin [deg]", "crossover = frequency [rad/s]", "lowest_factor", "highest_factor", "stable")
+    _quantities = ("phase_margin [deg]", "frequency [rad/s]", "lowest_factor", "highest_factor", "stable")
+    _details = ("crossover = frequency [rad/s]",)
 
     frequency: float
     phase_margin: float

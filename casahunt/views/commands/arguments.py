@@ -9,6 +9,7 @@ import argparse
 import math
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from ...checks import known, quoted, sensible, shortened
@@ -157,6 +158,20 @@ def finite(key: str, text: Any) -> float:
         raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
     if not math.isfinite(value):
         raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
+    return value
+
+
+def count_of(key: str, text: Any, least: int, most: float = math.inf) -> int:
+    """A whole number within limits.
+
+    key, text: what the user calls it, and what was given. Raises InputError: it is none, or beyond them.
+    """
+    value = None
+    with suppress(ValueError, OverflowError):
+        value = int(text) if str(text).isdecimal() else int(float(text)) if float(text) == int(float(text)) else None
+    if value is None or not least <= value <= most:
+        limits = f" from {least} to {most:g}" if math.isfinite(most) else f", at least {least}"
+        raise InputError(f"{key} = {quoted(text)}: must be a whole number{limits}")
     return value
 
 

@@ -24,12 +24,13 @@ from ...servo.hunting import Model
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
 from ...servo.units import with_unit
-from .arguments import add_common, add_csv, finite, how_of, models_of, servo_of
+from .arguments import add_common, add_csv, count_of, finite, how_of, models_of, servo_of
 from .console import complain, of_this, progress, say
 from .fold import sensitivity_text
 from .printed import give
 
-MOST_CURVE_POINTS = 1000
+CURVE_POINTS = 2, 1000
+"""Fewest and most points of a curve."""
 
 
 def add(commands: Any) -> None:
@@ -159,7 +160,8 @@ def _desk_of(options: argparse.Namespace) -> _Desk:
     servo = servo_of(options)
     start, end = finite("from", options.start), finite("to", options.to)
     check_range(servo, options.vary, start, end)
-    asked = {"vary": options.vary, "start": start, "end": end, "points": _count(options.points)}
+    points = count_of("points", options.points, *CURVE_POINTS)
+    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
     table, save = options.csv, options.save
     if save and len(models) != 1:
         raise InputError(f"save = {str(save)!r}: holds the points of one model; give one --model")
@@ -191,14 +193,6 @@ def _curve(curve: FoldCurve, tol: float) -> Iterator[str]:
     for point in curve.cusps:
         yield f"  cusp at {curve.vary} = {point.value:.9g}"
     yield f"  {curve.wall_s:.2f} s"
-
-
-def _count(text: Any) -> int:
-    """--points as a whole number."""
-    value = finite("points", text)
-    if value != int(value) or not 2 <= value <= MOST_CURVE_POINTS:
-        raise InputError(f"points = {text}: must be a whole number from 2 to {MOST_CURVE_POINTS}")
-    return int(value)
 
 
 def _line(vary: str, point: FoldPoint) -> str:

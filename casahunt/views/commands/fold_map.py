@@ -10,12 +10,12 @@ from typing import IO, Any
 import numpy as np
 
 from ... import effort
-from ...checks import quoted, to_error
+from ...checks import to_error
 from ...design.fold_map import SIDES, FoldMap, fold_map
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from .arguments import add_common, add_csv, add_model, finite, how_of, model_of, servo_of
+from .arguments import add_common, add_csv, add_model, count_of, finite, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
 from .printed import give
 
@@ -47,15 +47,13 @@ def run(options: argparse.Namespace) -> int:
     """
     model, how = model_of(options), how_of(options)
     servo = servo_of(options)
-    points = finite("points", options.points)
-    if points != int(points) or not SIDES[0] <= points <= SIDES[1]:
-        raise InputError(f"points = {quoted(options.points)}: must be a whole number from {SIDES[0]} to {SIDES[1]}")
-    names, axes = _axes(options, int(points))
+    points = count_of("points", options.points, *SIDES)
+    names, axes = _axes(options, points)
     out = progress(options.quiet)
     say(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
     say(out, progress_line(fold.orbit, mu="+1 (fold)"))
-    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, int(points) ** 2))
+    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
     give(options, found, _lines(found), table=tables_of([found]), picture=("fold_map.contours", found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)

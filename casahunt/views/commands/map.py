@@ -10,13 +10,16 @@ from typing import Any
 
 from ... import effort
 from ...checks import to_absolute_error, to_error
-from ...errors import InputError, NoOrbit, Status
+from ...errors import NoOrbit, Status
 from ...results import tables_of
 from ...servo.event_map.fixed_points import MAP_POINTS, FixedPoints, default_range, fixed_points
 from ...servo.servo import Servo
-from .arguments import add_common, add_csv, add_gain, gain_of, positive, servo_of
+from .arguments import add_common, add_csv, add_gain, count_of, gain_of, positive, servo_of
 from .console import progress, teller
 from .printed import give
+
+MOTIONS = 2, 1000
+"""Fewest and most motions of the first grid."""
 
 
 def add(commands: Any) -> None:
@@ -39,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     gain = gain_of(options)
     low = None if options.start is None else positive("from", options.start)
     high = None if options.to is None else positive("to", options.to)
-    points = _count(options.points)
+    points = count_of("points", options.points, *MOTIONS)
     servo = servo_of(options)
     report = _reporter(servo, gain, low, high, points, options)
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
@@ -81,13 +84,3 @@ def _reporter(
         tell(f"{motions} motions computed, the last one from the stick position {a:.4g} rad{rest}")
 
     return report
-
-
-def _count(text: Any) -> int:
-    try:
-        count = int(text)
-    except ValueError:
-        raise InputError(f"points = {text!r}: must be a whole number") from None
-    if not 2 <= count <= 1000:
-        raise InputError(f"points = {count}: must be between 2 and 1000")
-    return count

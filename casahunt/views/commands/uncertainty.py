@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from ... import effort, interrupts
-from ...checks import quoted, to_error
+from ...checks import to_error
 from ...design.uncertainty.samples import Samples, draw, sample
 from ...design.uncertainty.set import Uncertainty
 from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.toml import load_uncertainty
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
-from ...errors import InputError, NoOrbit, Status
+from ...errors import NoOrbit, Status
 from ...orbits.adapt import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ...servo.units import unit_of
-from .arguments import add_common, add_csv, add_model, how_of, model_of, servo_of
+from .arguments import add_common, add_csv, add_model, count_of, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
 from .printed import HARD_SPACE, give
 
@@ -57,8 +57,8 @@ def run(options: argparse.Namespace) -> int:
     """
     began = time.perf_counter()
     model, how = model_of(options), how_of(options)
-    n, jobs = _whole("samples", options.samples, 1), _whole("jobs", options.jobs, 1)
-    seed = _whole("seed", options.seed, 0)
+    n, jobs = count_of("samples", options.samples, 1), count_of("jobs", options.jobs, 1)
+    seed = count_of("seed", options.seed, 0)
     servo = servo_of(options)
     uncertainty = load_uncertainty(options.uncertainty, servo)
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
@@ -177,13 +177,3 @@ def _solved(
         ) from None
     finally:
         pool.shutdown(wait=done, cancel_futures=True)  # an interrupt does not wait for what is under way
-
-
-def _whole(key: str, text: Any, least: int) -> int:
-    try:
-        value = int(str(text))
-    except ValueError:
-        raise InputError(f"{key} = {quoted(text)}: must be a whole number") from None
-    if value < least:
-        raise InputError(f"{key} = {value}: must be at least {least}")
-    return value
