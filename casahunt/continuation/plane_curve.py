@@ -7,8 +7,8 @@
 
 Every place of the curve has coordinates of its own with itself at the origin (a chart): phi may be costly, and
 what it starts from is best taken near by.  c is absolute, and runs over a range; the curve ends on its bounds.
-phi is any function of two numbers that is of order one away from the curve; design/fold_curve/ has one whose every
-value is a corrected orbit.
+phi is any function of two numbers that is of order one away from the curve; that of special_charts.py computes an orbit
+for every value.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .walk import CAUTION, RECOVERY
 Array = np.ndarray
 
 LOCATED = 1e-9
-"""|phi| at which a point lies on the curve."""
+"""|phi| at which a point lies on the curve, where a reading does not say another."""
 ACCEPTED = 1e-5
 """|phi| with which a point is accepted where rounding or a change of mesh allows no less."""
 LINE_ROUNDS = 40
@@ -43,10 +43,11 @@ WIDTH = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """phi at a place, with whatever it was computed from."""
+    """phi at a place, with whatever it was computed from; |phi| <= accuracy lies on the curve."""
 
     value: float
     data: Any = None
+    accuracy: float = LOCATED
 
 
 class Chart(Protocol):
@@ -248,7 +249,7 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
             return "phi is not finite"
         if best is None or abs(f) < abs(best[0]):
             best = (f, place, reading)
-        if abs(f) <= LOCATED or (line.bracket and line.bracket.width <= CLOSED * width):
+        if abs(f) <= reading.accuracy or (line.bracket and line.bracket.width <= CLOSED * width):
             break
         line = line.told(n, f)
     if best is None or abs(best[0]) > ACCEPTED:
