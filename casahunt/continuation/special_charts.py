@@ -27,7 +27,7 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit
 from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .fold import Fold, confirmed
-from .plane_curve import Reading
+from .plane_curve import LOCATED, Reading
 from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
 from .special_points import FOLD, Monitor, SpecialPoint
 
@@ -36,6 +36,8 @@ Array = np.ndarray
 KINK = 1e-6
 """By how much the angles of a pair of multipliers at three places in a row are out of line where it has passed 0 or pi
 between them [rad]."""
+ENOUGH = 0.1
+"""Part of the tolerance that may be left of a monitor: parameter, period and amplitude are off by about as much."""
 CONFIRMED = 1e-5
 """How far from where it should be the multiplier of a special point may be, besides its estimated error."""
 
@@ -111,7 +113,8 @@ class SpecialChart:
         if orbit.signature != self.sheet.orbit.signature and self.task.monitor is not FOLD:
             return "the phases of the cycle change: it touches an event, or one of them vanishes"
         value = self.task.monitor.value(orbit, self.sheet.point_of(orbit))
-        return Reading(value, orbit) if np.isfinite(value) else "its multipliers are not known well enough"
+        near = max(LOCATED, ENOUGH * self.task.options.tol)
+        return Reading(value, orbit, near) if np.isfinite(value) else "its multipliers are not known well enough"
 
     def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
         """The chart of the special point that was read at a place of the sheet.
