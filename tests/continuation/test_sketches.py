@@ -20,8 +20,8 @@ from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.cold_start import started
+from casahunt.servo.cold_start import unstable as is_unstable
 from casahunt.servo.event_map.half_cycle import half_cycle
-from casahunt.servo.inner_cycle import unstable as is_unstable
 from casahunt.servo.problem import Hunting
 from problems import table1, van_der_pol
 
