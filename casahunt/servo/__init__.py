@@ -19,11 +19,9 @@ saved.py          hunting cycles and branches of them in files
 denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
-refused.py        what is refused before any cycle is sought
+refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs
 strategies.py     ways to one end, tried in turn; what a refusal says of them
-times.py          how far apart the times of a servo may be
-cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
-inner_cycle.py    the unstable cycle inside the stable one at the same gain
+cold_start.py     the cycles at one gain from motions or a scan, no branch followed
 find_fold.py      from a servo to the largest gain at which it hunts
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
 basin.py          the amplitude below which a stuck servo settles

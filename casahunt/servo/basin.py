@@ -1,9 +1,9 @@
 """The amplitude below which a stuck servo settles: the unstable hunting cycle, checked by following the motion.
 
-The servo stands at x1 = -a on the verge of breakaway.  The event map a -> |P(a)| (servo/event_map/fixed_points.py for
-Switch, servo/event_map/scan.py for LuGre) follows it from stick to stick.  On the symmetric part of the phase space
-that the map describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it
-they grow.  Where P jumps close above a* the border stays a*: the map is increasing there.
+The servo stands at x1 = -a on the verge of breakaway. The event map a -> |P(a)| (servo/event_map/slopes.py for Switch,
+servo/event_map/half_cycle.py for LuGre) follows it from stick to stick. On the symmetric part of the phase space that
+the map describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it they
+grow. Where P jumps close above a* the border stays a*: the map is increasing there.
 
 What they grow to.  As a rule the stable cycle.  Past a symmetry breaking (half multiplier mu < -1) the symmetric cycle
 is unstable too and the servo hunts next to it, lopsidedly; where the linear loop is unstable and the stable cycle has
@@ -33,8 +33,8 @@ from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
 from ..results import Result
 from .cycles import motor_torque
-from .event_map.fixed_points import map_at
-from .event_map.scan import SECTION, half_cycle
+from .event_map.half_cycle import SECTION, half_cycle
+from .event_map.slopes import map_at
 from .find_orbit import find_orbit
 from .hunting import Model
 from .problem import HuntingOrbit

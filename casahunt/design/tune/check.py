@@ -28,6 +28,7 @@ from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
+from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
@@ -267,7 +268,7 @@ def _check_set(
 
 def _no_cycle(servo: Servo, model: Model, gain: float) -> bool:
     """The scan of the event map finds neither a cycle at this gain nor a motion that grows."""
-    found = scan(model, servo, gain)
+    found = scan(StickMap(model, servo, gain))
     return found.upper is None and not found.failures and found.best < 1
 
 
@@ -355,7 +356,7 @@ def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None]
         falls = all(abs(point.position) < point.start for point in found.points)  # false for nan: it swings on
         state: Seen = "cycle" if found.fixed or grows else "clear" if found.conclusive and falls else "open"
         return found.sentence(), state
-    seen = scan(model, servo, gain)
+    seen = scan(StickMap(model, servo, gain))
     state = "cycle" if seen.upper is not None or seen.best >= 1 else "open" if seen.failures else "clear"
     cycles = "no cycle" if seen.upper is None else f"a cycle at {seen.upper.start:.6g} rad"
     return (

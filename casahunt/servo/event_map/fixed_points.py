@@ -22,10 +22,9 @@ from ...errors import InputError
 from ...hybrid.roots import Bracket
 from ...motion.march import MarchFailure
 from ..servo import Servo, a_servo
-from .cubics import STEEP, cubic_is_good, nothing_between
 from .points import FixedPoint, FixedPoints, Jump
 from .scan import SCAN_HIGH, SCAN_LOW
-from .slopes import EPS, MapPoint, map_at, map_error, rounding
+from .slopes import EPS, STEEP, MapPoint, cubic_is_good, map_at, nothing_between, rounding
 
 MAP_POINTS = 121
 MOST_POINTS, MOST_SLIPS_IN_ALL = 4000, 3000
@@ -280,15 +279,4 @@ def _verdict(state: _Scan, left: MapPoint, right: MapPoint, crossing: bool) -> N
     state.jumps.append(Jump(right.start, left.position, right.position, crossing))
 
 
-__all__ = [
-    "MAP_POINTS",
-    "FixedPoint",
-    "FixedPoints",
-    "Jump",
-    "MapPoint",
-    "default_range",
-    "fixed_points",
-    "map_at",
-    "map_error",
-    "rounding",
-]
+__all__ = ["MAP_POINTS", "FixedPoint", "FixedPoints", "Jump", "MapPoint", "default_range", "fixed_points", "map_at"]
