@@ -235,11 +235,16 @@ class Crossings(Generic[AnyOrbit]):
         return _Station(orbit, curve_point(orbit, vary, like=way), (x.at + y.at) / 2)
 
     def _value(self, monitor: Monitor, station: _Station[AnyOrbit], *, zero: bool = False) -> float:
-        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is."""
+        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is.
+
+        They do not where the orbit could be none of what is looked for: of a torus no real pair of multipliers says
+        anything, one large and one too small to be known, and no shorter step would make its product better known.
+        """
         value = monitor.value(station.orbit, station.point)
         if value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point):
             return float(value)
-        return 0.0 if zero and monitor.by_multipliers and station.orbit.multipliers.trusted else float("nan")
+        near = zero and monitor.by_multipliers and station.orbit.multipliers.trusted
+        return 0.0 if near and monitor.confirmed(station.orbit) else float("nan")
 
     def _sign_change(
         self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]
