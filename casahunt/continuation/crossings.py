@@ -30,6 +30,7 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from .bifurcations import BRANCH_POINT
 from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
+from .cut_elsewhere import apart_by_kinks
 from .locating import length_to, locate
 from .phase_change import change_of_phases
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
@@ -43,6 +44,8 @@ LOOKED_AT = np.linspace(0.0, 1.0, 17)
 """Parts of a step at which parabolas are compared."""
 DOUBTED = 4.0
 """So many times what parabolas differ by they may be off: a narrow pair of zeros shows but a part of itself."""
+KINK = "kink"
+LEFT_OUT = "phases come or go between parts of one mode, where the field has a kink and no more: it was not sought"
 LOOSELY = 1e3
 """A fold at which the parameter stands still is where a multiplier is 1 to so many tolerances of that: its parameter
 is second order in them."""
@@ -163,7 +166,9 @@ class Crossings(Generic[AnyOrbit]):
         before, after = self._line[k - 1], self._line[k]
         special: list[SpecialPoint[AnyOrbit]] = []
         missed: list[Missed] = []
-        if GRAZING in self._monitors:
+        if GRAZING in self._monitors and apart_by_kinks(before.orbit, after.orbit):
+            missed.append(self._not_located(KINK, before, after, LEFT_OUT))
+        elif GRAZING in self._monitors:
             grazing = change_of_phases(before.orbit, after.orbit, self._vary, self._options)
             if grazing is not None:
                 special.append(special_point(GRAZING, grazing, self._vary))
@@ -275,7 +280,8 @@ class Crossings(Generic[AnyOrbit]):
             error = self._error(monitor, orbit, before, after)
             special = (special_point(monitor, orbit, self._vary, error),) if monitor.confirmed(orbit) else ()
             return Passed(special)
-        if before.orbit.signature != after.orbit.signature and GRAZING in self._monitors:
+        jumps = not apart_by_kinks(before.orbit, after.orbit) and before.orbit.signature != after.orbit.signature
+        if jumps and GRAZING in self._monitors:
             return Passed()  # multipliers may jump where the phases change, and that is located
         return Passed((), (self._not_located(monitor.kind, before, after),))
 
