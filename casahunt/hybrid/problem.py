@@ -165,7 +165,7 @@ class Problem(ABC):
         """
         return None
 
-    def expected(self, t: Any, u: Array, setting: Any) -> list[Any]:
+    def expected(self, t: Any, u: Array, setting: Any) -> Iterable[Any]:
         """Starting points to try from a predicted point of a branch, before any last resort.
 
         Returns starting points, in turn.

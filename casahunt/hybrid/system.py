@@ -209,7 +209,7 @@ class Cycle:
         return tuple((phase.mode.name, phase.end.name) for phase in self.phases)
 
     def at_a_kink(self, k: int) -> bool:
-        """Whether phase k ends where the field has a kink and no more: both sides of the event are parts of one mode."""
+        """Whether phase k ends where the field has a kink and no more: what follows is a part of the same mode."""
         here, behind = self.phases[k].mode, self.phases[(k + 1) % len(self.phases)].mode
         whole = {mode.unsplit or mode.name for mode in (here, behind)}
         return len(whole) == 1 and bool(here.unsplit or behind.unsplit) and self.phases[k].reset is None

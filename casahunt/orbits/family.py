@@ -137,8 +137,8 @@ class Family(Problem):
         """Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself.
 
         t, u, setting: a root of the equations that is no motion; phase, soft: number of the phase that is none; whether
-        last resorts are allowed: there are no others. Yields starting points, most promising first: to follow the motion
-        takes longer than all else, and is not done where a point before it serves.
+        last resorts are allowed: there are no others. Yields starting points, most promising first: to follow the
+        motion takes longer than all else, and is not done where a point before it serves.
         """
         start, posed = (t, u, setting), self.asked()
         if (more := split(posed, start, phase)) is not None:
@@ -162,15 +162,17 @@ class Family(Problem):
         """
         return next(iter(marched(self.asked(), (t, u, setting))), None)
 
-    def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
-        """The sequence at hand; then without a phase that is about to vanish.
+    def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
+        """The sequence at hand; then without a phase that is about to vanish, and without its image in the other half.
 
         t, u, setting: a predicted point of a branch: transcription, unknowns, setting.
-        Returns starting points, in turn.
+        Yields starting points, in turn.
         """
-        start = (t, u, setting)
-        fewer = self.vanishing(*start)
-        return [start] if fewer is None else [start, fewer[1]]
+        yield (start := (t, u, setting))
+        for _ in range(2):
+            if (fewer := self.vanishing(*start)) is None:
+                return
+            yield (start := fewer[1])
 
     def vanishing(self, t: Transcription, u: Array, setting: Setting) -> tuple[int, Start] | None:
         """The shortest phase, where it may be about to vanish, and the cycle without it.

@@ -12,10 +12,10 @@ import pytest
 
 from casahunt.continuation import Branch, End, SpecialPoint, follow, largest, special_curve
 from casahunt.continuation.closed import unseen_turns
-from casahunt.continuation.crossings import hides
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import belt
+from casahunt.hybrid.roots import hides_a_pair
 from casahunt.orbits import Options, find_cycle
 
 RELAY = System(
@@ -128,7 +128,7 @@ def test_largest_of_a_symmetric_start():
 )
 def test_what_may_hide_inside_a_step(at, values, mean, found):
     low = 0 if len(at) == 3 else 1
-    assert hides(np.array(at, float), np.array(values), low, low + 1, mean) is found
+    assert hides_a_pair(np.array(at, float), np.array(values), low, low + 1, mean) is found
 
 
 def test_a_parameter_that_turns_round_without_a_fold_is_told(stick_slip):
