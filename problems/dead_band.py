@@ -175,6 +175,4 @@ def stable_cycle(tol: float = 1e-9) -> SystemOrbit:
 
 def branches() -> Iterator[Course]:
     """Round the fold and back."""
-    yield Course(
-        "dead band", stable_cycle, "delta", 1.0, (("fold", FOLD),), ("range",), {"back": NARROW}, within=1e-9
-    )
+    yield Course("dead band", stable_cycle, "delta", 1.0, (("fold", FOLD),), ("range",), {"back": NARROW}, within=1e-9)

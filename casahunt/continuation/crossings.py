@@ -30,7 +30,7 @@ from .. import effort
 from ..hybrid.roots import hides_a_pair
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
-from ..orbits.side_by_side import know_multipliers
+from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from .bifurcations import BRANCH_POINT
 from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
 from .cut_elsewhere import apart_by_kinks
@@ -43,11 +43,9 @@ Array = np.ndarray
 
 LOOKED_INSIDE = 5
 """A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
-KINK = "kink"
-LEFT_OUT = "phases come or go that are parts of one mode: the field has but a kink there, which was not sought"
+KINK_PASSED = "kink"
+KINK_LEFT_OUT = "phases come or go that are parts of one mode: the field has but a kink there, which was not sought"
 """What is said of a change of phases by which the motion hardly changes."""
-ORBITS_AHEAD = 8
-"""Steps that are looked at together: the multipliers of eight orbits at once take half as long."""
 LOOSELY = 1e3
 """A fold at which the parameter stands still is where a multiplier is 1 to so many tolerances of that: its parameter
 is second order in them."""
@@ -197,7 +195,7 @@ class Crossings(Generic[AnyOrbit]):
         special: list[SpecialPoint[AnyOrbit]] = []
         missed: list[Missed] = []
         if GRAZING in self._monitors and apart_by_kinks(before.orbit, after.orbit):
-            missed.append(Missed(KINK, f"{self._between(before, after)} {LEFT_OUT}"))
+            missed.append(Missed(KINK_PASSED, f"{self._between(before, after)} {KINK_LEFT_OUT}"))
         elif GRAZING in self._monitors:
             grazing = change_of_phases(before.orbit, after.orbit, self._vary, self._options)
             if grazing is not None:
