@@ -126,9 +126,11 @@ class Crossings(Generic[AnyOrbit]):
                 raise
             self._looked = k
 
-    def in_haste(self) -> Passed[AnyOrbit]:
+    def in_haste(self, last: AnyOrbit) -> Passed[AnyOrbit]:
         """What lies in all steps up to the last orbit, none of which is looked at inside any more; as `rest`."""
         self._inside = False
+        if last is not (self._line[-1].orbit if self._line else self._start):
+            self._arrive(last)
         return self.rest()
 
     def _so_far(self) -> Passed[AnyOrbit]:

@@ -154,7 +154,7 @@ def follow(
     except effort.OutOfTime:
         value = parameter_value(run.branch.orbits[-1], vary)
         end = End("time", f"stopped after {time_limit:g} s at {vary} = {value:.6g}")
-        run.add(passed=line.in_haste())
+        run.add(passed=line.in_haste(run.last))
     missed = (*run.branch.missed, *line.unresolved())
     return replace(run.branch, missed=(*missed, *unseen_turns(replace(run.branch, missed=missed))), end=end)
 
