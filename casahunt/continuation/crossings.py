@@ -224,7 +224,8 @@ class Crossings(Generic[AnyOrbit]):
         """Stations inside a step, where zeros may hide there."""
         if not self._inside or not halvings or x.orbit.signature != y.orbit.signature:
             return
-        alike = [s for s in (earlier, x, y, later) if s is not None and s.orbit.signature == x.orbit.signature]
+        around = [s for s in (earlier, x, y, later) if s is not None]
+        alike = [s for s in around if s.orbit.signature == x.orbit.signature or apart_by_kinks(s.orbit, x.orbit)]
         if not any(self._may_hide(monitor, alike, x, y) for monitor in self._monitors if monitor is not GRAZING):
             return
         middle = self._middle(x, y)
@@ -239,8 +240,11 @@ class Crossings(Generic[AnyOrbit]):
     ) -> bool:
         """Whether a monitor may vanish twice in a step, as far as the stations around it show.
 
-        One that a multiplier shows to be next to zero may do so on both sides of that station.
+        One that a multiplier shows to be next to zero may do so on both sides of that station.  Multipliers go on where
+        the field has a kink and no more; the components of a tangent do not where the first phase is another one.
         """
+        if not monitor.by_multipliers:
+            alike = [s for s in alike if s.orbit.signature == x.orbit.signature]
         places = [(s.at, v) for s in alike if np.isfinite(v := self._value(monitor, s, zero=True))]
         if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
             return False

@@ -220,19 +220,20 @@ def hides_a_pair(at: Array, values: Array, low: float, high: float, mean: float 
 
     at, values: (m,) places, in order, and values; m from 2 to 4; low, high: the two places between which it is asked:
     neighbours; mean: of the function between them, where it is known: a further parabola. Returns True where the
-    parabolas differ by more than a part of the distance from zero, or cross it; where two places are all that is known.
+    parabolas, or a single one and the line, differ by more than a part of the distance from zero, or cross it; where
+    two places are all that is known.
     """
     k = int(np.flatnonzero(at == low)[0])
     if values[k] * values[k + 1] < 0:
         return False
-    if at.size < 3:
+    if at.size < 3 and mean is None:
         return True
     s, sign = low + (high - low) * LOOKED_AT, np.sign(values[k])
     curves = [_parabola(at[j : j + 3], values[j : j + 3], s) for j in range(at.size - 2)]
     line = values[k] + (values[k + 1] - values[k]) * LOOKED_AT
     if mean is not None:
         curves.append(line + 6 * (mean - line.mean()) * LOOKED_AT * (1 - LOOKED_AT))
-    others = curves[1:] or [(curves[0] + line) / 2]
+    others = curves[1:] or [line if at.size < 3 else (curves[0] + line) / 2]
     spread = max(float(np.max(np.abs(curves[0] - other))) for other in others)
     nearest = min(float(np.min(sign * curve)) for curve in curves)
     return nearest <= DOUBTED * spread

@@ -136,6 +136,8 @@ def test_largest_of_a_symmetric_start():
         ((0, 1, 2), (2.0, 1.9, -1.0), None, False),  # the first step
         ((0, 1, 2, 3), (2.0, 1.0, -1.0, 2.0), None, False),  # a change of sign is no pair
         ((1, 2), (2.0, 2.0), None, True),  # nothing else is known
+        ((1, 2), (2.0, 2.0), 2.1, False),  # but the mean
+        ((1, 2), (2.0, 2.0), 1.2, True),
         ((0, 1, 2, 3), (1.0, 1.0, 1.0, 1.0), None, False),
         ((0, 1, 2, 3), (1.0, 1.0, 1.0, 1.0), 0.7, True),  # but its mean is less than its ends are
     ],
