@@ -87,12 +87,12 @@ class Loose(Family):
         """The family of the system."""
         return Family(**{each.name: getattr(self, each.name) for each in fields(Family)})
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
         """None: the phases are those of the cycle that touches.
 
         t, u, setting, phase, soft: as in `Family`.
         """
-        return []
+        return iter(())
 
 
 @dataclass(frozen=True)

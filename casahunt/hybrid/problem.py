@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -142,7 +143,7 @@ class Problem(ABC):
             dp[self.names.index(name)] = 1.0
         return dp
 
-    def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:
+    def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> Iterable[Any]:
         """Starting points for other phase sequences, where one has stopped being a motion.
 
         phase: index of the phase that is none any more; soft: also last resorts that converge everywhere, but slowly.
@@ -164,7 +165,7 @@ class Problem(ABC):
         """
         return None
 
-    def expected(self, t: Any, u: Array, setting: Any) -> list[Any]:
+    def expected(self, t: Any, u: Array, setting: Any) -> Iterable[Any]:
         """Starting points to try from a predicted point of a branch, before any last resort.
 
         Returns starting points, in turn.
