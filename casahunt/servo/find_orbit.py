@@ -334,10 +334,14 @@ def _vanished(orbit: HuntingOrbit) -> bool:
 def _deny_below(
     around: list[HuntingOrbit], fold: HuntingFold, gain: float, branch: BranchName, options: Options
 ) -> None:
-    """NoOrbit where the lower fold, on one of the two sides of the smallest gain met, is located above `gain`."""
+    """NoOrbit where the lower fold, on one of the two sides of the smallest gain met, is located above `gain`.
+
+    A fold above a gain at which a cycle was met is not where they end.
+    """
+    smallest = min(orbit.gain for orbit in around) * (1 + options.tol)
     for before, after in reversed(list(pairwise(around))):
         lowest = locate(before, after, FOLD, vary="gain", options=options)
-        if lowest is not None:
+        if lowest is not None and lowest.gain <= smallest:
             break
     else:
         return

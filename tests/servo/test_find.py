@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -301,3 +302,7 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
     with pytest.raises(NoOrbit, match="turn back at .* in a second fold") as refused:
         searching._deny_below([near, past, farther], fold, gain, "stable", Options())
     assert refused.value.status is None
+    # Where a cycle was met at a smaller gain, that fold is not the end of them.
+    lowest = searching.locate(near, past, searching.FOLD, vary="gain", options=Options())
+    monkeypatch.setattr(searching, "locate", lambda *_, **__: lowest)
+    searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())
