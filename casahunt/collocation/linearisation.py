@@ -117,6 +117,12 @@ class Linearisation:
         y = self.transcription.system.solve(self.matrix(border), rhs)
         return self.expand(y, 0.0), y
 
+    def step_and_tangent(self, border: Array) -> Array:
+        """(2, y) the node system's solutions of `step` and of `tangent`, the matrix factorised once."""
+        rhs = np.zeros((2, self.transcription.system.size))
+        rhs[0], rhs[1, -1] = self.rhs(), 1.0
+        return self.transcription.system.solve(self.matrix(border), rhs)
+
     def return_map_eigenvalues(self) -> Array:
         """(n,) eigenvalues of the linearised map of the start to S times the end, one of them zero.
 

@@ -2,7 +2,8 @@
 
     G(u, lambda) = 0,    border . (u - u_start, lambda - lambda_start) = 0,
 
-where the border row holds lambda fixed, or measures arclength; on the condensed node system (transcription.py):
+where the border row holds lambda fixed, or measures arclength; on the condensed node system (transcription.py).  At an
+extremum of lambda the way along the border row is one more unknown (turn.py):
 
     linearise -> step -> small enough already? -> done
         ^                  | no
@@ -23,6 +24,7 @@ import numpy as np
 from ..errors import Status
 from .linearisation import Linearisation
 from .transcription import Setting, Transcription
+from .turn import Turn
 
 Array = np.ndarray
 Solver = Literal["ipopt", "newton"]
@@ -60,6 +62,7 @@ class Solution:
     linearisation : the equations linearised at u (where rough or nearby: where the last step began; at the last iterate
         where the solver failed), or None.
     solver : which one found it.
+    bend : d2 lambda/d a2 along the border row, where the extremum of lambda was sought.
     """
 
     u: Array
@@ -69,6 +72,7 @@ class Solution:
     residual: float
     linearisation: Linearisation | None
     solver: Solver = "newton"
+    bend: float | None = None
 
 
 def newton(
@@ -78,7 +82,7 @@ def newton(
     *,
     border: Array | None = None, parameter: float = 0.0,
     max_iterations: int = 12, largest_move: float = LARGEST_MOVE,
-    accuracy: float = 0.0, rough: float = 0.0, nearby: float = 0.0,
+    accuracy: float = 0.0, rough: float = 0.0, nearby: float = 0.0, turn: Turn | None = None,
 ) -> Solution:
     """Newton's method from u.
 
@@ -87,13 +91,14 @@ def newton(
     solution may lie; accuracy: a point whose Newton step is no larger than this, and than `ROUNDED`, is a solution as
     it stands; 0 for all digits; rough: above zero, a point is a solution too whose next step is sure to be no larger,
     with no more left of the equations; the linearisation is that where the last step began; nearby: above zero, so is
-    one, from no further than this, whose next step is below `accuracy` for sure (`_sure`).
+    one, from no further than this, whose next step is below `accuracy` for sure (`_sure`); turn: of one
+    member: what is sought is the extremum of lambda along the border row; without rough and nearby.
     Returns solution, whose status says how it ended.
     """
     row = t.system.border(parameter=1.0) if border is None else border
     start, u, lam, last, before = u, u.copy(), parameter, np.inf, None
     for iteration in range(1, (ROUGH_ITERATIONS if rough else max_iterations) + 1):
-        step = _step(t, u, setting.moved(lam), row)
+        step = _step(t, u, setting.moved(lam), row, turn)
         if isinstance(step, Status):
             return Solution(u, lam, step, iteration, np.inf, None)
         lin = step.linearisation
@@ -108,9 +113,10 @@ def newton(
         if limit and (residual := t.residual_norm(u, setting.moved(lam))) <= limit:
             return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
         rounding = step.size <= ROUNDED and step.size > 0.3 * last
-        if step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP or rounding:
+        # Secants shrink less quickly than Newton's steps do: where the extremum is, the next step is to show.
+        if rounding or (turn is None and (step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP)):
             return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
-        if step.size > (LOST if rough else DIVERGED) or (iteration > 3 and step.size > 2 * last):
+        if step.size > (LOST if rough else DIVERGED) or (turn is None and iteration > 3 and step.size > 2 * last):
             break
         if (t.durations_of(u) <= 0).any():
             return Solution(u, lam, Status.INADMISSIBLE, iteration, np.inf, lin)
@@ -144,7 +150,7 @@ def _sure(step: _Step, before: _Step | None, nearby: float, accuracy: float) -> 
     return step.whole * (step.whole / before.whole) ** 2 <= accuracy
 
 
-def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | Status:
+def _step(t: Transcription, u: Array, setting: Setting, row: Array, turn: Turn | None) -> _Step | Status:
     """The Newton step at u under a border row, or why there is none."""
     try:
         lin = t.linearise(u, setting)
@@ -152,9 +158,25 @@ def _step(t: Transcription, u: Array, setting: Setting, row: Array) -> _Step | S
         return Status.SINGULAR
     if not lin.finite():
         return Status.NOT_FINITE
-    du, _, dlam = lin.step(row)
-    size = size_of_step(t, u, du)
+    if turn is None:
+        du, _, dlam = lin.step(row)
+        size = size_of_step(t, u, du)
+    else:
+        du, dlam, size = _towards_extremum(t, u, lin, row, turn)
     return _Step(du, dlam, size, lin) if np.isfinite(size) else Status.SINGULAR
+
+
+def _towards_extremum(
+    t: Transcription, u: Array, lin: Linearisation, row: Array, turn: Turn
+) -> tuple[Array, float, float]:
+    """Newton's step at fixed a and the way along the curve, (du, dlambda) of both, and how large the larger one is."""
+    step, tangent = lin.step_and_tangent(row)
+    du, along, slope = lin.expand(step, 1.0), lin.expand(tangent, 0.0), tangent[-1:]
+    size, length, one = max(size_of_step(t, u, du), abs(float(step[-1]))), size_of_step(t, u, along), np.zeros(1, int)
+    way = turn.way(one, np.array([size]), np.array([length]), slope)
+    further = float(way[0])
+    dlam = float(step[-1] + turn.rise(one, way, slope)[0])
+    return du + further * along, dlam, float(np.maximum(size, abs(further) * length))
 
 
 def _arrived(

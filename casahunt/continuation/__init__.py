@@ -33,9 +33,8 @@ following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
 fold_conditions.py  the conditions of a fold as constraints of a larger problem
 adjoint.py          how much a fold moves with every parameter
-turning_point.py    the largest lambda on a mesh by Newton's method alone
 optimum.py          the same as an optimisation problem: Newton's method on its conditions
-turned.py           the orbit where a branch turns, on meshes adapted to the tolerance
+turned.py           the orbit where a branch turns: the extended system of a fold (collocation/turn.py)
 fold.py             a fold as a point of the branch and as an optimum, confirmed
 fold_expansion.py   a known fold and how it changes with parameters
 turning_points.py   the largest lambda of many members in one loop

@@ -18,14 +18,12 @@ from ..checks import known
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
-from .adjoint import curvature
 from .behind_grazing import from_strongest
-from .crossings import crossings
-from .curve import along, parameter_value
-from .fold import WALK_TOLERANCE, Fold, confirmed
+from .curve import parameter_value
+from .fold import WALK_TOLERANCE, Fold, confirmed, located, turns_back
 from .recut import cut_by_planes
 from .sheet import finer
-from .special_points import FOLD, SpecialPoint
+from .special_points import SpecialPoint
 from .walk import walk
 from .whole import as_whole_as_needed
 
@@ -119,12 +117,7 @@ def _extremum(
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
     special = start if isinstance(start, SpecialPoint) else _met(orbit, vary, sense, to, options, max_points)
-    fold = confirmed(special, vary, options, began, sense)
-    if curvature(fold.orbit, fold.multipliers, along(fold.orbit.problem, vary)) * sense > 0:
-        word, other = ("largest", "smallest") if sense > 0 else ("smallest", "largest")
-        sentence = f"{vary} is not {word} at the fold of {orbit.problem.title} at {fold.value:.10g}: try `{other}`"
-        raise NoOrbit(sentence, Status.NOT_FOUND)
-    return fold
+    return confirmed(special, vary, options, began, sense)
 
 
 def _met(
@@ -148,9 +141,6 @@ def _met(
             word = "largest" if sense > 0 else "smallest"
             sentence = f"{orbit.problem.title} has no {word} {vary} on this branch between {here:.6g} and {to:.6g}"
             raise NoOrbit(f"{sentence}: {end.value}", Status.NOT_FOUND) from None
-        found, missed = crossings(before, after, vary=vary, monitors=(FOLD,), options=finer(options))
-        if found:
-            return found[0]
-        if missed:
-            raise NoOrbit(missed[0].meaning, Status.NOT_CONVERGED)
+        if turns_back(before, after, vary, sense):
+            return located(before, after, vary, finer(options), sense)
         before = after

@@ -7,7 +7,7 @@ Two ways that share nothing but the collocation equations:
 * as an optimisation problem: maximise lambda subject to the transcription, with the exact Hessian: by Newton's method
   on its conditions (optimum.py); by IPOPT where that is named, or where the conditions are not seen to hold.
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
-  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (turning_point.py).
+  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (turn.py).
 
 `confirmed` does both, and refuses where they disagree; and it looks for the turning point on the halved mesh.  What a
 coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see; that on the
@@ -25,26 +25,23 @@ from typing import Any, ClassVar, Generic
 import numpy as np
 
 from ..checks import to_error
-from ..collocation.admissibility import judge, unclear_on_halves
 from ..collocation.error_estimate import left_on_halved
 from ..collocation.ipopt import Maximum, maximise_parameter
-from ..collocation.mesh import on_halved_mesh, transfer
-from ..collocation.newton import Solution, Solver
-from ..collocation.remesh import better_breaks
+from ..collocation.mesh import on_halved_mesh
+from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.amplitude import amplitude_off, estimated
-from ..orbits.border import curve_border
-from ..orbits.orbit import AnyOrbit, Orbit, Solved, orbit_of, unknowns_of
+from ..orbits.amplitude import amplitude_off
+from ..orbits.border import curve_border, row_along
+from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .adjoint import parameter_slopes
 from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .locating import locate
-from .optimum import optimum
+from .optimum import bend_at, multipliers_at, optimum
 from .special_points import FOLD, SpecialPoint, special_point
-from .turned import turned_between
-from .turning_point import row_along, turning_place, turning_point
+from .turned import turned_between, turned_orbit
 from .walk import walk
 
 Array = np.ndarray
@@ -53,9 +50,9 @@ WALK_TOLERANCE = 1e-5
 """The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
 SECOND_PLACE = 1e-3
 """Part of the tolerance to which the place of the fold on the halved mesh is known."""
-OPTIMAL_ROUNDS, SMALL_STEPS = 8, 6
-OPTIMAL_INTERVALS = 500
-"""Of a mesh on which the largest parameter is sought: IPOPT takes minutes and gigabytes on larger ones."""
+SMALL_STEPS = 6
+FREEDOM = 0.01
+"""|lambda| at which an extremum is no longer next to a point."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,52 +124,57 @@ class Fold(Result, Generic[AnyOrbit]):
         return float(self.value_error * abs(self.orbit.problem.unit(self.parameter)))
 
 
-def turns_back(before: Orbit, after: Orbit, vary: str) -> bool:
-    """Whether the parameter has a maximum between two successive orbits of a walk.
+def turns_back(before: Orbit, after: Orbit, vary: str, sense: float = 1.0) -> bool:
+    """Whether the parameter has a maximum between two successive orbits of a walk, or (sense -1) a minimum.
 
-    before, after: the orbits, in the order of the walk. Returns True where d lambda/d s changes sign from plus.
+    before, after: the orbits, in the order of the walk. Returns True where d lambda/d s changes sign from plus (minus).
     """
     way = secant(before, after, vary)
     there = curve_point(after, vary, like=in_units_of(way, before.scale, after.scale))
-    return FOLD.value(after, there) <= 0 < FOLD.value(before, curve_point(before, vary, like=way))
+    return sense * FOLD.value(after, there) <= 0 < sense * FOLD.value(before, curve_point(before, vary, like=way))
 
 
-def located(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
+def located(
+    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float = 1.0
+) -> SpecialPoint[AnyOrbit]:
     """The fold between two orbits, by the first of `WAYS` that leads there.
 
-    before, after: the orbits, in the order of the walk. Returns SpecialPoint, not yet confirmed. Raises NoOrbit: none
-    of them does.
+    before, after: the orbits, in the order of the walk; sense: as in `turns_back`. Returns SpecialPoint, not yet
+    confirmed. Raises NoOrbit: none of them does.
     """
-    tried = (way(before, after, vary, options) for way in WAYS)
+    tried = (way(before, after, vary, options, sense) for way in WAYS)
     return special_point(FOLD, next(orbit for orbit in tried if orbit is not None), vary)
 
 
-def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+def _where_it_turns(
+    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float
+) -> AnyOrbit | None:
+    return None if options.solver == "ipopt" else turned_between(before, after, vary, options)
+
+
+def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
     return locate(before, after, FOLD, vary=vary, options=options)
 
 
-def _in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+def _in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
     here, unit = parameter_value(before, vary), abs(before.problem.unit(vary))
     step = float(np.linalg.norm(secant(before, after, vary))) / SMALL_STEPS
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    low, high = sorted((here - 0.5 * sense * unit, here + sense * unit))
     steps = walk(
-        before, vary=vary, low=here - 0.5 * unit, high=here + unit, options=rough, first_step=step, largest_step=step,
+        before, vary=vary, low=low, high=high, sense=sense, options=rough, first_step=step, largest_step=step,
         max_points=4 * SMALL_STEPS,
     )  # fmt: skip
     last = before
     for following in steps:
-        if turns_back(last, following, vary):
+        if turns_back(last, following, vary, sense):
             return locate(last, following, FOLD, vary=vary, options=options)
         last = following
     return None
 
 
-def _as_the_optimum(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    return _optimal(max(before, after, key=lambda o: parameter_value(o, vary)), vary, options)
-
-
-def _where_it_turns(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    return None if options.solver == "ipopt" else turned_between(before, after, vary, options)
+def _as_the_optimum(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
+    return _optimal(max(before, after, key=lambda o: sense * parameter_value(o, vary)), vary, options, sense)
 
 
 WAYS = (
@@ -184,32 +186,16 @@ WAYS = (
 """Ways to a fold between two orbits, tried in turn: the orbit there, or None."""
 
 
-def _optimal(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
-    """The orbit of largest parameter next to an orbit near the fold, on meshes adapted to the tolerance."""
-    t, u, setting = _along(orbit, vary)
+def _optimal(orbit: AnyOrbit, vary: str, options: Options, sense: float = 1.0) -> AnyOrbit:
+    """The orbit of largest (sense -1: smallest) parameter next to one near the fold, on meshes made for the tolerance.
+
+    Raises NoOrbit: neither Newton's method nor IPOPT leads to one.
+    """
     here = parameter_value(orbit, vary)
-    across = np.append(np.zeros(t.n), [1.0, 0.0])  # at a fold the first duration moves, the parameter does not
-    for k in range(OPTIMAL_ROUNDS):
-        best = _largest(t, u, setting, options)
-        if not best.status.ok:
-            break
-        moved = setting.moved(best.parameter)
-        error = estimated(t, best.u, moved, border=curve_border(t, best.u, across))
-        if not np.isfinite(error.error):  # no duration moves
-            break
-        clear = judge(t, best.u, moved).admissible and not unclear_on_halves(t, error.better).any()
-        if error.error <= options.tol and clear:
-            lin = t.linearise(best.u, moved)
-            by = _maximiser(options)
-            solution = Solution(best.u, 0.0, best.status, best.iterations, lin.residual_norm(), lin, by)
-            solved = Solved(t, solution, moved, error, best.status, best.iterations)
-            problem = orbit.problem.with_value(vary, orbit.problem.moved(vary, best.parameter))
-            return orbit_of(solved, problem, wall_s=orbit.wall_s)
-        breaks = better_breaks(t, setting.fractions, error, options.tol, k)
-        if sum(b.size - 1 for b in breaks) > OPTIMAL_INTERVALS:
-            break
-        t, u, fractions = transfer(t, best.u, setting.fractions, breaks)
-        setting = replace(setting, fractions=fractions)
+    for solver in ("newton", "ipopt") if options.solver == "auto" else (options.solver,):
+        found = turned_orbit(orbit.problem, unknowns_of(orbit), vary, replace(options, solver=solver), -sense * np.inf)
+        if found is not None and abs(orbit.problem.distance(vary, parameter_value(found, vary))) < FREEDOM:
+            return found
     raise NoOrbit(
         f"the fold of {orbit.problem.title} next to {vary} {here:.10g} was not located on its branch, and as an "
         "optimisation problem it was not solved to the tolerance; try another tolerance",
@@ -234,26 +220,33 @@ def next_fold(orbit: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyO
     return special_point(FOLD, found.orbit, vary, found.value_error)
 
 
-def _maximiser(options: Options) -> Solver:
-    """Who looks for the largest parameter: IPOPT, where it is not to be Newton alone."""
-    return "newton" if options.solver == "newton" else "ipopt"
-
-
-def _largest(t: Transcription, u: Array, setting: Setting, options: Options) -> Maximum:
-    """The largest lambda next to u, as an optimisation problem, or as a turning point where Newton is to work alone."""
-    return (maximise_parameter if _maximiser(options) == "ipopt" else turning_point)(t, u, setting)
-
-
 def _optimum(t: Transcription, u: Array, setting: Setting, row: Array, options: Options) -> Maximum:
     """The largest lambda at a located fold u, by Newton's method on the optimality conditions where IPOPT is not named.
 
-    Where they are not seen to hold there, `_largest`.
+    Where they are not seen to hold there, by IPOPT; where Newton is to work alone, the turning point with its adjoint.
     """
     if options.solver != "ipopt":
         best = optimum(t, u, setting, row)
         if best.status.ok:
             return best
-    return _largest(t, u, setting, options)
+    if options.solver != "newton":
+        best = maximise_parameter(t, u, setting)
+    elif (found := _turned(t, u, setting, row, -np.inf, 0.0)) is not None:
+        best = Maximum(*found, multipliers_at(t, *found, setting, row), Status.CONVERGED, 0)
+    else:
+        return Maximum(u, 0.0, np.full(t.size, np.nan), Status.NOT_CONVERGED, 0)
+    if not best.status.ok:
+        return best
+    return replace(best, bend=bend_at(t, best.u, best.parameter, setting, row, best.multipliers))
+
+
+def _turned(
+    t: Transcription, u: Array, setting: Setting, row: Array, bend: float, accuracy: float
+) -> tuple[Array, float] | None:
+    """(u, lambda) at the turning point next to a point of the same mesh, by Newton's method; None where it is not."""
+    border = curve_border(t, u, row)
+    found = solve(t, u, setting, solver="newton", border=border, accuracy=accuracy, bend=bend)
+    return (found.u, found.parameter) if found.status.ok and abs(found.parameter) < FREEDOM else None
 
 
 def confirmed(
@@ -264,7 +257,7 @@ def confirmed(
     special, vary: the fold, and the name of the parameter; options, began, sense: `tol` bounds the relative errors;
     time.perf_counter() when the search began, default: now; +1 where the parameter is largest, -1 where it is smallest.
     Returns fold, of the class that its problem names. Raises InputError: the special point is no fold.; NoOrbit: the
-    two values differ by more than the tolerance, or an error estimate exceeds it.
+    two values differ by more than the tolerance, an error estimate exceeds it, or it is a fold of the other kind.
     """
     if special.kind != FOLD.kind:
         raise InputError(f"special point {special.kind!r}: must be a fold")
@@ -280,6 +273,10 @@ def confirmed(
         found = f"gives {value:.10g}" if best.status.ok else f"was not solved ({best.status.advice})"
         status = Status.TOLERANCE_NOT_REACHED if best.status.ok else best.status
         raise NoOrbit(f"{where} is not confirmed: the optimisation problem {found}; try another tolerance", status)
+    if best.bend > 0:
+        word, other = ("largest", "smallest") if sense > 0 else ("smallest", "largest")
+        sentence = f"{vary} is not {word} at the fold of {orbit.problem.title} at {here:.10g}: try `{other}`"
+        raise NoOrbit(sentence, Status.NOT_FOUND)
     orbit = _with_second_place(orbit, t, best, setting, row, options, where)
     error = orbit.parameter_error
     if orbit.error_estimate > options.tol:
@@ -301,8 +298,7 @@ def _with_second_place(
     """
     finer, u, fractions = on_halved_mesh(t, best.u, setting.fractions)
     halves, left = replace(setting.moved(best.parameter), fractions=fractions), SECOND_PLACE * options.tol
-    known = row, best.bend
-    place = None if options.solver == "ipopt" else turning_place(finer, u, halves, accuracy=left, known=known)
+    place = None if options.solver == "ipopt" else _turned(finer, u, halves, row, best.bend, left)
     if place is None:
         check = _optimum(finer, u, halves, row, options)
         if not check.status.ok:
@@ -322,7 +318,6 @@ def _with_second_place(
         amplitude_error=max(orbit.amplitude_error, off * apart + left),
         parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
     )
-
 
 
 def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:

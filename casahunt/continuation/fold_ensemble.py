@@ -22,15 +22,14 @@ import numpy as np
 
 from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import Estimate
-from ..collocation.mesh import transfer
 from ..collocation.newton import Solution as Root
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
-from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.adapt import Options, on_breaks, solve_adaptively
 from ..orbits.amplitude import estimated
-from ..orbits.border import curve_border
+from ..orbits.border import curve_border, row_along
 from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
 from ..orbits.options import TOLERANCE_RANGE
 from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
@@ -39,14 +38,13 @@ from .curve import along
 from .fold import Fold
 from .fold_confirmation import confirmed_many, slopes_of_many
 from .fold_expansion import Expansion
-from .turning_points import from_expansion, turning_points
+from .turning_points import from_expansion
 
 Array = np.ndarray
 How = Literal["batch", "recut", ""]
 
 NEIGHBOURS_APART = 1e-3
 """Distance of the neighbours from which the expansion is made, in logarithms: their differences have ten digits."""
-MESHES_OF_KNOWN, MESHES_OF_MEMBER = 4, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,53 +128,38 @@ def expansion_at(orbit: Orbit, vary: str, names: tuple[str, ...], tol: float) ->
     Raises NoOrbit: the fold could not be solved again.
     """
     problem = orbit.problem
+    options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=along(problem, vary))
-    known = _polished(t, u, setting, problem, vary, tol)
-    for changes in range(MESHES_OF_KNOWN):
-        t, u, setting = known.t, known.u, known.setting()
-        error = estimated(t, u, setting, border=curve_border(t, u, known.row), believed=tol)
-        if (changes and error.error <= ROOM_FOR_KNOWN * tol) or not np.isfinite(error.error):
-            break
-        breaks = better_breaks(t, setting.fractions, error, ROOM_FOR_KNOWN * tol, changes)
-        t, u, fractions = transfer(t, u, setting.fractions, breaks)
-        known = _polished(t, u, replace(setting, fractions=fractions), problem, vary, tol)
-    names = tuple(name for name in names if name != vary)
-    return _expanded(replace(known, names=names), tol)
-
-
-def _polished(
-    t: Transcription, u: Array, setting: Setting, problem: Problem, vary: str, tol: float, bend: float | None = None
-) -> Expansion:
-    """The fold on a mesh, with its row and bend; `bend` is about that, where it is known."""
-    lin = t.linearise(u, setting)
-    du, y = lin.tangent(curve_border(t, u, np.append(np.ones(t.n), [0.0, 0.0])))
-    row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], 0.0]])
-    row /= np.linalg.norm(row)
-    bend = _bend(t, u, setting, row) if bend is None else bend
-    many = settings_of(setting, setting.p[None], setting.dp[None])
-    found = turning_points(t, u[None], np.zeros(1), many, row, np.array([bend]), tol)
-    if found.statuses[0] is not Status.CONVERGED:
+    row = row_along(t, u, setting)
+    error = estimated(t, u, setting, border=curve_border(t, u, row), believed=tol)
+    start = t, u, setting
+    if np.isfinite(error.error):  # the mesh of the orbit has the history of its walk
+        start = on_breaks(start, better_breaks(t, setting.fractions, error, options.tol))
+    found = _known(problem, start, vary, row, np.nan, options)
+    if found is None:
         raise NoOrbit(f"the known fold of {problem.title} was not solved again", Status.NOT_CONVERGED)
-    there = problem.with_value(vary, problem.moved(vary, float(found.lam[0])))
+    return _expanded(replace(found, names=tuple(name for name in names if name != vary)), tol)
+
+
+def _known(
+    problem: Problem, start: Start, vary: str, row: Array, bend: float, options: Options
+) -> Expansion | None:
+    """The fold next to a start, on a mesh and with phases made for it; None where there is none."""
+    solved = solve_adaptively(problem, start, options, solver="newton", border=row, bend=bend, soft=False)
+    if not solved.status.ok:
+        return None
+    t, u, setting, lam = solved.t, solved.solution.u, solved.setting, solved.solution.parameter
+    there = problem.with_value(vary, problem.moved(vary, lam))
+    setting = replace(setting.moved(lam), dp=along(there, vary))
+    own = row_along(t, u, setting, solved.solution.linearisation)
+    assert solved.border is not None and solved.solution.bend is not None
+    # Where the slope vanishes, another measure of the way changes the bend by the square of its rate alone.
+    bend = solved.solution.bend * float(solved.border @ own) ** 2 * problem.unit(vary) / there.unit(vary)
     return Expansion(
-        there, vary, t.cycle.signature, t.cycle.repeats, t.counts, t.degree, t.kind, found.u[0], setting.fractions,
-        setting.scale, row, float(found.bend[0]),
+        there, vary, t.cycle.signature, t.cycle.repeats, t.counts, t.degree, t.kind, u, setting.fractions,
+        setting.scale, own, bend,
     )  # fmt: skip
-
-
-def _bend(t: Transcription, u: Array, setting: Setting, row: Array) -> float:
-    """d2 lambda/d a2 from the slopes at a short way to either side, corrected there."""
-    slopes = []
-    for way in (-NEIGHBOURS_APART, NEIGHBOURS_APART):
-        x, lam = u.copy(), 0.0
-        du, y = t.linearise(x, setting).tangent(curve_border(t, x, row))
-        x, lam = x + way * du, way * float(y[-1])
-        for _ in range(3):
-            du, _, dlam = t.linearise(x, setting.moved(lam)).step(curve_border(t, x, row))
-            x, lam = x + du, lam + dlam
-        slopes.append(float(t.linearise(x, setting.moved(lam)).tangent(curve_border(t, x, row))[1][-1]))
-    return (slopes[1] - slopes[0]) / (2 * NEIGHBOURS_APART)
 
 
 def _expanded(known: Expansion, tol: float) -> Expansion:
@@ -299,29 +282,18 @@ def _verdict(admissible: bool, numbers: Array, tol: float) -> Status:
 
 
 def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array] | None:
-    """The fold that a start leads to which needs other phases or another mesh, and its (6,) numbers; None: to none.
-
-    Its mesh is made where the start lies; where that is too far from the fold, it is made again from there.
-    """
+    """The fold that a start leads to which needs other phases or another mesh, and its (6,) numbers; None: to none."""
     options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
-    for _ in range(MESHES_OF_MEMBER):
-        try:
-            problem = known.problem.with_values(known.problem.names, start[2].p)
-            solved = solve_adaptively(problem, start, options, solver="newton", border=known.row, soft=False)
-            if not solved.status.ok:
-                return None
-            there = problem.with_value(known.vary, problem.moved(known.vary, solved.solution.parameter))
-            fresh = replace(solved.setting.moved(solved.solution.parameter), dp=along(there, known.vary))
-            local = _polished(solved.t, solved.solution.u, fresh, there, known.vary, tol, known.bend)
-        except (NoOrbit, InputError):
-            return None
-        start = local.t, local.u, local.setting()
-        own = _settings_of_known(local)
-        numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
-        verdict = _verdict(bool(admissible_many(local.t, local.u[None], own)[0]), numbers, tol)
-        if verdict is Status.CONVERGED:
-            return (local, numbers) if local.bend * known.bend > 0 else None
-    return None
+    try:
+        problem = known.problem.with_values(known.problem.names, start[2].p)
+        local = _known(problem, start, known.vary, known.row, known.bend, options)
+    except (NoOrbit, InputError):
+        return None
+    if local is None:
+        return None
+    own = _settings_of_known(local)
+    numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
+    return (local, numbers) if _verdict(True, numbers, tol) is Status.CONVERGED else None  # adapt.py has judged it
 
 
 def _settings_of_known(known: Expansion) -> Setting:

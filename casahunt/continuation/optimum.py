@@ -108,6 +108,19 @@ def _multipliers(
     return np.concatenate([nu.ravel(), closed, psi[E * n : -1]]), float(psi[-1])
 
 
+def multipliers_at(t: Transcription, u: Array, lam: float, setting: Setting, row: Array) -> Array:
+    """(size,) multipliers of the equations at an optimum that is known."""
+    border = curve_border(t, u, row)
+    return _multipliers(t, np.append(u, lam), setting, t.linearise(u, setting.moved(lam)), border)[0]
+
+
+def bend_at(t: Transcription, u: Array, lam: float, setting: Setting, row: Array, nu: Array) -> float:
+    """d2 lambda/d a2 at an optimum with its multipliers, whoever found it: < 0 where lambda is largest."""
+    along, y = t.linearise(u, setting.moved(lam)).tangent(curve_border(t, u, row))
+    v = np.append(along, y[-1])
+    return -_conditions(t, np.append(u, lam), setting, nu, v, v)[2]
+
+
 def _conditions(
     t: Transcription, z: Array, setting: Setting, nu: Array, v: Array, n: Array
 ) -> tuple[float, float, float, float]:

@@ -1,13 +1,9 @@
-"""The turning points of many members: turning_point.py for all of them in one loop.
+"""The turning points of many members: those of newton.py for all of them in one loop.
 
-With a row w along the curve at a known fold, a = w . (x_0 - x_0*, ln T_1 - ln T_1*) measures the way: with a held, the
-equations are regular at the fold, and their tangent (du/da, dlambda/da = g) tells how far that is.  For every member:
+For every member, until what a next step would bring is a small part of the tolerance; who is done leaves the batch:
 
-    linearise at (u, lambda) -> Newton's step at fixed a, and the tangent
-    da = -g / g',   g' from the last two g (the known fold's to begin with)         (u, lambda) += step + da tangent
+    linearise at (u, lambda) -> Newton's step at fixed a, and the tangent -> the way along it (collocation/turn.py)
 
-until what a next step would bring is a small part of the tolerance; who is done leaves the batch.  The bend is never
-believed to have another sign than that of the known fold: the loop leaves a smallest lambda where a largest is sought.
 What it finds far from its start is another fold.  A member that is lost is approached by way of the turning point
 halfway.
 
@@ -23,6 +19,7 @@ import numpy as np
 from ..collocation.linearisation import Linearisation
 from ..collocation.newton import LARGEST_MOVE
 from ..collocation.transcription import Setting, Transcription, settings_of
+from ..collocation.turn import BELIEVED_STEP, MOST_TURNS, Turn
 from ..errors import Status
 from ..orbits.adapt import LEFT_OUT
 from ..orbits.ensemble import sizes_of_steps
@@ -30,15 +27,8 @@ from .fold_expansion import Expansion
 
 Array = np.ndarray
 
-MOST_TURNS = 14
 MOST_STATIONS, ORDER_LEFT_OUT = 3, 3
 """A way is halved at most so often; what an expansion to second order leaves out is of this order."""
-BELIEVED_STEP = 0.1
-"""A Newton step below this lets the tangent be believed."""
-CLEAN_STEP = 0.1
-"""Of the last way along the curve: two slopes are compared where Newton's steps at both are smaller than that."""
-LARGEST_TURN = 0.3
-"""Of one step along the curve, in scaled units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,32 +112,23 @@ def turning_points(
     without lambda; (B,) d2 lambda/d a2, about, and with its sign; tol: relative error that is wanted.
     """
     B = len(u)
-    start, u, lam, bends = u, u.copy(), lam.copy(), bend.copy()
+    start, u, lam, turn = u, u.copy(), lam.copy(), Turn(bend)
     statuses = [Status.NOT_CONVERGED] * B
-    last, slope, way = np.full(B, np.inf), np.full(B, np.nan), np.zeros(B)
-    unclean = np.full(B, np.inf)
-    active = np.arange(B)
+    last, active = np.full(B, np.inf), np.arange(B)
     for iteration in range(MOST_TURNS):
         if not active.size:
             break
         lin = t.linearise(u[active], settings.of(active).moved(lam[active]))
         newton, tangent = step_and_tangent(t, u[active], lin, row)
-        du, along_curve = lin.expand(newton, 1.0), lin.expand(tangent, 0.0)
+        du, along_curve, g = lin.expand(newton, 1.0), lin.expand(tangent, 0.0), tangent[:, -1]
         with np.errstate(all="ignore"):
             size = np.maximum(sizes_of_steps(t, u[active], du), np.abs(newton[:, -1]))
-            length, g = sizes_of_steps(t, u[active], along_curve), tangent[:, -1]
-            fresh = (g - slope[active]) / way[active]
-            compared = np.maximum(size, unclean[active]) <= CLEAN_STEP * np.abs(way[active]) * length
-            compared &= (way[active] != 0) & (fresh * bends[active] > 0)
-            bends[active] = np.where(compared, fresh, bends[active])
-            da = np.where(size <= BELIEVED_STEP, -g / bends[active], 0.0)
-            da = np.clip(da, -LARGEST_TURN / length, LARGEST_TURN / length)
+            length = sizes_of_steps(t, u[active], along_curve)
+            da = turn.way(active, size, length, g)
             total = np.maximum(size, np.abs(da) * length)
-            du += da[:, None] * along_curve
-            u[active] += du
-            lam[active] += newton[:, -1] + da * g + 0.5 * bends[active] * da**2
+            u[active] += du + da[:, None] * along_curve
+            lam[active] += newton[:, -1] + turn.rise(active, da, g)
             foreseen = np.where(last[active] < np.inf, total * (total / last[active]), np.inf)
-        slope[active], way[active], unclean[active] = g, da, size
         finite = np.isfinite(total) & lin.finite()
         positive = (u[active][:, -t.phases :] > 0).all(axis=1)
         done = finite & positive & (size <= BELIEVED_STEP) & (foreseen <= LEFT_OUT * tol)
@@ -161,7 +142,7 @@ def turning_points(
         for i in np.flatnonzero(finite & ~positive):
             statuses[active[i]] = Status.INADMISSIBLE
         active = active[finite & positive & ~done & ~grows]
-    return Found(u, lam, bends, statuses)
+    return Found(u, lam, turn.bend, statuses)
 
 
 def step_and_tangent(t: Transcription, u: Array, lin: Linearisation, row: Array) -> tuple[Array, Array]:

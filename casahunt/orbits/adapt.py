@@ -6,8 +6,8 @@
       +-- next phase sequence   better mesh --> Newton --+
       +--------------------------------------------------+
 
-`solve_adaptively` is the loop, the functions after it are its boxes.  It works at a fixed parameter, or with the
-parameter free under a border row (continuation).
+`solve_adaptively` is the loop, the functions after it are its boxes.  It works at a fixed parameter, with the parameter
+free under a border row (continuation), or where the parameter is extremal along that row (folds).
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ def solve_adaptively(
     *,
     solver: Solver,
     border: Array | None = None,
+    bend: float | None = None,
     soft: bool = True,
 ) -> Solved:
     """Solve from `start` and adapt mesh and phase sequence until the tolerance holds.
@@ -64,15 +65,16 @@ def solve_adaptively(
     problem: whose cycle it is, and whose phase sequences are sought where one stops being a motion; solver: for the
     first solve of `auto`, which takes Newton after that, and the other one where the first fails at a fixed parameter.
     A solver named in `options` makes all the solves, alone; border: weights (n + 2,) of the first node, of ln T_1 and
-    of lambda; the correction is orthogonal to them and lambda is free.  None holds lambda at zero; soft: allow last
+    of lambda; the correction is orthogonal to them and lambda is free.  None holds lambda at zero; bend: with a border
+    row along the curve, sought is the extremum of lambda; about d2 lambda/d a2 there, as of a `Turn`; soft: allow last
     resorts among the phase sequences (Problem.next_sequence). Returns Solved, whose status says how it ended. Raises
     ValueError: the cycle of `start` is none of the problem's.
     """
     t = start[0]
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
         raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
-    task, spent = _Task(problem, options, border, soft), _Spent()
-    root = _corrected(task, start, solver, 0.0)
+    task, spent = _Task(problem, options, border, bend, soft), _Spent()
+    root = _corrected(task, start, solver)
     spent.off = size_of_step(t, start[1], root.solution.u - start[1])
     found = _adapted(task, root, spent)
     while found.status.ok and spent.barely >= 0 and (other := _parted(task, found, spent)) is not None:
@@ -114,6 +116,7 @@ class _Task:
     problem: Problem
     options: Options
     border: Array | None
+    bend: float | None
     soft: bool
 
 
@@ -189,7 +192,7 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tup
     if task.options.sketched and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
         if presentable(e, task.options):
-            return _known(root, e, spent), verdict
+            return _known(task, root, e, spent), verdict
     e = estimated(t, u, root.moved, border=row, believed=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent), verdict
@@ -197,16 +200,17 @@ def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tup
         verdict = judged_on_halves(t, verdict, e.better)
         spent.barely = verdict.barely
         if verdict.admissible:
-            return _known(root, e, spent), verdict
+            return _known(task, root, e, spent), verdict
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
     return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note), verdict
 
 
-def _known(root: _Root, e: Estimate, spent: _Spent) -> Solved:
+def _known(task: _Task, root: _Root, e: Estimate, spent: _Spent) -> Solved:
     """A root that is an answer."""
-    return Solved(root.t, root.solution, root.setting, e, Status.CONVERGED, spent.iterations, off=spent.off)
+    status, border = Status.CONVERGED, task.border
+    return Solved(root.t, root.solution, root.setting, e, status, spent.iterations, off=spent.off, border=border)
 
 
 def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:
@@ -239,7 +243,7 @@ def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spe
         again = task.problem.remarch(known.t, known.solution.u, known.setting.moved(known.solution.parameter))
         if again is not None:
             t, u, fresh = again
-            root = _corrected(task, (t, u, replace(fresh, p=known.setting.p)), "newton", known.solution.parameter)
+            root = _corrected(task, (t, u, replace(fresh, p=known.setting.p)), "newton", known.solution)
     return root
 
 
@@ -264,13 +268,13 @@ def presentable(e: Estimate, options: Options) -> bool:
 def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
     found = known.solution
-    return _corrected(task, on_breaks((known.t, found.u, known.setting), breaks), "newton", found.parameter)
+    return _corrected(task, on_breaks((known.t, found.u, known.setting), breaks), "newton", found)
 
 
-def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _Root:
+def _corrected(task: _Task, start: Start, solver: Solver, known: Solution | None = None) -> _Root:
     """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
     if task.options.solver != "auto" or task.border is not None:
-        return _solved_alone(task, start, parameter)
+        return _solved_alone(task, start, known)
     found, accuracy = [], LEFT_OUT * task.options.tol
     for one in (solver, "newton" if solver == "ipopt" else "ipopt"):
         found.append(ipopt_then_newton(*start) if one == "ipopt" else newton(*start, accuracy=accuracy, nearby=GLANCE))
@@ -279,14 +283,18 @@ def _corrected(task: _Task, start: Start, solver: Solver, parameter: float) -> _
     return _Root(start[0], start[2], found[0])
 
 
-def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
-    """One solve by one solver, under the border row: the one that the user named, by `auto` Newton's method."""
+def _solved_alone(task: _Task, start: Start, known: Solution | None) -> _Root:
+    """One solve by one solver, under the border row: the one that the user named, by `auto` Newton's method.
+
+    known: of another mesh, with lambda and, of an extremum, how the curve bends.
+    """
     t, u, setting = start
     row = None if task.border is None else curve_border(t, u, task.border)
     solver, tol = "newton" if task.options.solver == "auto" else task.options.solver, task.options.tol
+    parameter, bend = (0.0, task.bend) if known is None else (known.parameter, known.bend)
     found = solve(
         t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * tol,
-        rough=SKETCHED * tol if task.options.sketched else 0.0, nearby=GLANCE,
+        rough=SKETCHED * tol if task.options.sketched else 0.0, nearby=GLANCE, bend=bend,
     )  # fmt: skip
     return _Root(t, setting, found)
 
@@ -298,7 +306,7 @@ def _first_converging(task: _Task, starts: Iterable[Start], known: _Root) -> tup
         there = task
         if task.border is not None:
             there = replace(task, border=with_other_phases(task.border, first, float(t.durations_of(u)[0])))
-        root = _solved_alone(there, (t, u, replace(moved, p=known.setting.p)), known.solution.parameter)
+        root = _solved_alone(there, (t, u, replace(moved, p=known.setting.p)), known.solution)
         if root.solution.status.ok:
             return there, root
     return None

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..collocation.transcription import Transcription
+from ..collocation.linearisation import Linearisation
+from ..collocation.transcription import Setting, Transcription
 
 Array = np.ndarray
 
@@ -26,6 +27,22 @@ def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
     nodes[0] = weights[: t.n]
     durations[0] = weights[t.n] / t.durations_of(u)[0]
     return t.system.border(nodes=nodes, durations=durations, parameter=float(weights[-1]))
+
+
+def row_along(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> Array:
+    """The weights that measure the way along the curve at a point of it, without lambda, as at a fold (turn.py).
+
+    lin: the equations linearised there, where that is known.
+    Returns (n + 2,) of length one, its last entry zero: the tangent itself.
+    """
+    lin = lin or t.linearise(u, setting)
+    # Next to the sharpest folds the first node moves no more than lambda does: the first duration tells.
+    for trial in (np.append(np.ones(t.n), [0.0, 0.0]), np.append(np.zeros(t.n), [1.0, 0.0])):
+        du, y = lin.tangent(curve_border(t, u, trial))
+        if np.isfinite(y).all():
+            break
+    row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], 0.0]])
+    return row / np.linalg.norm(row)
 
 
 def with_other_phases(weights: Array, before: float, after: float) -> Array:

@@ -320,6 +320,7 @@ class Solved:
     iterations : total over all meshes.
     note : what is special about it, in words.
     off : how far the first solution lies from where its solver started, as a Newton step is measured.
+    border : (n + 2,) weights of the border row (border.py) under which it was solved in the end; None: lambda held.
     """
 
     t: Transcription
@@ -330,6 +331,7 @@ class Solved:
     iterations: int
     note: str = ""
     off: float = np.inf
+    border: Array | None = None
 
     def complaint(self) -> Complaint:
         """The advice of the status with the note."""

@@ -10,13 +10,13 @@ import pytest
 from test_convergence import P_KEPLER, circle_guess
 
 from casahunt.collocation import newton as newton_module
-from casahunt.collocation.ipopt import ipopt, maximise_parameter, minimise
+from casahunt.collocation.ipopt import Maximum, ipopt, maximise_parameter, minimise
 from casahunt.collocation.newton import ROUNDED, newton
 from casahunt.collocation.solve import POLISHING, ipopt_then_newton, solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation.optimum import optimum
-from casahunt.continuation.turning_point import row_along, turning_point
 from casahunt.errors import Status
+from casahunt.orbits.border import curve_border, row_along
 from problems import stuart_landau as sl
 
 SLOW = (0.25e-3, 1.5e-3, 0.8, 0.2)
@@ -127,7 +127,14 @@ def by_its_conditions(t, u, setting, **how):
     return optimum(t, u, setting, row_along(t, u, setting), **how)
 
 
-@pytest.mark.parametrize("search", [maximise_parameter, turning_point, by_its_conditions])
+def where_the_slope_vanishes(t, u, setting, *, freedom):
+    border = curve_border(t, u, row_along(t, u, setting))
+    found = solve(t, u, setting, solver="newton", border=border, bend=-np.inf)
+    status = found.status if abs(found.parameter) < freedom else Status.NOT_CONVERGED
+    return Maximum(found.u, found.parameter, np.zeros(t.size), status, found.iterations)
+
+
+@pytest.mark.parametrize("search", [maximise_parameter, where_the_slope_vanishes, by_its_conditions])
 @pytest.mark.parametrize("beside", [1e-3, 8e-3, 3e-2])
 def test_the_fold_is_found_within_the_freedom(search, beside):
     """lambda = 1 - nu_f/nu downwards from a cycle at nu; T is 2 pi/omega and r^2 = b/(2 c)."""

@@ -368,9 +368,12 @@ def test_the_next_fold(solver):
 
 
 def test_the_next_fold_must_be_a_motion_on_halves_too(monkeypatch):
-    monkeypatch.setattr(folds, "unclear_on_halves", lambda t, better: np.ones(t.intervals, bool))
+    below = cycle(3.59)
+    monkeypatch.setattr(
+        adapt, "judged_on_halves", lambda t, verdict, better: replace(verdict, unclear=np.ones(t.intervals, bool))
+    )
     with pytest.raises(NoOrbit, match="was not located"):
-        next_fold(cycle(3.59), "c", Options(tol=1e-8))
+        next_fold(below, "c", Options(tol=1e-8))
 
 
 @pytest.mark.parametrize("solver", ["newton", "ipopt"])
@@ -418,16 +421,17 @@ def test_a_fold_that_one_step_does_not_find(monkeypatch, lost):
     assert np.linalg.norm(secant(*calls[1], "c")) == pytest.approx(whole / folds.SMALL_STEPS, rel=0.3)
 
 
-def test_a_fold_at_which_no_duration_moves_is_refused():
-    """Without shear the period is always the same: the row that the estimate needs there is singular."""
+def test_a_fold_at_which_no_duration_moves():
+    """Without shear the period is always the same; the first node measures the way."""
     found = cycle(3.59)
     problem = replace(found.problem, values=(*found.problem.values[:4], 0.0))
     t, u, setting = unknowns_of(found)
     start = t, u, replace(setting, p=problem.vector())
     options = Options(tol=1e-8)
     still = finished(solve_adaptively(problem, start, options, solver="newton"), problem, options, 0.0, "the cycle")
-    with pytest.raises(NoOrbit, match="was not located on its branch"):
-        next_fold(still, "c", options)
+    fold = next_fold(still, "c", options)
+    assert c_of(fold.orbit) == pytest.approx(LARGEST, rel=1e-8)
+    assert fold.orbit.period == pytest.approx(still.period, rel=1e-9)
 
 
 # The conditions of a fold ------------------------------------------------------------------------------------------

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import Options, find_fold
+from casahunt import Options
 from casahunt.collocation.admissibility import judge
 from casahunt.collocation.linearisation import Linearisation
-from casahunt.collocation.mesh import on_halved_mesh, shape, transfer
-from casahunt.continuation.curve import along
-from casahunt.continuation.turning_point import turning_place, turning_point
+from casahunt.collocation.mesh import shape, transfer
 from casahunt.continuation.walk import walk
 from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import refined, solve_adaptively
@@ -70,24 +68,3 @@ def test_the_side_of_the_fold_is_seen_at_a_glance_where_that_is_sure(orbit, monk
     for glance in (1e9, np.nan, 1.5):  # beyond its digits, or too close to one
         monkeypatch.setattr(Linearisation, "return_map_eigenvalues", lambda *_, g=glance: np.array([g, 0.0]))
         assert not is_unstable(stable) and is_unstable(unstable)
-
-
-def test_a_turning_point_is_a_maximum_from_the_first_secant_on(orbit):
-    """Of minus the gain it is a minimum, of which no step of any length makes a maximum; nor is there one at 0.4."""
-    fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9)).orbit
-    for at, sense, there in ((fold, 1.0, True), (fold, -1.0, False), (orbit("switch", 0.4), 1.0, False)):
-        t, u, setting = unknowns_of(at)
-        setting = replace(setting, dp=sense * along(at.problem, "gain"))
-        assert (turning_place(t, u, setting) is not None) == there
-        assert turning_point(t, u, setting).status.ok == there
-
-
-def test_the_place_of_a_fold_without_multipliers(orbit):
-    """From 0.647, on a finer mesh, to the reference."""
-    near = orbit("switch", 0.647)
-    t, u, setting = unknowns_of(near)
-    t, u, fractions = on_halved_mesh(t, u, setting.fractions)
-    setting = replace(setting, fractions=fractions, dp=along(near.problem, "gain"))
-    found = turning_place(t, u, setting)
-    assert found is not None
-    assert 0.647 * (1 + found[1]) == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-10)

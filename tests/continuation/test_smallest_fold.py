@@ -11,15 +11,16 @@ import pytest
 
 from casahunt import NoOrbit, Options
 from casahunt.collocation.graphs import graphs
+from casahunt.collocation.solve import solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation.crossings import crossings
 from casahunt.continuation.fold import confirmed_smallest
 from casahunt.continuation.fold_conditions import data_of
 from casahunt.continuation.special_points import FOLD, SpecialPoint
-from casahunt.continuation.turning_point import turning_point
 from casahunt.continuation.walk import walk
 from casahunt.errors import Status
 from casahunt.orbits.adapt import finished, solve_adaptively
+from casahunt.orbits.border import curve_border, row_along
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from problems import stuart_landau as sl
 from problems.fixed_sequence import FixedSequence
@@ -79,9 +80,11 @@ def test_a_point_beside_it_is_refused(solver):
 
 
 def test_a_smallest_parameter_is_not_given_as_the_largest():
-    """Newton's method finds turning points of either kind."""
+    """Newton's method finds extrema of the kind that it is told to find."""
     t, u, setting = unknowns_of(stable_cycle(SMALLEST * (1 + 5e-5), Options(tol=1e-9)))
-    direction = np.array([1.0, 0.0, 0.0, 0.0]) * setting.p[0]
-    assert turning_point(t, u, replace(setting, dp=-direction)).status is Status.CONVERGED
-    refused = turning_point(t, u, replace(setting, dp=direction))
-    assert refused.status is Status.NOT_CONVERGED and np.isnan(refused.multipliers).all()
+    setting = replace(setting, dp=np.array([1.0, 0.0, 0.0, 0.0]) * setting.p[0])
+    border = curve_border(t, u, row_along(t, u, setting))
+    found = solve(t, u, setting, solver="newton", border=border, bend=np.inf)
+    assert found.status is Status.CONVERGED and found.bend > 0
+    assert setting.p[0] * (1 + found.parameter) == pytest.approx(SMALLEST, rel=1e-11)
+    assert not solve(t, u, setting, solver="newton", border=border, bend=-np.inf).status.ok

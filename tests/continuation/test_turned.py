@@ -7,19 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import Options, find_fold
+from casahunt import NoOrbit, Options, find_fold
 from casahunt.collocation.admissibility import judge
 from casahunt.collocation.ipopt import maximise_parameter
 from casahunt.collocation.linearisation import Linearisation
+from casahunt.collocation.mesh import on_halved_mesh
+from casahunt.collocation.solve import solve
+from casahunt.collocation.turn import MOST_TURNS
 from casahunt.continuation import fold as folds
 from casahunt.continuation import optimum as conditions
-from casahunt.continuation import turned, turning_point
+from casahunt.continuation import turned
 from casahunt.continuation.curve import along
 from casahunt.continuation.fold import located
 from casahunt.continuation.optimum import optimum
 from casahunt.continuation.turned import turned_between
-from casahunt.continuation.turning_point import row_along, turning_place
 from casahunt.errors import Status
+from casahunt.orbits import adapt
+from casahunt.orbits.border import curve_border, row_along
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
 
@@ -33,6 +37,13 @@ def at_fold(orbit):
     t, u, setting = unknowns_of(best)
     setting = replace(setting, dp=along(best.problem, "gain"))
     return t, u, setting, row_along(t, u, setting)
+
+
+def turning_place(t, u, setting, *, bend=-np.inf, accuracy=0.0, row=None):
+    """(u, lambda) at the turning point next to a point of the curve; None where there is none."""
+    border = curve_border(t, u, row_along(t, u, setting) if row is None else row)
+    found = solve(t, u, setting, solver="newton", border=border, accuracy=accuracy, bend=bend)
+    return (found.u, found.parameter) if found.status.ok else None
 
 
 @pytest.fixture
@@ -109,44 +120,38 @@ def test_a_row_is_found_where_the_first_node_does_not_move(at_fold, monkeypatch)
     assert len(asked) == 2 and abs(again @ row) == pytest.approx(1, rel=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [0.2, 1.0, 5.0, -1.0, 1e-6])
+@pytest.mark.parametrize("wrong", [0.2, 1.0, 5.0, 1e-6, np.inf])
 def test_a_bend_need_be_known_about(at_fold, orbit, wrong):
-    """Five times off either way, of the other sign, or a million times too small."""
+    """Five times off either way, a million times too small, or not but for its sign."""
     t, u, setting, row = at_fold
     bend = optimum(t, u, setting, row).bend
     near = orbit("switch", 0.647)
     t, u, setting = unknowns_of(near)
     setting = replace(setting, dp=along(near.problem, "gain"))
-    place = turning_place(t, u, setting, accuracy=1e-12, known=(row_along(t, u, setting), wrong * bend))
+    place = turning_place(t, u, setting, accuracy=1e-12, bend=wrong * bend)
     honest = turning_place(t, u, setting)
     assert place is not None and honest is not None
     assert place[1] == pytest.approx(honest[1], abs=1e-13)
     assert t.nodes_of(place[0]) == pytest.approx(t.nodes_of(honest[0]), abs=1e-10)
 
 
-def test_of_a_smallest_gain_no_bend_makes_a_largest(at_fold, orbit):
+@pytest.mark.parametrize("bend", [-40.0, -np.inf])
+def test_of_a_smallest_gain_no_bend_makes_a_largest(orbit, bend):
     """The slopes on the way show the sign of the bend, whatever it was said to be."""
     near = orbit("switch", 0.6465)
     t, u, setting = unknowns_of(near)
     setting = replace(setting, dp=-along(near.problem, "gain"))
-    assert turning_place(t, u, setting, accuracy=1e-11, known=(row_along(t, u, setting), -40.0)) is None
+    assert turning_place(t, u, setting, accuracy=1e-11, bend=bend) is None
 
 
-def test_a_turning_point_far_away_is_not_followed(at_fold, orbit, monkeypatch):
-    """A bend a million times too small sends it there: one linearisation shows that; a singular one shows nothing."""
+def test_an_equation_that_cannot_be_solved_has_no_turning_point(at_fold, monkeypatch):
     t, u, setting, row = at_fold
-    near = orbit("switch", 0.647)
-    t, u, setting = unknowns_of(near)
-    setting, asked = replace(setting, dp=along(near.problem, "gain")), []
-    honest = type(t).linearise
-    monkeypatch.setattr(type(t), "linearise", lambda *a, **k: asked.append(a) or honest(*a, **k))
-    assert turning_point._together(t, u, setting, row, 1e-11, -4e-6) is None and len(asked) == 1
 
     def singular(*_, **__):
         raise np.linalg.LinAlgError
 
     monkeypatch.setattr(type(t), "linearise", singular)
-    assert turning_point._together(t, u, setting, row, 1e-11, -4.0) is None
+    assert turning_place(t, u, setting, accuracy=1e-11, bend=-4.0, row=row) is None
 
 
 def test_a_fold_is_solved_for_where_the_branch_turns(beside, monkeypatch):
@@ -173,15 +178,15 @@ def test_a_cubic_that_turns_elsewhere_leads_to_no_solve(beside, monkeypatch, par
 
 def test_what_is_no_motion_is_no_fold(beside, monkeypatch):
     judged = []
-    monkeypatch.setattr(turned, "judge", lambda *a: judged.append(a) or replace(judge(*a), violated="a slip"))
+    monkeypatch.setattr(adapt, "judge", lambda *a: judged.append(a) or replace(judge(*a), violated="a slip"))
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
-    assert len(judged) == 1, "no mesh makes it one"
+    assert len({t.intervals for t, *_ in judged}) == 1, "no mesh makes it one"
 
 
 def test_an_error_that_is_no_number_makes_no_mesh(beside, monkeypatch):
-    honest, asked = turned.estimated, []
+    honest, asked = adapt.estimated, []
     monkeypatch.setattr(
-        turned, "estimated", lambda *a, **k: asked.append(a) or replace(honest(*a, **k), period=np.nan)
+        adapt, "estimated", lambda *a, **k: asked.append(a) or replace(honest(*a, **k), period=np.nan)
     )  # fmt: skip
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None and len(asked) == 1
 
@@ -189,15 +194,15 @@ def test_an_error_that_is_no_number_makes_no_mesh(beside, monkeypatch):
 def test_no_mesh_grows_without_end(orbit, monkeypatch):
     rough = orbit("switch", 0.64, "stable", 1e-5), orbit("switch", 0.64, "unstable", 1e-5)
     assert turned_between(*rough, "gain", Options(tol=1e-11)) is not None
-    monkeypatch.setattr(turned, "MAX_INTERVALS", 1)
+    monkeypatch.setattr(adapt, "MAX_INTERVALS", 1)
     assert turned_between(*rough, "gain", Options(tol=1e-11)) is None
 
 
 def test_what_is_not_presentable_gets_another_mesh(beside, monkeypatch):
     seen = []
-    monkeypatch.setattr(turned, "presentable", lambda e, options: seen.append(e) or len(seen) > 1)
+    monkeypatch.setattr(adapt, "presentable", lambda e, options: seen.append(e) or len(seen) > 2)
     assert turned_between(*beside, "gain", Options(tol=1e-6)).gain == pytest.approx(FOLD["K"], rel=1e-9)
-    assert len(seen) == 2
+    assert len(seen) == 3  # of the first mesh twice: whether it will do, and what is missing
 
 
 def test_orbits_of_other_phases_have_no_cubic_between_them(beside, monkeypatch):
@@ -215,7 +220,7 @@ def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
         blank = len(judged) == 1
         return replace(verdict, unclear=np.ones(t.intervals, bool)) if blank else verdict
 
-    monkeypatch.setattr(turned, "judge", unclear)
+    monkeypatch.setattr(adapt, "judge", unclear)
     found = turned_between(*beside, "gain", Options(tol=1e-6))
     assert found.gain == pytest.approx(FOLD["K"], rel=1e-9)
     assert judged[1] == 4 * judged[0]
@@ -223,13 +228,14 @@ def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
 
 def test_halves_that_are_not_clear_are_cut_too(beside, monkeypatch):
     """Once, what the halved mesh makes of the fold is no motion in its first interval: that one becomes four."""
-    looked = []
+    looked, honest = [], adapt.judged_on_halves
 
-    def unclear(t, better):
+    def unclear(t, verdict, better):
         looked.append(t.intervals)
-        return np.arange(t.intervals) == (0 if len(looked) == 1 else -1)
+        verdict = honest(t, verdict, better)
+        return replace(verdict, unclear=np.arange(t.intervals) == 0) if len(looked) == 1 else verdict
 
-    monkeypatch.setattr(turned, "unclear_on_halves", unclear)
+    monkeypatch.setattr(adapt, "judged_on_halves", unclear)
     found = turned_between(*beside, "gain", Options(tol=1e-6))
     assert found.gain == pytest.approx(FOLD["K"], rel=1e-9)
     assert looked[1] == looked[0] + 3
@@ -242,8 +248,8 @@ def test_turning_point_is_not_sought_without_end(at_fold, monkeypatch):
     counted = []
     honest = type(t).linearise
     monkeypatch.setattr(type(t), "linearise", lambda *a, **k: counted.append(1) or honest(*a, **k))
-    assert turning_place(t, u, setting, accuracy=1e-18, known=(row, bend)) is not None
-    assert len(counted) <= turning_point.MOST_TOGETHER
+    assert turning_place(t, u, setting, accuracy=1e-18, bend=bend, row=row) is not None
+    assert len(counted) <= MOST_TURNS
 
 
 @pytest.mark.parametrize(("gain", "off"), [(0.64, 0.0), (0.647, 0.1)])
@@ -253,16 +259,39 @@ def test_slopes_are_believed_on_the_curve_and_compared_far_apart(orbit, gain, of
     t, u, setting = unknowns_of(near)
     setting = replace(setting, dp=along(near.problem, "gain"))
     start = u * (1 + off * np.random.default_rng(1).uniform(-1, 1, u.size))
-    found = turning_point._together(t, start, setting, row_along(t, u, setting), 1e-11, -4.0)
-    assert found is not None and gain * (1 + found[0].parameter) == pytest.approx(FOLD["K"], rel=1e-9)
+    found = turning_place(t, start, setting, row=row_along(t, u, setting), accuracy=1e-11, bend=-4.0)
+    assert found is not None and gain * (1 + found[1]) == pytest.approx(FOLD["K"], rel=1e-9)
 
 
-def test_a_turning_point_beyond_the_freedom_is_not_next_to_the_start(orbit):
+def test_a_turning_point_beyond_the_freedom_is_not_next_to_the_start(orbit, monkeypatch):
+    near, way = orbit("switch", 0.646), FOLD["K"] / 0.646 - 1
+    for part, there in ((1.1, True), (0.9, False)):
+        monkeypatch.setattr(folds, "FREEDOM", part * way)
+        if there:
+            assert folds.next_fold(near, "gain", Options(tol=1e-8)).orbit.gain == pytest.approx(FOLD["K"], rel=1e-9)
+        else:
+            with pytest.raises(NoOrbit, match="not located on its branch"):
+                folds.next_fold(near, "gain", Options(tol=1e-8, solver="newton"))
+
+
+def test_a_turning_point_is_a_maximum_where_only_the_sign_of_the_bend_is_known(orbit):
+    """Of minus the gain it is a minimum, of which no step of any length makes a maximum; nor is there one at 0.4."""
+    fold = find_fold(table1.servo(), "switch", options=Options(tol=1e-9)).orbit
+    for at, sense, there in ((fold, 1.0, True), (fold, -1.0, False), (orbit("switch", 0.4), 1.0, False)):
+        t, u, setting = unknowns_of(at)
+        setting = replace(setting, dp=sense * along(at.problem, "gain"))
+        assert (turning_place(t, u, setting) is not None) == there
+    t, u, setting = unknowns_of(fold)
+    setting = replace(setting, dp=-along(fold.problem, "gain"))
+    assert turning_place(t, u, setting, bend=np.inf) is not None, "a smallest one is found where it is asked for"
+
+
+def test_the_place_of_a_fold_without_multipliers(orbit):
+    """From 0.647, on a finer mesh, to the reference."""
     near = orbit("switch", 0.647)
     t, u, setting = unknowns_of(near)
-    setting = replace(setting, dp=along(near.problem, "gain"))
-    way, row = FOLD["K"] / 0.647 - 1, row_along(t, u, setting)
-    for part, there in ((1.1, True), (0.9, False)):
-        how = {"freedom": part * way, "accuracy": 1e-11}
-        assert (turning_place(t, u, setting, known=(row, -4.0), **how) is not None) == there
-        assert (turning_point.turned_solution(t, u, setting, -4.0, **how)[0] is not None) == there
+    t, u, fractions = on_halved_mesh(t, u, setting.fractions)
+    setting = replace(setting, fractions=fractions, dp=along(near.problem, "gain"))
+    found = turning_place(t, u, setting)
+    assert found is not None
+    assert 0.647 * (1 + found[1]) == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-10)

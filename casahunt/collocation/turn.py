@@ -1,0 +1,82 @@
+"""The extended system of a fold: the equations, and a slope of the parameter that vanishes.
+
+    G(u, lambda) = 0,    g(u, lambda) = d lambda/d a = 0,       a = w . (x_0 - x_0*, ln T_1 - ln T_1*)
+
+With a row w along the curve, G is regular at a fold while a is held, and one factorisation of the bordered matrix
+gives Newton's step n at fixed a and the tangent v with da = 1, whose last entry is g.  Newton's step of the extended
+system is
+
+    (u, lambda) += n + da v,     da = -g/g',
+
+g' from the slopes at the last two points: its steps at fixed a leave the way between them as it was gone.  Only sums of
+a member's own numbers enter, so that one fold is a batch of one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+
+FIRST_WAY = 1e-6
+"""First way along the curve where of the bend only the sign is known: shorter than all but the sharpest folds are wide,
+and long enough for two slopes to differ by more than rounding."""
+BELIEVED_STEP = 0.1
+"""A Newton step below this lets the tangent be believed."""
+CLEAN_STEP = 0.01
+"""Of the way between two points: their slopes are compared where Newton's steps at both are smaller than that.  With a
+tenth, a step that was 7 % of the way made a bend a hundred times too small."""
+LARGEST_WAY = 0.1
+"""Of one step along the curve, in scaled units: where the bend was expected ten times too small, ways of 0.3 left
+Newton's steps no time to lead back to the curve."""
+REDUCED = 0.5
+"""Part of the last slope that is left where the bend is about right."""
+MOST_TURNS = 16
+"""Steps: from the cubic between two orbits that lie on the same side of the fold it took up to 13."""
+
+
+class Turn:
+    """How far B members go along their curves to where their slopes vanish.
+
+    bend: (B,) d2 lambda/d a2, about; the sign is that of the extremum that is sought, and no slopes make it another;
+    infinite where only that is known, NaN where any extremum will do.
+    """
+
+    def __init__(self, bend: Array) -> None:
+        self.bend = np.array(bend, dtype=float)
+        self._slope, self._way = np.full(len(self.bend), np.nan), np.zeros(len(self.bend))
+        self._step = np.full(len(self.bend), np.inf)
+
+    def way(self, members: Array, step: Array, length: Array, slope: Array) -> Array:
+        """(b,) ways along the curve of some members, NaN where the slope bends the other way.
+
+        step, length, slope: (b,) sizes of Newton's steps at fixed a, and of the tangents; d lambda/d a.
+        """
+        with np.errstate(all="ignore"):
+            return self._told(members, step, length, slope)
+
+    def _told(self, members: Array, step: Array, length: Array, slope: Array) -> Array:
+        bend, gone, last = self.bend[members], self._way[members], self._slope[members]
+        fresh = (slope - last) / gone
+        limit = CLEAN_STEP * np.abs(gone) * length
+        began = (gone != 0) & (self._step[members] <= limit)
+        clean = began & (step <= limit)
+        bend = np.where(clean & ((fresh * bend > 0) | np.isnan(bend)), fresh, bend)
+        self.bend[members] = bend
+        unknown = ~np.isfinite(bend)
+        first = np.where(slope * bend > 0, -FIRST_WAY, FIRST_WAY) / length
+        way = np.where(unknown, np.where(step <= CLEAN_STEP * FIRST_WAY, first, 0.0), -slope / bend)
+        way = np.clip(np.where(step <= BELIEVED_STEP, way, 0.0), -LARGEST_WAY / length, LARGEST_WAY / length)
+        # Where the slope has not vanished as it should, the bend is told first, from the corrected point at the same a.
+        missed = began & ~clean & (unknown | ~(np.abs(slope) <= REDUCED * np.abs(last)))
+        way = np.where(missed, 0.0, np.where(unknown & clean, np.nan, way))
+        kept = (gone != 0) & (way == 0)
+        self._slope[members] = np.where(kept, last, slope)
+        self._step[members] = np.where(kept, self._step[members], step)
+        self._way[members] = np.where(kept, gone, way)
+        return way
+
+    def rise(self, members: Array, way: Array, slope: Array) -> Array:
+        """(b,) changes of lambda that their ways bring."""
+        bend = self.bend[members]
+        return way * (slope + np.where(np.isfinite(bend), bend, 0.0) / 2 * way)
