@@ -95,8 +95,8 @@ class Linearisation:
         y = self.transcription.system.solve(self.matrix(border), rhs)
         return self.expand(y, 0.0), y
 
-    def return_map_eigenvalues(self) -> Array:
-        """(n,) eigenvalues of the linearised map of the start to S times the end, one of them zero.
+    def return_map(self) -> Array:
+        """(n, n) scaled M, the linearised map of the start to S times the end; one of its eigenvalues is zero.
 
         The quick look at the multipliers of a stable cycle: the start responds to a disturbance of the closure by
         (I - M)^-1.  Digits that M loses there are lost; orbits/floquet.py loses none.
@@ -107,7 +107,11 @@ class Linearisation:
             [t.system.solve_transposed(matrix, np.eye(t.system.size)[k : min(k + ADJOINTS, n)])
              for k in range(0, n, ADJOINTS)]
         )[:, t.elements * n : (t.elements + 1) * n]  # fmt: skip
-        return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response))
+        return np.eye(n) - np.linalg.inv(response)
+
+    def return_map_eigenvalues(self) -> Array:
+        """(n,) eigenvalues of `return_map`."""
+        return np.linalg.eigvals(self.return_map())
 
     def expand(self, y: Array, inhomogeneous: float) -> Array:
         """The update of all unknowns that belongs to a solution of the node system.

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..checks import given_once, known, of_kind
 from ..collocation.interval import field_at
+from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
 from ..errors import NoOrbit, Status
 from ..hybrid import system as engine
@@ -33,7 +34,8 @@ from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections
 from .family import Family, measured_of
 from .orbit import unknowns_of
-from .recurrence import Recurrence, loop_distance, rebased, recurrences
+from .recurrence import EXACTLY, Recurrence, comes_in, loop_distance, rebased, recurrences
+from .marched_mesh import remeshed
 from .restart import from_segments, in_scheme
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
@@ -41,8 +43,13 @@ from .watching import SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on,
 
 Array = np.ndarray
 
+NEARBY = 0.1
+"""A motion may be about to repeat when it comes back this near, as part of how far it has gone away, and of the state
+scale; each failure asks for a tenth of it."""
 RETURNED = 1e-2
-"""A motion repeats when it comes back this near, in units of the state scale; each failure asks for a tenth of it."""
+"""It repeats when it comes back this near, in units of the state scale; farther off, one more return has to show it."""
+CLEARLY = 0.1
+"""Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 REPEATED = 0.1
 """All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
 WITHIN = 0.2
@@ -57,8 +64,6 @@ MOST_MARCHED = 20_000
 SEVERAL_TIMES = 1e-7
 """A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
 period."""
-EXACTLY = 1e-8
-"""A motion that comes back so near shows no more by going on."""
 RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 MOST_LONG = 2
@@ -165,6 +170,10 @@ class _Search:
     refusals: list[str] = field(default_factory=list)
     met: str = ""
     long: int = 0
+    near: float = 0.0
+    ahead: list[Segment] = field(default_factory=list)
+    back: list[Recurrence] = field(default_factory=list)
+    known: dict[tuple[int, Closure], tuple[SystemOrbit, Array]] = field(default_factory=dict)
 
     def run(self) -> SystemOrbit:
         """The cycle.  Raises NoOrbit."""
@@ -186,18 +195,19 @@ class _Search:
         if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
             return self.first_return()
         self.watch()
-        near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
+        self.near = RETURNED if self.settled else NEARBY
         while True:
-            self.march_on(phases)
-            for r in self.recurrences(near, lambda r: r.phases <= FEW_PHASES or self.repeated(r)):
-                orbit = self.solved(r)
+            self.march_on()
+            for r in self.back:
+                orbit = self.confirmed(r)
+                if orbit is None and r.distance < self.near:
+                    orbit = self.solved(r)
+                    self.near = max(r.distance, 1e-12) / 10
+                    if orbit is None:
+                        self.check_hope(r)
                 if orbit is not None:
                     return orbit
-                self.check_hope(r)
-                near = min(near, max(r.distance, 1e-12)) / 10
             self.check_patience()
-            if not self.settled:
-                phases = len(self.segments)
 
     def first_return(self) -> SystemOrbit:
         """The cycle through states that lie on it, of a motion without events: cut there, followed once round.
@@ -241,32 +251,38 @@ class _Search:
         self.scale, self.span = seen.scale, seen.span
         if seen.events == 0:
             self.sections, self.turning = cut(self.system, seen, self.p)
-        if not self.settled:
-            self.mode, self.x = going_on(self.system.vector_form, seen.last, self.p)
-            self.met = seen.last.event
-        if self.system.forcing_period is not None:
-            self.x = Turning(self.x.size - 1, 1.0, 1).wrapped(self.x)
-        elif self.turning is not None:
-            self.x = self.turning.wrapped(self.x)
         self.form = with_sections(self.system, self.sections)
+        last = seen.segments[-1]
+        if seen.events and last.event:
+            self.ahead = list(seen.segments)
+        if seen.events or not self.settled:
+            self.mode, self.x, self.met = *going_on(self.system.vector_form, last, self.p), last.event
+        if self.turning is not None:
+            self.x = self.turning.wrapped(self.x)
 
     # March ----------------------------------------------------------------------------------------------------
 
-    def march_on(self, phases: int) -> None:
-        """So many phases more."""
+    def march_on(self) -> None:
+        """On, phase by phase, until the motion has come back, or for as many phases as there are."""
         assert self.form is not None
-        goal = len(self.segments) + phases
+        self.back = []
+        while self.ahead:
+            self.segments.append(self.ahead.pop(0))
+            if self.came_back(self.segments):
+                return
+        goal = len(self.segments) + max(FIRST_PHASES, len(self.segments))
         while len(self.segments) < goal:
             count = 1 if self.turning else goal - len(self.segments)
-            found: list[Segment] = []
+            motion = list(self.segments)
 
-            def enough(segment: Segment, found: list[Segment] = found, count: int = count) -> bool:
-                found.append(segment)
-                return len(found) >= count or self.outgrown(segment)
+            def enough(segment: Segment, motion: list[Segment] = motion, most: int = count + len(motion)) -> bool:
+                motion.append(segment)
+                return len(motion) >= most or self.outgrown(segment) or self.came_back(motion)
 
             new = march(
                 self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
                 degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
+                after=self.segments[-1] if self.segments else None,
             )  # fmt: skip
             self.segments += new
             if self.outgrown(new[-1]):
@@ -278,20 +294,42 @@ class _Search:
                     f"the motion does not come back to {self.sections[0].state} = {self.sections[0].level:.6g}"
                     if moves else "the motion comes to rest"
                 )  # fmt: skip
-            self.mode, self.x = going_on(self.form, new[-1], self.p)
-            self.met = new[-1].event
-            if self.turning is not None:
-                self.x = self.turning.wrapped(self.x)
+            self.go_on()
+            if self.back:
+                return
+        self.back = self.recurrences(self.near, self.worth_a_try)
+
+    def go_on(self) -> None:
+        """Where the motion goes on from its last phase, with the whole turns taken off."""
+        assert self.form is not None
+        self.mode, self.x = going_on(self.form, self.segments[-1], self.p)
+        self.met = self.segments[-1].event
+        if self.turning is not None:
+            self.x = self.turning.wrapped(self.x)
+
+    def came_back(self, motion: list[Segment]) -> bool:
+        """Whether the motion is near an earlier state after a few phases: then it is seen what of that is a cycle's."""
+        nodes = np.abs(motion[-1].w[:, : self.scale.size]).max(axis=0)
+        self.scale = np.where(turns(self.system) > 0, self.scale, np.maximum(self.scale, nodes))
+        near = NEARBY if self.known else self.near
+        self.back = self.recurrences(near, lambda r: r.phases <= FEW_PHASES, motion) if len(motion) > 1 else []
+        return bool(self.back)
+
+    def worth_a_try(self, r: Recurrence) -> bool:
+        """Whether what comes back is no more than a few phases long, or all of it is near to the loop before."""
+        return r.phases <= FEW_PHASES or r.distance < RETURNED and self.repeated(r)
 
     def outgrown(self, segment: Segment) -> bool:
         """Whether the motion has left all that was seen of it far behind: angles and the time alone may grow."""
         x = np.where(turns(self.system) > 0, 0.0, segment.end) / self.scale
         return bool(np.max(np.abs(x)) > OUTGROWN)
 
-    def recurrences(self, near: float, believed: Callable[[Recurrence], bool]) -> list[Recurrence]:
+    def recurrences(
+        self, near: float, believed: Callable[[Recurrence], bool], motion: list[Segment] | None = None
+    ) -> list[Recurrence]:
         """The ways in which the motion has come back this near."""
         assert self.form is not None
-        return recurrences(self.system, self.form, self.segments, self.p, self.scale, near, believed)
+        return recurrences(self.system, self.form, motion or self.segments, self.p, self.scale, near, believed)
 
     def repeated(self, r: Recurrence) -> bool:
         """Whether all of the last loop is near to the loop before."""
@@ -336,30 +374,56 @@ class _Search:
         signature = tuple((s.mode, s.event) for s in passes)
         cycle = problem.cycle(signature, closure.repeats)
         direction = problem.direction(self.followed) if self.followed else np.zeros(0)
+        passes = [s.meshed(shape_limit(self.options.tol)) for s in passes]
         begin = from_segments(
             cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
         )
         begin = in_scheme(begin, *self.options.scheme_of(problem))
-        # A long one that Newton loses is not worth an optimisation problem of its size.
-        alone = self.options.solver == "auto" and r.phases > FEW_PHASES
-        options = replace(self.options, solver="newton") if alone else self.options
+        if any(s.length for s in passes):
+            begin = remeshed(begin, self.options)
+        # What Newton loses is sought again nearer to it, which costs less than an optimisation problem of its size.
+        options = replace(self.options, solver="newton") if self.options.solver == "auto" else self.options
         outcome = solve_adaptively(problem, begin, options, solver="newton")
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
-            self.refusals.append(str(refusal) + (self.hidden if unsettled else ""))
-            return None
+            return self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
         away = float(np.max(np.abs(orbit.arcs[0].states[0, 0] - passes[0].start) / self.scale))
-        if away > WITHIN:
-            self.refusals.append(f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
-            return None
-        if not self.settled and not orbit.stable:  # not trusted either: what cannot be told to attract is not believed
-            self.refusals.append("an unstable cycle was passed, which the motion leaves")
+        if r.distance < RETURNED and away > WITHIN:
+            return self.refused(r, f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
+        lin = outcome.solution.linearisation
+        scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
+        M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
+        if not self.settled and not self.attracts(orbit, M):  # what cannot be told to attract is not believed
+            refused = self.refused(r, "an unstable cycle was passed, which the motion leaves")
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
-            return None
+            return refused
+        if r.distance >= RETURNED:
+            self.known[r.phases, r.closure] = orbit, M
+            return self.confirmed(r)
         return self.once_round(orbit) or orbit
+
+    def refused(self, r: Recurrence, why: str) -> None:
+        """A recurrence that has led to no cycle is told of where the motion was really near one."""
+        if r.distance < RETURNED:
+            self.refusals.append(why)
+
+    def attracts(self, orbit: SystemOrbit, M: Array) -> bool:
+        """Whether a cycle is stable, by the eigenvalues of its return map (n, n) where these tell it."""
+        largest = float(np.max(np.abs(np.linalg.eigvals(M)))) if np.isfinite(M).all() else 1.0
+        return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
+
+    def confirmed(self, r: Recurrence) -> SystemOrbit | None:
+        """The cycle that was computed at an earlier return like this one, where the motion has come nearer to it."""
+        orbit, M = self.known.get((r.phases, r.closure), (None, None))
+        if orbit is None or M is None:
+            return None
+        S, shift, x = np.array(r.closure.matrix), np.array(r.closure.shift), orbit.arcs[0].states[0, 0]
+        before, now = self.segments[-1 - r.phases].behind, S @ self.segments[-1].behind - shift
+        off = [(y - turned(self.system, x, y) - x) / self.scale for y in (before, now)]
+        return (self.once_round(orbit) or orbit) if comes_in(M / self.scale[:, None] * self.scale, *off) else None
 
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
         """The cycle that an orbit runs through several times; None where it is its own period.
@@ -368,12 +432,12 @@ class _Search:
         """
         assert self.form is not None
         near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
-        whole, round_it = len(orbit.arcs) * orbit.repeats, segments_of(*unknowns_of(orbit))
+        round_it = segments_of(*unknowns_of(orbit))
         if self.turning is not None:  # every turn ends with the same event, but for how many there were before
             round_it = [replace(segment, event=self.segments[-1].event) for segment in round_it]
         found = recurrences(
             self.system, self.form, round_it, self.p, self.scale, near,
-            lambda r: r.phases * r.closure.repeats < whole,
+            lambda r: r.phases < len(orbit.arcs),
         )  # fmt: skip
         return self.solved(found[0], None if self.turning else round_it) if found else None
 

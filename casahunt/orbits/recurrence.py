@@ -29,6 +29,10 @@ EQUAL = 1e-12
 """Fields and events that agree to this, relative to their sizes, are the same."""
 TRIED = 16
 """Intervals of a phase at which a symmetry is tried."""
+EXACTLY = 1e-8
+"""A motion that comes back so near shows no more by going on, in units of the state scale."""
+DOUBLINGS = 12
+"""Of the number of returns that the norm of `comes_in` sums up."""
 BESIDE_MOTION = 0.1
 """How far from the motion a symmetry is tried, in units of the state scale."""
 
@@ -51,36 +55,79 @@ def recurrences(
     near: float,
     believed: Callable[[Recurrence], bool] = lambda r: True,
 ) -> list[Recurrence]:
-    """The ways in which the end of a motion is near an earlier state of it.
+    """The ways in which the end of a motion is near an earlier state of it, as far as it has gone away since.
 
     system, form: the system, and what was marched: with its sections; segments: the motion, phase after phase; all but
-    the first start at events; p, scale: parameter vector; (n,) sizes of the states.
+    the first start at events; p, scale: parameter vector; (n,) sizes of the states; near: distance of the states, as
+    part of how far the motion has gone away between them, and at most that, in units of the scale.
     Returns recurrences, the one with fewest phases first; at most one in which nothing is mirrored.
     """
-    found = []
     n = scale.size
-    states = [segment.behind for segment in segments]
-    labels = [(segment.mode, segment.event) for segment in segments]
-    for m in range(1, len(segments) // 2 + 1):
-        here, there = states[-1], states[-1 - m]
-        if labels[-m:] == labels[-2 * m : -m]:
-            shift = turned(system, there, here)
-            distance = float(np.max(np.abs(here - shift - there) / scale))
-            plain = Recurrence(m, Closure.of(np.eye(n), shift, 1), distance)
-            if distance < near and believed(plain):
-                found.append(plain)
-                break
-        for S in symmetries(system):
-            image = S @ here
-            shift = turned(system, there, image, parts=2)
-            distance = float(np.max(np.abs(image - shift - there) / scale))
-            if not distance < near:
+    states = np.array([segment.behind for segment in segments])
+    here, there = states[-1], states[-2::-1]
+    found = []
+    for S in (np.eye(n), *symmetries(system)):
+        plain = S is not None and np.array_equal(S, np.eye(n))
+        image = S @ here
+        shifts = turned(system, there, image, parts=1 if plain else 2)
+        distances = np.max(np.abs(image - shifts - there) / scale, axis=1)
+        for i in np.flatnonzero(distances < near):
+            m, distance = int(i) + 1, float(distances[i])
+            r = Recurrence(m, Closure.of(S, shifts[i], 1 if plain else 2), distance)
+            if not (distance < EXACTLY or distance < near * _excursion(segments[-m:], scale)) or not believed(r):
                 continue
-            mirrored = Recurrence(m, Closure.of(S, shift, 2), distance)
-            if believed(mirrored) and is_symmetry(form, segments[-2 * m :], S, shift, p, scale):
-                found.append(mirrored)
+            if plain and _same(segments[-1], segments[-1 - m]):
+                found.append(r)
                 break
-    return found
+            if not plain and _mirrored(form, segments, r, p, scale):
+                found.append(r)
+                break
+    return sorted(found, key=lambda r: r.phases)
+
+
+def _same(one: Segment, other: Segment) -> bool:
+    """Whether two phases have the same names."""
+    return (one.mode, one.event) == (other.mode, other.event)
+
+
+def _excursion(segments: Sequence[Segment], scale: Array) -> float:
+    """How far some phases go away from their end, in units of the scale."""
+    nodes = np.vstack([segment.w[:, : scale.size] for segment in segments])
+    return float(np.max(np.abs(nodes - segments[-1].behind) / scale))
+
+
+def _mirrored(form: engine.System, segments: Sequence[Segment], r: Recurrence, p: Array, scale: Array) -> bool:
+    """Whether a symmetry maps the last phases of a motion, and the event before them, to what comes after each.
+
+    What comes later is known of the first of them alone, where the motion has not gone on for long enough.
+    """
+    m, S, shift = r.phases, np.array(r.closure.matrix), np.array(r.closure.shift)
+    if len(segments) >= 2 * m:
+        return is_symmetry(form, segments[-2 * m :], S, shift, p, scale)
+    return is_symmetry(form, [segments[-1 - m], segments[-1]], S, shift, p, scale) and all(
+        image_of(form, segment, r.closure, p, scale) is not None for segment in segments[-m:]
+    )
+
+
+def comes_in(M: Array, before: Array, now: Array) -> bool:
+    """Whether one return of a motion shows that it goes to a fixed point of the return map.
+
+        |now - M before| <= half of |before| - |M before|    in the norm |e|^2 = sum over k of |M^k e|^2, in which M contracts
+
+    What the return map does beyond its linearisation there is then less than half of what that contracts, and shrinks
+    faster than the distance.
+
+    M: (n, n) linearisation of the return map, with all eigenvalues inside the unit circle; before, now: (n,) distances
+    from the fixed point, one return apart.
+    """
+    weight, power = np.eye(len(M)), M
+    for _ in range(DOUBLINGS):
+        weight, power = weight + power.T @ weight @ power, power @ power
+
+    def norm(e: Array) -> float:
+        return float(np.sqrt(e @ weight @ e))
+
+    return norm(now - M @ before) <= (norm(before) - norm(M @ before)) / 2
 
 
 def loop_distance(system: System, segments: Sequence[Segment], r: Recurrence, scale: Array) -> float:
