@@ -35,23 +35,24 @@ from .closure import Closure, Section, turned, turns, with_sections
 from .family import Family, measured_of
 from .orbit import unknowns_of
 from .recurrence import EXACTLY, Recurrence, comes_in, loop_distance, rebased, recurrences
-from .marched_mesh import remeshed
 from .restart import from_segments, in_scheme
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
-from .watching import SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on, cut, going_on, watched
+from .watching import (
+    GREW, LOOK_LONGER, MOST_LOOKS, SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on, cut, going_on, watched,
+)  # fmt: skip
 
 Array = np.ndarray
 
-NEARBY = 0.1
-"""A motion may be about to repeat when it comes back this near, as part of how far it has gone away, and of the state
-scale; each failure asks for a tenth of it."""
 RETURNED = 1e-2
-"""It repeats when it comes back this near, in units of the state scale; farther off, one more return has to show it."""
+"""It repeats when it comes back this near, in units of the state scale; farther off the return map has to show it."""
 CLEARLY = 0.1
 """Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 REPEATED = 0.1
 """All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
+NEARBY = 0.1
+"""A motion that comes back this near, as part of how far it has gone away and in units of the state scale, may be about
+to repeat: Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
 WITHIN = 0.2
 """A cycle farther from the motion than this, in units of the state scale, is another one."""
 FIRST_PHASES, FEW_PHASES = 6, 24
@@ -68,8 +69,6 @@ RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
-OUTGROWN = 1e4
-"""A motion whose states are so many times as large as they were while it was watched grows without bound."""
 AHEAD = 1e3
 """A motion that is not back after so many times the time that it was watched does not come back."""
 
@@ -164,16 +163,19 @@ class _Search:
     scale: Array = field(default_factory=lambda: np.ones(0))
     sections: tuple[Section, ...] = ()
     turning: Turning | None = None
-    span: float = np.inf
+    span: float = 0.0
     form: engine.System | None = None
     segments: list[Segment] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     met: str = ""
+    largest: float = np.inf
+    looks: int = 0
     long: int = 0
     near: float = 0.0
     ahead: list[Segment] = field(default_factory=list)
     back: list[Recurrence] = field(default_factory=list)
-    known: dict[tuple[int, Closure], tuple[SystemOrbit, Array]] = field(default_factory=dict)
+    reached: SystemOrbit | None = None
+    known: list[tuple[Recurrence, SystemOrbit, Array]] = field(default_factory=list)
 
     def run(self) -> SystemOrbit:
         """The cycle.  Raises NoOrbit."""
@@ -194,19 +196,19 @@ class _Search:
         """Watch, march, solve, believe."""
         if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
             return self.first_return()
+        self.largest = GREW * max(1.0, float(np.max(np.abs(self.x))))
         self.watch()
         self.near = RETURNED if self.settled else NEARBY
         while True:
             self.march_on()
             for r in self.back:
-                orbit = self.confirmed(r)
-                if orbit is None and r.distance < self.near:
-                    orbit = self.solved(r)
-                    self.near = max(r.distance, 1e-12) / 10
-                    if orbit is None:
-                        self.check_hope(r)
+                orbit = self.solved(r)
                 if orbit is not None:
                     return orbit
+                self.near = max(r.distance, 1e-12) / 10
+                self.check_hope(r)
+            if self.reached is not None:
+                return self.once_round(self.reached) or self.reached
             self.check_patience()
 
     def first_return(self) -> SystemOrbit:
@@ -246,9 +248,9 @@ class _Search:
         return NotMet(why, sum(s.duration for s in self.segments))
 
     def watch(self) -> None:
-        """A first look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
+        """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
         seen = watched(self.system, self.mode, self.x, self.p, self.kind)
-        self.scale, self.span = seen.scale, seen.span
+        self.scale, self.span = seen.scale, max(seen.span, LOOK_LONGER * self.span)
         if seen.events == 0:
             self.sections, self.turning = cut(self.system, seen, self.p)
         self.form = with_sections(self.system, self.sections)
@@ -264,7 +266,6 @@ class _Search:
 
     def march_on(self) -> None:
         """On, phase by phase, until the motion has come back, or for as many phases as there are."""
-        assert self.form is not None
         self.back = []
         while self.ahead:
             self.segments.append(self.ahead.pop(0))
@@ -272,57 +273,66 @@ class _Search:
                 return
         goal = len(self.segments) + max(FIRST_PHASES, len(self.segments))
         while len(self.segments) < goal:
-            count = 1 if self.turning else goal - len(self.segments)
-            motion = list(self.segments)
-
-            def enough(segment: Segment, motion: list[Segment] = motion, most: int = count + len(motion)) -> bool:
-                motion.append(segment)
-                return len(motion) >= most or self.outgrown(segment) or self.came_back(motion)
-
-            new = march(
-                self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
-                degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
-                after=self.segments[-1] if self.segments else None,
-            )  # fmt: skip
-            self.segments += new
-            if self.outgrown(new[-1]):
-                raise self.not_met("the motion grows without bound, beyond all that was seen of it at first")
-            if new[-1].event == "":
-                self.segments[-1] = replace(new[-1], duration=min(new[-1].duration, AHEAD * self.span))
-                moves = self.form.modes[new[-1].mode].flow is None and self.sections
-                raise self.not_met(
-                    f"the motion does not come back to {self.sections[0].state} = {self.sections[0].level:.6g}"
-                    if moves else "the motion comes to rest"
-                )  # fmt: skip
-            self.go_on()
-            if self.back:
+            before = len(self.segments)
+            self.marched(1 if self.turning else goal - before)
+            if len(self.segments) == before:  # it meets no more events: cut elsewhere
+                self.segments = []
+                return self.watch()
+            self.mode, self.x = going_on(self.form, self.segments[-1], self.p)
+            self.met = self.segments[-1].event
+            if self.turning is not None:
+                self.x = self.turning.wrapped(self.x)
+            if self.back or self.reached:
                 return
         self.back = self.recurrences(self.near, self.worth_a_try)
 
-    def go_on(self) -> None:
-        """Where the motion goes on from its last phase, with the whole turns taken off."""
+    def marched(self, phases: int) -> None:
+        """So many phases more, or up to one at which the motion has come back; none where it meets no more events."""
         assert self.form is not None
-        self.mode, self.x = going_on(self.form, self.segments[-1], self.p)
-        self.met = self.segments[-1].event
-        if self.turning is not None:
-            self.x = self.turning.wrapped(self.x)
+        motion = list(self.segments)
+
+        def enough(segment: Segment) -> bool:
+            motion.append(segment)
+            return len(motion) >= len(self.segments) + phases or self.outgrown(segment) or self.came_back(motion)
+
+        new = march(
+            self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
+            degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
+            after=self.segments[-1] if self.segments else None,
+        )  # fmt: skip
+        last = new[-1]
+        if self.outgrown(last):
+            raise self.not_met("the motion grows without bound")
+        if last.event:
+            self.segments += new
+            return
+        moves = self.form.modes[last.mode].flow is None
+        if moves and not self.sections and self.looks < MOST_LOOKS:
+            self.looks += 1
+            self.mode, self.x = last.mode, last.end
+            return
+        self.segments += [*new[:-1], replace(last, duration=min(last.duration, AHEAD * self.span))]
+        raise self.not_met(
+            f"the motion does not come back to {self.sections[0].state} = {self.sections[0].level:.6g}"
+            if moves and self.sections else "the motion comes to rest"
+        )  # fmt: skip
 
     def came_back(self, motion: list[Segment]) -> bool:
         """Whether the motion is near an earlier state after a few phases: then it is seen what of that is a cycle's."""
         nodes = np.abs(motion[-1].w[:, : self.scale.size]).max(axis=0)
         self.scale = np.where(turns(self.system) > 0, self.scale, np.maximum(self.scale, nodes))
-        near = NEARBY if self.known else self.near
-        self.back = self.recurrences(near, lambda r: r.phases <= FEW_PHASES, motion) if len(motion) > 1 else []
-        return bool(self.back)
+        if len(motion) > 1:
+            self.back = self.recurrences(self.near, lambda r: r.phases <= FEW_PHASES, motion)
+        self.reached = self.confirmed(motion)
+        return bool(self.back) or self.reached is not None
 
     def worth_a_try(self, r: Recurrence) -> bool:
         """Whether what comes back is no more than a few phases long, or all of it is near to the loop before."""
         return r.phases <= FEW_PHASES or r.distance < RETURNED and self.repeated(r)
 
     def outgrown(self, segment: Segment) -> bool:
-        """Whether the motion has left all that was seen of it far behind: angles and the time alone may grow."""
-        x = np.where(turns(self.system) > 0, 0.0, segment.end) / self.scale
-        return bool(np.max(np.abs(x)) > OUTGROWN)
+        """Whether the motion is so large that it grows without bound: angles and the time alone may grow."""
+        return float(np.max(np.abs(np.where(turns(self.system) > 0, 0.0, segment.end)))) > self.largest
 
     def recurrences(
         self, near: float, believed: Callable[[Recurrence], bool], motion: list[Segment] | None = None
@@ -379,8 +389,6 @@ class _Search:
             cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
         )
         begin = in_scheme(begin, *self.options.scheme_of(problem))
-        if any(s.length for s in passes):
-            begin = remeshed(begin, self.options)
         # What Newton loses is sought again nearer to it, which costs less than an optimisation problem of its size.
         options = replace(self.options, solver="newton") if self.options.solver == "auto" else self.options
         outcome = solve_adaptively(problem, begin, options, solver="newton")
@@ -392,17 +400,20 @@ class _Search:
         away = float(np.max(np.abs(orbit.arcs[0].states[0, 0] - passes[0].start) / self.scale))
         if r.distance < RETURNED and away > WITHIN:
             return self.refused(r, f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
+        if self.settled:
+            return self.once_round(orbit) or orbit
         lin = outcome.solution.linearisation
         scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
         M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
-        if not self.settled and not self.attracts(orbit, M):  # what cannot be told to attract is not believed
+        if not self.attracts(orbit, M):  # what cannot be told to attract is not believed
             refused = self.refused(r, "an unstable cycle was passed, which the motion leaves")
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return refused
         if r.distance >= RETURNED:
-            self.known[r.phases, r.closure] = orbit, M
-            return self.confirmed(r)
+            self.known.append((r, orbit, M))
+            if self.confirmed(self.segments) is not orbit:
+                return None
         return self.once_round(orbit) or orbit
 
     def refused(self, r: Recurrence, why: str) -> None:
@@ -415,15 +426,16 @@ class _Search:
         largest = float(np.max(np.abs(np.linalg.eigvals(M)))) if np.isfinite(M).all() else 1.0
         return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
 
-    def confirmed(self, r: Recurrence) -> SystemOrbit | None:
-        """The cycle that was computed at an earlier return like this one, where the motion has come nearer to it."""
-        orbit, M = self.known.get((r.phases, r.closure), (None, None))
-        if orbit is None or M is None:
-            return None
-        S, shift, x = np.array(r.closure.matrix), np.array(r.closure.shift), orbit.arcs[0].states[0, 0]
-        before, now = self.segments[-1 - r.phases].behind, S @ self.segments[-1].behind - shift
-        off = [(y - turned(self.system, x, y) - x) / self.scale for y in (before, now)]
-        return (self.once_round(orbit) or orbit) if comes_in(M / self.scale[:, None] * self.scale, *off) else None
+    def confirmed(self, motion: list[Segment]) -> SystemOrbit | None:
+        """A cycle that was computed at an earlier return, to which the last one shows that the motion goes."""
+        for r, orbit, M in self.known:
+            if len(motion) <= r.phases:
+                continue
+            x, image = orbit.arcs[0].states[0, 0], np.array(r.closure.matrix) @ motion[-1].behind - r.closure.shift
+            off = [(y - turned(self.system, x, y) - x) / self.scale for y in (motion[-1 - r.phases].behind, image)]
+            if np.max(np.abs(off)) < WITHIN and comes_in(M / self.scale[:, None] * self.scale, *off):
+                return orbit
+        return None
 
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
         """The cycle that an orbit runs through several times; None where it is its own period.

@@ -174,19 +174,18 @@ def is_symmetry(
     rng = np.random.default_rng(0)
 
     def image(x: Array) -> Array:
-        return inverse @ (x + shift)
+        return (x + shift) @ inverse.T
 
     for a, b in zip(segments[:m], segments[m:], strict=True):
         on = a.w[:: max(1, len(a.w) // TRIED), : scale.size]
-        points = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
+        x = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
+        y = image(x)
+        if not (_same_events(form, a, b, x, y, p) and _same_limits(form, a, b, x, y, p)):
+            return False
         first, second = form.modes[a.mode], form.modes[b.mode]
-        for x in points:
-            f = inverse @ (scale * field_at(first.field, x / scale, first.sign, p, scale)) / scale
-            g = field_at(second.field, image(x) / scale, second.sign, p, scale)
-            if not np.max(np.abs(f - g)) <= EQUAL * max(1.0, float(np.max(np.abs(f)))):
-                return False
-            if not (_same_events(form, a, b, x, image(x), p) and _same_limits(form, a, b, x, image(x), p)):
-                return False
+        f = image(scale * _fields(first, x, p, scale) - shift) / scale
+        if not np.max(np.abs(f - _fields(second, y, p, scale)) / np.abs(f).max(axis=1, initial=1.0)[:, None]) <= EQUAL:
+            return False
         if (a.jumped is None) != (b.jumped is None):
             return False
         if a.jumped is not None:
@@ -194,6 +193,11 @@ def is_symmetry(
             if np.max(np.abs(off) / scale) > EQUAL:
                 return False
     return True
+
+
+def _fields(mode: engine.Mode, x: Array, p: Array, scale: Array) -> Array:
+    """(m, n) the scaled field of a mode at points x (m, n)."""
+    return np.array([field_at(mode.field, point / scale, mode.sign, p, scale) for point in x])
 
 
 def image_of(
@@ -237,14 +241,15 @@ def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array)
 
 
 def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
-    """The events that end a and b are one at x and at its image y, up to the sign and its direction."""
+    """The events that end a and b are one at points x and at their images y, up to the sign and its direction."""
     ones, others = form.ways_out(a.mode, a.event), form.ways_out(b.mode, b.event)
-    h = ones[0].direction * float(np.asarray(ones[0].event.function(x, 0.0, p)))
-    k = others[0].direction * float(np.asarray(others[0].event.function(y, 0.0, p)))
     if len(ones) != len(others):
         return False
-    off = abs(h - k) if len(ones) == 1 else min(abs(h - k), abs(h + k))  # crossed either way, it has no direction
-    return off <= EQUAL * max(1.0, abs(h))
+    h, k = (e.direction * np.asarray(e.event.function(at.T, 0.0, p), float) for e, at in ((ones[0], x), (others[0], y)))
+    off = np.abs(h - k)
+    if len(ones) > 1:
+        off = np.minimum(off, np.abs(h + k))  # crossed either way, it has no direction
+    return bool(np.all(off <= EQUAL * np.maximum(1.0, np.abs(h))))
 
 
 def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
@@ -256,16 +261,16 @@ def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array
 
 
 def _limits(form: engine.System, name: str, x: Array, p: Array) -> Array:
-    """What bounds a mode at x: its condition, and the scalars of its events counted along their directions, by size."""
+    """What bounds a mode at points x: its condition, and the scalars of its events along their directions, by size."""
     mode = form.modes[name]
     events = [e for e in form.exits[name] if not isinstance(e.event.function, Plane)]
-    scalars = sorted(e.direction * float(np.asarray(e.event.function(x, 0.0, p))) for e in events)
-    condition = [] if mode.admissible is None else [float(mode.admissible(x, p, mode.sign))]
-    return np.array([*condition, *scalars])
+    scalars = [e.direction * np.asarray(e.event.function(x.T, 0.0, p), float) for e in events]
+    condition = [] if mode.admissible is None else [np.asarray(mode.admissible(x.T, p, mode.sign), float)]
+    return np.array([*condition, *np.sort(np.array(scalars).reshape(len(events), len(x)), axis=0)]).reshape(-1, len(x)).T
 
 
 def _agree(one: Array, other: Array) -> bool:
-    return one.size == other.size and bool(np.all(np.abs(one - other) <= EQUAL * np.maximum(1.0, np.abs(one))))
+    return one.shape == other.shape and bool(np.all(np.abs(one - other) <= EQUAL * np.maximum(1.0, np.abs(one))))
 
 
 def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:

@@ -33,7 +33,7 @@ VERY_LONG = 1e7
 """So many times as long it is watched where nothing happens."""
 MOST_LOOKS, LOOK_LONGER = 5, 4
 """Looks, each this much longer than the one before, until there is something to see."""
-ENOUGH_EVENTS, ENOUGH_STEPS = 12, 150
+ENOUGH_EVENTS, ENOUGH_STEPS = 8, 150
 TRIED_STATES = 16
 """States at which a forced system is tried for a symmetry between the halves of a turn."""
 STANDSTILL = 1e-8
