@@ -27,8 +27,9 @@ from ..hybrid import system as engine
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind
 from ..motion.closed_forms import check_closed_forms
-from ..motion.march import HIDES, MarchFailure, Segment, march
+from ..motion.march import HIDES, MOST_INTERVALS, MarchFailure, Segment, march
 from ..motion.march_intervals import VANISHED
+from ..motion.segment import NoEnd
 from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections
@@ -46,6 +47,8 @@ Array = np.ndarray
 
 RETURNED = 1e-2
 """It repeats when it comes back this near, in units of the state scale; farther off the return map has to show it."""
+FIRST_MESH = 1e-3
+"""The mesh of a series resolves this part of the tolerance, and the motion: most cycles need no other one."""
 CLEARLY = 0.1
 """Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 REPEATED = 0.1
@@ -69,6 +72,8 @@ RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
+WAITED = 3_000
+"""Intervals without an event after which a motion that was seen to meet some is looked at again."""
 AHEAD = 1e3
 """A motion that is not back after so many times the time that it was watched does not come back."""
 
@@ -295,12 +300,17 @@ class _Search:
             motion.append(segment)
             return len(motion) >= len(self.segments) + phases or self.outgrown(segment) or self.came_back(motion)
 
-        new = march(
-            self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
-            degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
-            after=self.segments[-1] if self.segments else None,
-        )  # fmt: skip
-        last = new[-1]
+        try:
+            new = march(
+                self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
+                degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
+                max_intervals=MOST_INTERVALS if self.sections else WAITED, after=(self.segments or [None])[-1],
+            )  # fmt: skip
+        except NoEnd:
+            new = motion[len(self.segments) :]
+            if self.sections or not new and self.looks == MOST_LOOKS:
+                raise
+        last = new[-1] if new else Segment(self.mode, "", 0.0, np.array([0.0, 1.0]), self.x[None], self.x)
         if self.outgrown(last):
             raise self.not_met("the motion grows without bound")
         if last.event:
@@ -384,7 +394,7 @@ class _Search:
         signature = tuple((s.mode, s.event) for s in passes)
         cycle = problem.cycle(signature, closure.repeats)
         direction = problem.direction(self.followed) if self.followed else np.zeros(0)
-        passes = [s.meshed(shape_limit(self.options.tol)) for s in passes]
+        passes = [s.meshed(min(SEARCH_TOLERANCE, shape_limit(FIRST_MESH * self.options.tol))) for s in passes]
         begin = from_segments(
             cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
         )
@@ -444,12 +454,12 @@ class _Search:
         """
         assert self.form is not None
         near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
-        round_it = segments_of(*unknowns_of(orbit))
+        whole, round_it = len(orbit.arcs) * orbit.repeats, segments_of(*unknowns_of(orbit))
         if self.turning is not None:  # every turn ends with the same event, but for how many there were before
             round_it = [replace(segment, event=self.segments[-1].event) for segment in round_it]
         found = recurrences(
             self.system, self.form, round_it, self.p, self.scale, near,
-            lambda r: r.phases < len(orbit.arcs),
+            lambda r: r.phases * r.closure.repeats < whole,
         )  # fmt: skip
         return self.solved(found[0], None if self.turning else round_it) if found else None
 

@@ -29,11 +29,11 @@ Array = np.ndarray
 SEARCH_TOLERANCE = 1e-6
 FIRST_LOOK = 20.0
 """Times in which the field moves a state by its size, that a motion is watched at first."""
-VERY_LONG = 1e7
+VERY_LONG = 1e6
 """So many times as long it is watched where nothing happens."""
 MOST_LOOKS, LOOK_LONGER = 5, 4
 """Looks, each this much longer than the one before, until there is something to see."""
-ENOUGH_EVENTS, ENOUGH_STEPS = 8, 150
+ENOUGH_EVENTS, ENOUGH_STEPS = 4, 150
 TRIED_STATES = 16
 """States at which a forced system is tried for a symmetry between the halves of a turn."""
 STANDSTILL = 1e-8
