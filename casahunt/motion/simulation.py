@@ -239,13 +239,13 @@ def follow_for(
 
 def look(
     form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float,
-    events: float = np.inf, most: int = MOST_INTERVALS,
+    events: float = np.inf, most: int = MOST_INTERVALS, least: float | Array = 0.0,
 ) -> tuple[Array, list[Segment], tuple[Array, Array]]:
     """A look at a motion, again where the states turn out to be of other sizes than was thought.
 
     form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
     vector; (n,) supposed sizes of the states; events, most: so many events end the look, and about so many intervals
-    do, where these are fewer than a march may have. Returns (n,) the largest magnitudes, 1 for a state that stays zero
+    do, where these are fewer than a march may have; least: (n,) what sizes are at least. Returns (n,) the largest magnitudes, 1 for a state that stays zero
     and for the time; the phases; times (m,) and states (n, m) along them. Raises MarchFailure: see `march`.
     """
     for _ in range(LOOKS):
@@ -257,7 +257,7 @@ def look(
                 raise
             phases = follow_for(*asked, ended.time, LOOK_TOLERANCE, events)
         times, states = sampled(form, phases, p, kind, 4)
-        found = np.max(np.abs(states), axis=1)
+        found = np.maximum(np.max(np.abs(states), axis=1), least)
         found = np.where(found > 0, found, 1.0)
         found[[i for i, name in enumerate(form.states) if name == TURNS]] = 1.0
         near = (found < UNLIKE * scale) & (scale < UNLIKE * found)

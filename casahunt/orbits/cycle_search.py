@@ -70,6 +70,8 @@ SEVERAL_TIMES = 1e-7
 period."""
 RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
+LONGER = 1.01
+"""Of a motion that comes back exactly, and is no cycle, each return takes so many times as long as the one before."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
 WAITED = 3_000
@@ -254,7 +256,7 @@ class _Search:
 
     def watch(self) -> None:
         """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
-        seen = watched(self.system, self.mode, self.x, self.p, self.kind)
+        seen = watched(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
         self.scale, self.span = seen.scale, max(seen.span, LOOK_LONGER * self.span)
         if seen.events == 0:
             self.sections, self.turning = cut(self.system, seen, self.p)
@@ -366,14 +368,16 @@ class _Search:
             raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
 
     def rests(self, phases: int) -> bool:
-        """Whether the motion has become so small that its returns say nothing, and becomes smaller."""
+        """Whether the motion has become so small that its returns say nothing, or takes longer for each of them."""
         if self.turning is not None or len(self.segments) < 2 * phases:
             return False
+        loops = self.segments[-2 * phases : -phases], self.segments[-phases:]
         before, last = (
             np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale)
-            for loop in (self.segments[-2 * phases : -phases], self.segments[-phases:])
+            for loop in loops
         )
-        return bool(last <= RESTS and last < before)
+        longer = sum(s.duration for s in loops[1]) > LONGER * sum(s.duration for s in loops[0])
+        return bool(last <= RESTS and last < before) or longer
 
     def check_patience(self) -> None:
         """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""

@@ -103,18 +103,24 @@ class Turning(NamedTuple):
         return out
 
 
-def watched(system: System, mode: str, x: Array, p: Array, kind: Kind) -> Watched:
+def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array | None = None) -> Watched:
     """Look at a motion, on and on, until there are events or steps enough.
 
-    system, mode: the system and the name of the mode that it starts in; x, p: (n,) state at the start; (np,)
-    parameters. Raises NotMet: it comes to rest, or grows without bound.; MarchFailure: it cannot be followed.
+    system, mode: the system and the name of the mode that it starts in; x, p, least: (n,) state at the start; (np,)
+    parameters; (n,) sizes that the states are known to have at least. Raises NotMet: it comes to rest, or grows without bound.; MarchFailure: it cannot be followed.
     """
     form, span, time, most = system.vector_form, _longest(system, mode, x, p, kind), 0.0, ENOUGH_STEPS
     first = max(1.0, float(np.max(np.abs(x))))
     counted, scale = turns(system) > 0, np.where(x != 0, np.abs(x), 1.0)
+    if least is None:
+        least = np.zeros(x.size)
+    else:
+        scale = np.maximum(np.abs(x), least)
     for _ in range(MOST_LOOKS):
         try:
-            scale, seen, (times, states) = look(form, mode, x, p, scale, kind, span, ENOUGH_EVENTS, most)
+            scale, seen, (times, states) = look(
+                form, mode, x, p, scale, kind, span, ENOUGH_EVENTS, most, least
+            )  # fmt: skip
         except MarchFailure as failure:
             i = int(np.argmax(scale))
             if scale[i] > LARGER * first:
@@ -128,7 +134,7 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind) -> Watche
         events = sum(bool(s.event) for s in seen)
         if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= ENOUGH_STEPS:
             break
-        (mode, x), most = going_on(form, seen[-1], p), most * LOOK_LONGER
+        (mode, x), most, least = going_on(form, seen[-1], p), most * LOOK_LONGER, scale
     late = states[:, times > times[-1] / 2]
     if not _moving(system, late, scale):
         what = "" if events else ", and meets no event"
