@@ -37,7 +37,7 @@ Array = np.ndarray
 MARCH_DEGREE = 7
 SECOND_RUN = 1e-2
 UNLIKE, LOOKS = 10.0, 3
-"""A size of a state is right within this factor; looks for it at most: the first two at sizes that may be wrong."""
+"""A supposed size of a state larger than its own by this factor has led to a rough motion; looks at most."""
 LOOK_TOLERANCE = 1e-4
 """Error of an interval in a look: it shows sizes, and where to begin."""
 
@@ -241,7 +241,7 @@ def look(
     form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float,
     events: float = np.inf, most: int = MOST_INTERVALS, least: float | Array = 0.0,
 ) -> tuple[Array, list[Segment], tuple[Array, Array]]:
-    """A look at a motion, again where the states turn out to be of other sizes than was thought.
+    """A look at a motion, again where the states turn out to be much smaller than was thought.
 
     form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
     vector; (n,) supposed sizes of the states; events, most: so many events end the look, and about so many intervals
@@ -260,9 +260,9 @@ def look(
         found = np.maximum(np.max(np.abs(states), axis=1), least)
         found = np.where(found > 0, found, 1.0)
         found[[i for i, name in enumerate(form.states) if name == TURNS]] = 1.0
-        near = (found < UNLIKE * scale) & (scale < UNLIKE * found)
+        rough = scale > UNLIKE * found
         scale = found
-        if near.all():
+        if not rough.any():
             break
     return scale, phases, (times, states)
 

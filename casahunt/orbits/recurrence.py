@@ -62,24 +62,21 @@ def recurrences(
     part of how far the motion has gone away between them, and at most that, in units of the scale.
     Returns recurrences, the one with fewest phases first; at most one in which nothing is mirrored.
     """
-    n = scale.size
     states = np.array([segment.behind for segment in segments])
     here, there = states[-1], states[-2::-1]
     found = []
-    for S in (np.eye(n), *symmetries(system)):
-        plain = S is not None and np.array_equal(S, np.eye(n))
+    for S in (np.eye(scale.size), *symmetries(system)):
+        plain = not found and np.array_equal(S, np.eye(scale.size))
         image = S @ here
         shifts = turned(system, there, image, parts=1 if plain else 2)
         distances = np.max(np.abs(image - shifts - there) / scale, axis=1)
         for i in np.flatnonzero(distances < near):
             m, distance = int(i) + 1, float(distances[i])
-            r = Recurrence(m, Closure.of(S, shifts[i], 1 if plain else 2), distance)
-            if not (distance < EXACTLY or distance < near * _excursion(segments[-m:], scale)) or not believed(r):
+            if plain and not _same(segments[-1], segments[-1 - m]):
                 continue
-            if plain and _same(segments[-1], segments[-1 - m]):
-                found.append(r)
-                break
-            if not plain and _mirrored(form, segments, r, p, scale):
+            r = Recurrence(m, Closure.of(S, shifts[i], 1 if plain else 2), distance)
+            gone = distance < EXACTLY or distance < near * _excursion(segments[-m:], scale)
+            if gone and believed(r) and (plain or _mirrored(form, segments, r, p, scale)):
                 found.append(r)
                 break
     return sorted(found, key=lambda r: r.phases)
@@ -104,8 +101,12 @@ def _mirrored(form: engine.System, segments: Sequence[Segment], r: Recurrence, p
     m, S, shift = r.phases, np.array(r.closure.matrix), np.array(r.closure.shift)
     if len(segments) >= 2 * m:
         return is_symmetry(form, segments[-2 * m :], S, shift, p, scale)
+    alike: dict[tuple[str, str], list[Segment]] = {}
+    for segment in segments[-m:]:
+        alike.setdefault((segment.mode, segment.event), []).append(segment)
     return is_symmetry(form, [segments[-1 - m], segments[-1]], S, shift, p, scale) and all(
-        image_of(form, segment, r.closure, p, scale) is not None for segment in segments[-m:]
+        image_of(form, replace(some[0], w=np.vstack([s.w for s in some])), r.closure, p, scale) is not None
+        for some in alike.values()
     )
 
 

@@ -109,9 +109,9 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     system, mode: the system and the name of the mode that it starts in; x, p, least: (n,) state at the start; (np,)
     parameters; (n,) sizes that the states are known to have at least. Raises NotMet: it comes to rest, or grows without bound.; MarchFailure: it cannot be followed.
     """
-    form, span, time, most = system.vector_form, _longest(system, mode, x, p, kind), 0.0, ENOUGH_STEPS
-    first = max(1.0, float(np.max(np.abs(x))))
-    counted, scale = turns(system) > 0, np.where(x != 0, np.abs(x), 1.0)
+    form, time, most = system.vector_form, 0.0, ENOUGH_STEPS
+    first, counted = max(1.0, float(np.max(np.abs(x)))), turns(system) > 0
+    span, scale = _longest(system, mode, x, p, kind)
     if least is None:
         least = np.zeros(x.size)
     else:
@@ -142,17 +142,22 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     return Watched(seen, scale, late, events, time)
 
 
-def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind) -> float:
-    """How long a motion is watched at most: some turns of the forcing, or very long beside what happens at first."""
-    if system.forcing_period is not None:
-        return FIRST_LOOK * float(system.names.turn(p))
+def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind) -> tuple[float, Array]:
+    """How long a motion is watched at most, very long beside what happens at first, and (n,) supposed sizes.
+
+    Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once.
+    """
     scale = np.where(x != 0, np.abs(x), 1.0)
     probe = march(
         system.vector_form, mode, x, p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
         kind=kind, max_intervals=10**6, max_time=1e-3,
-    )  # fmt: skip
-    moved = np.max(np.abs(probe[-1].end - x) / scale) / max(probe[-1].duration, 1e-300)
-    return FIRST_LOOK * VERY_LONG / max(float(moved), 1e-3)
+    )[-1]  # fmt: skip
+    if probe.event:
+        scale = np.where(probe.end != 0, np.maximum(np.abs(x), np.abs(probe.end)), scale)
+    if system.forcing_period is not None:
+        return FIRST_LOOK * float(system.names.turn(p)), scale
+    moved = np.max(np.abs(probe.end - x) / np.where(x != 0, np.abs(x), 1.0)) / max(probe.duration, 1e-300)
+    return FIRST_LOOK * VERY_LONG / max(float(moved), 1e-3), scale
 
 
 def _moving(system: System, late: Array, scale: Array) -> bool:
