@@ -245,8 +245,9 @@ def look(
 
     form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
     vector; (n,) supposed sizes of the states; events, most: so many events end the look, and about so many intervals
-    do, where these are fewer than a march may have; least: (n,) what sizes are at least. Returns (n,) the largest magnitudes, 1 for a state that stays zero
-    and for the time; the phases; times (m,) and states (n, m) along them. Raises MarchFailure: see `march`.
+    do, where these are fewer than a march may have; least: (n,) what sizes are at least. Returns (n,) the largest
+    magnitudes, 1 for a state that stays zero and for the time; the phases; times (m,) and states (n, m) along them.
+    Raises MarchFailure: see `march`.
     """
     for _ in range(LOOKS):
         asked = form, mode, x, p, scale, kind

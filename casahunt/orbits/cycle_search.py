@@ -13,7 +13,7 @@ Symbols: n states.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,61 +23,37 @@ from ..collocation.interval import field_at
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
 from ..errors import NoOrbit, Status
-from ..hybrid import system as engine
 from ..hybrid.language import Function, System
-from ..hybrid.problem import Kind
 from ..motion.closed_forms import check_closed_forms
-from ..motion.march import HIDES, MOST_INTERVALS, MarchFailure, Segment, march
+from ..motion.march import HIDES, MarchFailure, Segment, march
 from ..motion.march_intervals import VANISHED
-from ..motion.segment import NoEnd
 from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections
 from .family import Family, measured_of
 from .orbit import unknowns_of
-from .recurrence import EXACTLY, Recurrence, comes_in, loop_distance, rebased, recurrences
+from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme
+from .returning import FEW_PHASES, RETURNED, WITHIN, Returning
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
 from .watching import (
-    GREW, LOOK_LONGER, MOST_LOOKS, SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on, cut, going_on, watched,
+    SEARCH_TOLERANCE,
+    STANDSTILL,
+    NotMet,
 )  # fmt: skip
 
 Array = np.ndarray
 
-RETURNED = 1e-2
-"""It repeats when it comes back this near, in units of the state scale; farther off the return map has to show it."""
 FIRST_MESH = 1e-3
 """The mesh of a series resolves this part of the tolerance, and the motion: most cycles need no other one."""
 CLEARLY = 0.1
 """Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
-REPEATED = 0.1
-"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
-NEARBY = 0.1
-"""A motion that comes back this near, as part of how far it has gone away and in units of the state scale, may be about
-to repeat: Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
-WITHIN = 0.2
-"""A cycle farther from the motion than this, in units of the state scale, is another one."""
-FIRST_PHASES, FEW_PHASES = 6, 24
-"""Phases after which a motion is looked at for repetition, and again each time there are twice as many; a cycle of more
-than so many is a long one."""
-ENOUGH_PHASES, MOST_PHASES = 768, 3000
-"""Phases after which a motion that nowhere nearly repeats is given up; and any other one."""
-MOST_MARCHED = 20_000
-"""Intervals after which it is given up likewise; any other one after four times as many."""
 SEVERAL_TIMES = 1e-7
 """A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
 period."""
-RESTS = 1e-6
-"""A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
-LONGER = 1.01
-"""Of a motion that comes back exactly, and is no cycle, each return takes so many times as long as the one before."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
-WAITED = 3_000
-"""Intervals without an event after which a motion that was seen to meet some is looked at again."""
-AHEAD = 1e3
-"""A motion that is not back after so many times the time that it was watched does not come back."""
 
 
 def find_cycle(
@@ -154,35 +130,15 @@ def _phases_of(r: Recurrence) -> str:
     return f"{r.phases} phase{'s' * (r.phases > 1)}"
 
 
-@dataclass
-class _Search:
-    """One search; the attributes below `kind` grow with it."""
+@dataclass(kw_only=True)
+class _Search(Returning):
+    """One search; the attributes below `options` grow with it."""
 
-    system: System
-    p: Array
-    mode: str
-    x: Array
     followed: str
     measured: str | Function
     options: Options
-    settled: bool
-    kind: Kind
-    scale: Array = field(default_factory=lambda: np.ones(0))
-    sections: tuple[Section, ...] = ()
-    turning: Turning | None = None
-    span: float = 0.0
-    form: engine.System | None = None
-    segments: list[Segment] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
-    met: str = ""
-    largest: float = np.inf
-    looks: int = 0
     long: int = 0
-    near: float = 0.0
-    ahead: list[Segment] = field(default_factory=list)
-    back: list[Recurrence] = field(default_factory=list)
-    reached: SystemOrbit | None = None
-    known: list[tuple[Recurrence, SystemOrbit, Array]] = field(default_factory=list)
 
     def run(self) -> SystemOrbit:
         """The cycle.  Raises NoOrbit."""
@@ -203,9 +159,7 @@ class _Search:
         """Watch, march, solve, believe."""
         if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
             return self.first_return()
-        self.largest = GREW * max(1.0, float(np.max(np.abs(self.x))))
         self.watch()
-        self.near = RETURNED if self.settled else NEARBY
         while True:
             self.march_on()
             for r in self.back:
@@ -250,113 +204,6 @@ class _Search:
             raise self.not_met("the equations of a first return were not solved")
         return orbit
 
-    def not_met(self, why: str) -> NotMet:
-        """Why there is none, with how long the motion was followed."""
-        return NotMet(why, sum(s.duration for s in self.segments))
-
-    def watch(self) -> None:
-        """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
-        seen = watched(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
-        self.scale, self.span = seen.scale, max(seen.span, LOOK_LONGER * self.span)
-        if seen.events == 0:
-            self.sections, self.turning = cut(self.system, seen, self.p)
-        self.form = with_sections(self.system, self.sections)
-        last = seen.segments[-1]
-        if seen.events and last.event:
-            self.ahead = list(seen.segments)
-        if seen.events or not self.settled:
-            self.mode, self.x, self.met = *going_on(self.system.vector_form, last, self.p), last.event
-        if self.turning is not None:
-            self.x = self.turning.wrapped(self.x)
-
-    # March ----------------------------------------------------------------------------------------------------
-
-    def march_on(self) -> None:
-        """On, phase by phase, until the motion has come back, or for as many phases as there are."""
-        self.back = []
-        while self.ahead:
-            self.segments.append(self.ahead.pop(0))
-            if self.came_back(self.segments):
-                return
-        goal = len(self.segments) + max(FIRST_PHASES, len(self.segments))
-        while len(self.segments) < goal:
-            before = len(self.segments)
-            self.marched(1 if self.turning else goal - before)
-            if len(self.segments) == before:  # it meets no more events: cut elsewhere
-                self.segments = []
-                return self.watch()
-            self.mode, self.x = going_on(self.form, self.segments[-1], self.p)
-            self.met = self.segments[-1].event
-            if self.turning is not None:
-                self.x = self.turning.wrapped(self.x)
-            if self.back or self.reached:
-                return
-        self.back = self.recurrences(self.near, self.worth_a_try)
-
-    def marched(self, phases: int) -> None:
-        """So many phases more, or up to one at which the motion has come back; none where it meets no more events."""
-        assert self.form is not None
-        motion = list(self.segments)
-
-        def enough(segment: Segment) -> bool:
-            motion.append(segment)
-            return len(motion) >= len(self.segments) + phases or self.outgrown(segment) or self.came_back(motion)
-
-        try:
-            new = march(
-                self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
-                degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
-                max_intervals=MOST_INTERVALS if self.sections else WAITED, after=(self.segments or [None])[-1],
-            )  # fmt: skip
-        except NoEnd:
-            new = motion[len(self.segments) :]
-            if self.sections or not new and self.looks == MOST_LOOKS:
-                raise
-        last = new[-1] if new else Segment(self.mode, "", 0.0, np.array([0.0, 1.0]), self.x[None], self.x)
-        if self.outgrown(last):
-            raise self.not_met("the motion grows without bound")
-        if last.event:
-            self.segments += new
-            return
-        moves = self.form.modes[last.mode].flow is None
-        if moves and not self.sections and self.looks < MOST_LOOKS:
-            self.looks += 1
-            self.mode, self.x = last.mode, last.end
-            return
-        self.segments += [*new[:-1], replace(last, duration=min(last.duration, AHEAD * self.span))]
-        raise self.not_met(
-            f"the motion does not come back to {self.sections[0].state} = {self.sections[0].level:.6g}"
-            if moves and self.sections else "the motion comes to rest"
-        )  # fmt: skip
-
-    def came_back(self, motion: list[Segment]) -> bool:
-        """Whether the motion is near an earlier state after a few phases: then it is seen what of that is a cycle's."""
-        nodes = np.abs(motion[-1].w[:, : self.scale.size]).max(axis=0)
-        self.scale = np.where(turns(self.system) > 0, self.scale, np.maximum(self.scale, nodes))
-        if len(motion) > 1:
-            self.back = self.recurrences(self.near, lambda r: r.phases <= FEW_PHASES, motion)
-        self.reached = self.confirmed(motion)
-        return bool(self.back) or self.reached is not None
-
-    def worth_a_try(self, r: Recurrence) -> bool:
-        """Whether what comes back is no more than a few phases long, or all of it is near to the loop before."""
-        return r.phases <= FEW_PHASES or r.distance < RETURNED and self.repeated(r)
-
-    def outgrown(self, segment: Segment) -> bool:
-        """Whether the motion is so large that it grows without bound: angles and the time alone may grow."""
-        return float(np.max(np.abs(np.where(turns(self.system) > 0, 0.0, segment.end)))) > self.largest
-
-    def recurrences(
-        self, near: float, believed: Callable[[Recurrence], bool], motion: list[Segment] | None = None
-    ) -> list[Recurrence]:
-        """The ways in which the motion has come back this near."""
-        assert self.form is not None
-        return recurrences(self.system, self.form, motion or self.segments, self.p, self.scale, near, believed)
-
-    def repeated(self, r: Recurrence) -> bool:
-        """Whether all of the last loop is near to the loop before."""
-        return loop_distance(self.system, self.segments, r, self.scale) < REPEATED
-
     def check_hope(self, r: Recurrence) -> None:
         """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
         if r.distance < EXACTLY:
@@ -366,28 +213,6 @@ class _Search:
         self.long += r.phases > FEW_PHASES
         if self.long >= MOST_LONG:
             raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
-
-    def rests(self, phases: int) -> bool:
-        """Whether the motion has become so small that its returns say nothing, or takes longer for each of them."""
-        if self.turning is not None or len(self.segments) < 2 * phases:
-            return False
-        loops = self.segments[-2 * phases : -phases], self.segments[-phases:]
-        before, last = (
-            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale)
-            for loop in loops
-        )
-        longer = sum(s.duration for s in loops[1]) > LONGER * sum(s.duration for s in loops[0])
-        return bool(last <= RESTS and last < before) or longer
-
-    def check_patience(self) -> None:
-        """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""
-        count, marched = len(self.segments), sum(len(s.w) for s in self.segments)
-        if count < ENOUGH_PHASES and marched < MOST_MARCHED:
-            return
-        if count < MOST_PHASES and marched < 4 * MOST_MARCHED:
-            if self.recurrences(RETURNED, lambda r: r.phases <= FEW_PHASES and self.repeated(r)):
-                return
-        raise self.not_met(f"the motion did not repeat within {count} phases")
 
     # Solve and believe -----------------------------------------------------------------------------------------
 
@@ -440,17 +265,6 @@ class _Search:
         largest = float(np.max(np.abs(np.linalg.eigvals(M)))) if np.isfinite(M).all() else 1.0
         return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
 
-    def confirmed(self, motion: list[Segment]) -> SystemOrbit | None:
-        """A cycle that was computed at an earlier return, to which the last one shows that the motion goes."""
-        for r, orbit, M in self.known:
-            if len(motion) <= r.phases:
-                continue
-            x, image = orbit.arcs[0].states[0, 0], np.array(r.closure.matrix) @ motion[-1].behind - r.closure.shift
-            off = [(y - turned(self.system, x, y) - x) / self.scale for y in (motion[-1 - r.phases].behind, image)]
-            if np.max(np.abs(off)) < WITHIN and comes_in(M / self.scale[:, None] * self.scale, *off):
-                return orbit
-        return None
-
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
         """The cycle that an orbit runs through several times; None where it is its own period.
 
@@ -471,16 +285,3 @@ class _Search:
     def hidden(self) -> str:
         """What may be behind meshes or steps that do not get fine enough, where no mode says it."""
         return HIDES if any(mode.feature is None for mode in self.system.modes) else ""
-
-    def sections_for(
-        self, r: Recurrence, motion: list[Segment]
-    ) -> tuple[tuple[Section, ...], list[Segment], Closure]:
-        """(sections, phases, closure) of a recurrence: turns are counted on from phase to phase."""
-        passes = motion[-r.phases :]
-        if self.turning is None:
-            return self.sections, rebased(self.system, passes), r.closure
-        i, name = self.turning.entry, self.system.names.entries
-        sections, counted = counted_on(self.turning, self.sections[0], passes, name)
-        shift = np.array(r.closure.shift)
-        shift[i] = r.phases * self.turning.step
-        return sections, counted, Closure(r.closure.matrix, tuple(map(float, shift)), r.closure.repeats)

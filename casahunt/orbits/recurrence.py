@@ -65,8 +65,8 @@ def recurrences(
     states = np.array([segment.behind for segment in segments])
     here, there = states[-1], states[-2::-1]
     found = []
-    for S in (np.eye(scale.size), *symmetries(system)):
-        plain = not found and np.array_equal(S, np.eye(scale.size))
+    for k, S in enumerate((np.eye(scale.size), *symmetries(system))):
+        plain = k == 0
         image = S @ here
         shifts = turned(system, there, image, parts=1 if plain else 2)
         distances = np.max(np.abs(image - shifts - there) / scale, axis=1)
@@ -113,7 +113,7 @@ def _mirrored(form: engine.System, segments: Sequence[Segment], r: Recurrence, p
 def comes_in(M: Array, before: Array, now: Array) -> bool:
     """Whether one return of a motion shows that it goes to a fixed point of the return map.
 
-        |now - M before| <= half of |before| - |M before|    in the norm |e|^2 = sum over k of |M^k e|^2, in which M contracts
+        |now - M before| <= (|before| - |M before|) / 2,    |e|^2 = sum over k of |M^k e|^2, so that M contracts
 
     What the return map does beyond its linearisation there is then less than half of what that contracts, and shrinks
     faster than the distance.
@@ -246,7 +246,7 @@ def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array
     ones, others = form.ways_out(a.mode, a.event), form.ways_out(b.mode, b.event)
     if len(ones) != len(others):
         return False
-    h, k = (e.direction * np.asarray(e.event.function(at.T, 0.0, p), float) for e, at in ((ones[0], x), (others[0], y)))
+    h, k = (e[0].direction * np.asarray(e[0].event.function(at.T, 0.0, p), float) for e, at in ((ones, x), (others, y)))
     off = np.abs(h - k)
     if len(ones) > 1:
         off = np.minimum(off, np.abs(h + k))  # crossed either way, it has no direction
@@ -267,7 +267,8 @@ def _limits(form: engine.System, name: str, x: Array, p: Array) -> Array:
     events = [e for e in form.exits[name] if not isinstance(e.event.function, Plane)]
     scalars = [e.direction * np.asarray(e.event.function(x.T, 0.0, p), float) for e in events]
     condition = [] if mode.admissible is None else [np.asarray(mode.admissible(x.T, p, mode.sign), float)]
-    return np.array([*condition, *np.sort(np.array(scalars).reshape(len(events), len(x)), axis=0)]).reshape(-1, len(x)).T
+    by_size = np.sort(np.array(scalars).reshape(len(events), len(x)), axis=0)
+    return np.vstack([*condition, by_size]).T
 
 
 def _agree(one: Array, other: Array) -> bool:

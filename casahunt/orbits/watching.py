@@ -107,7 +107,8 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     """Look at a motion, on and on, until there are events or steps enough.
 
     system, mode: the system and the name of the mode that it starts in; x, p, least: (n,) state at the start; (np,)
-    parameters; (n,) sizes that the states are known to have at least. Raises NotMet: it comes to rest, or grows without bound.; MarchFailure: it cannot be followed.
+    parameters; (n,) sizes that the states are known to have at least.
+    Raises NotMet: it comes to rest, or grows without bound; MarchFailure: it cannot be followed.
     """
     form, time, most = system.vector_form, 0.0, ENOUGH_STEPS
     first, counted = max(1.0, float(np.max(np.abs(x)))), turns(system) > 0
@@ -172,11 +173,11 @@ def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], T
     system, seen, p: the system, what was seen of the motion, (np,) parameters.
     Returns sections, and what is counted from one to the next, if anything is.
     """
-    names, late = system.names.entries, seen.late
+    names, late, mode = system.names.entries, seen.late, seen.segments[-1].mode
     if system.forcing_period is not None:
         some = late[:, :: max(1, late.shape[1] // TRIED_STATES)]
-        parts = 2 if turns_over(system, seen.segments[-1].mode, some, p, seen.scale) else 1
-        return _by_turns(system, seen.segments[-1].mode, Turning(len(names) - 1, 1.0 / parts, parts))
+        parts = 2 if turns_over(system, mode, some, p, seen.scale) else 1
+        return _by_turns(system, mode, Turning(len(names) - 1, 1.0 / parts, parts))
     low, high = late.min(axis=1), late.max(axis=1)
     moves, angles = (high - low) / seen.scale, turns(system) > 0
     moves[angles] = -1.0  # an angle that turns passes a plane once
@@ -187,12 +188,12 @@ def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], T
         turned = (late[:, -1] - late[:, 0]) / (2 * np.pi)
         round_ = int(np.argmax(np.where(angles, np.abs(turned), -1.0)))
         if abs(turned[round_]) > WENT_ROUND:
-            return _by_turns(system, seen.segments[-1].mode, Turning(round_, float(np.copysign(2 * np.pi, turned[round_])), 1))
+            return _by_turns(system, mode, Turning(round_, float(np.copysign(2 * np.pi, turned[round_])), 1))
         if moves[i] <= STANDSTILL:  # an angle that swings
             i, level = round_, (low[round_] + high[round_]) / 2
     if abs(level) < 0.05 * (high[i] - low[i]):
         level = 0.0  # where a symmetry would have it
-    return (Section(seen.segments[-1].mode, names[i], float(level), float(seen.scale[i])),), None
+    return (Section(mode, names[i], float(level), float(seen.scale[i])),), None
 
 
 def _by_turns(system: System, mode: str, turning: Turning) -> tuple[tuple[Section, ...], Turning]:

@@ -18,9 +18,9 @@ from casahunt.motion import simulate
 from casahunt.motion.segment import Segment
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.closure import Closure
-from casahunt.orbits.cycle_search import REPEATED, _Search
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from casahunt.orbits.recurrence import Recurrence, loop_distance
+from casahunt.orbits.returning import REPEATED, Returning
 from casahunt.orbits.watching import cut, watched
 from problems import rossler
 
@@ -254,7 +254,7 @@ def test_how_far_a_loop_is_from_the_one_before():
             later[entry] += off
             assert loop_distance(system, ends(states[0], later), r, scale) == pytest.approx(distance)
             watched = SimpleNamespace(system=system, segments=ends(states[0], later), scale=scale)
-            assert _Search.repeated(watched, r) is (distance < REPEATED)
+            assert Returning.repeated(watched, r) is (distance < REPEATED)
         assert loop_distance(system, ends(states[0]), r, scale) == math.inf
 
 

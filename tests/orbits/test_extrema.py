@@ -88,7 +88,8 @@ def test_what_is_passed_between_two_looks(angle):
     orbit = circle(1e-10)
     t, u, setting = unknowns_of(orbit)
     ahead = lambda x, p: (x[0] - 0.3) * math.cos(angle) + x[1] * math.sin(angle)  # noqa: E731
-    begins = math.atan2(orbit.arcs[0].states[0, 0, 1], orbit.arcs[0].states[0, 0, 0] - 0.3)  # half a turn, and the other
+    x, y = orbit.arcs[0].states[0, 0]
+    begins = math.atan2(y, x - 0.3)  # half a turn, and the other
     here, other = (0, 1) if (angle - begins) % (2 * math.pi) < math.pi else (1, 0)
     assert t.phases == 2
     assert turning_values(t, u, setting, ahead, here, +1) == pytest.approx([1.0], abs=1e-11)
