@@ -36,7 +36,7 @@ from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
 
-MOST_INTERVALS = 20_000
+MARCHED_AT_MOST = 20_000
 BROKEN = 1e-6  # a condition below zero by this much does not hold
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
@@ -68,7 +68,7 @@ def march(
     degree: int = 7,
     kind: Kind = "gauss",
     max_time: float = np.inf,
-    max_intervals: int = MOST_INTERVALS,
+    max_intervals: int = MARCHED_AT_MOST,
     strict: bool = False,
     met: str = "",
     after: Segment | None = None,

@@ -29,14 +29,14 @@ from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
 from ..results import Result
 from .closed_forms import check_closed_forms
-from .march import MOST_INTERVALS, MarchFailure, Segment, march
+from .march import MARCHED_AT_MOST, MarchFailure, Segment, march
 from .segment import NoEnd
 
 Array = np.ndarray
 
 MARCH_DEGREE = 7
 SECOND_RUN = 1e-2
-UNLIKE, LOOKS = 10.0, 3
+UNLIKE, LOOKS_AT_MOST = 10.0, 3
 """A supposed size of a state larger than its own by this factor has led to a rough motion; looks at most."""
 LOOK_TOLERANCE = 1e-4
 """Error of an interval in a look: it shows sizes, and where to begin."""
@@ -211,7 +211,7 @@ def simulate(
 
 def follow_for(
     form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float, tol: float,
-    events: float = np.inf, most: int = MOST_INTERVALS,
+    events: float = np.inf, most: int = MARCHED_AT_MOST,
 ) -> list[Segment]:
     """The phases of a motion for exactly this time, or until so many events.
 
@@ -239,7 +239,7 @@ def follow_for(
 
 def look(
     form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float,
-    events: float = np.inf, most: int = MOST_INTERVALS, least: float | Array = 0.0,
+    events: float = np.inf, most: int = MARCHED_AT_MOST, least: float | Array = 0.0,
 ) -> tuple[Array, list[Segment], tuple[Array, Array]]:
     """A look at a motion, again where the states turn out to be much smaller than was thought.
 
@@ -249,12 +249,12 @@ def look(
     magnitudes, 1 for a state that stays zero and for the time; the phases; times (m,) and states (n, m) along them.
     Raises MarchFailure: see `march`.
     """
-    for _ in range(LOOKS):
+    for _ in range(LOOKS_AT_MOST):
         asked = form, mode, x, p, scale, kind
         try:
             phases = follow_for(*asked, duration, LOOK_TOLERANCE, events, most)
         except NoEnd as ended:
-            if most == MOST_INTERVALS:
+            if most == MARCHED_AT_MOST:
                 raise
             phases = follow_for(*asked, ended.time, LOOK_TOLERANCE, events)
         times, states = sampled(form, phases, p, kind, 4)

@@ -235,20 +235,22 @@ class _Search(Returning):
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
-            return self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
+            self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
+            return None
         away = float(np.max(np.abs(orbit.arcs[0].states[0, 0] - passes[0].start) / self.scale))
         if r.distance < RETURNED and away > WITHIN:
-            return self.refused(r, f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
+            self.refused(r, f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
+            return None
         if self.settled:
             return self.once_round(orbit) or orbit
         lin = outcome.solution.linearisation
         scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
         M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
         if not self.attracts(orbit, M):  # what cannot be told to attract is not believed
-            refused = self.refused(r, "an unstable cycle was passed, which the motion leaves")
+            self.refused(r, "an unstable cycle was passed, which the motion leaves")
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
-            return refused
+            return None
         if r.distance >= RETURNED:
             self.known.append((r, orbit, M))
             if self.confirmed(self.segments) is not orbit:

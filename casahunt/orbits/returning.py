@@ -17,7 +17,7 @@ import numpy as np
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.problem import Kind
-from ..motion.march import MOST_INTERVALS, Segment, march
+from ..motion.march import MARCHED_AT_MOST, Segment, march
 from ..motion.segment import NoEnd
 from ..motion.simulation import MARCH_DEGREE
 from .closure import Closure, Section, turned, turns, with_sections
@@ -33,7 +33,7 @@ RETURNED = 1e-2
 """It repeats when it comes back this near, in units of the state scale; farther off the return map has to show it."""
 REPEATED = 0.1
 """All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
-NEARBY = 0.1
+ABOUT_TO_REPEAT = 0.1
 """A motion that comes back this near, as part of how far it has gone away and in units of the state scale, may be about
 to repeat: Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
 FIRST_PHASES, FEW_PHASES = 6, 24
@@ -45,7 +45,7 @@ MOST_MARCHED = 20_000
 """Intervals after which it is given up likewise; any other one after four times as many."""
 RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
-LONGER = 1.01
+EVER_LONGER = 1.01
 """Of a motion that comes back exactly, and is no cycle, each return takes so many times as long as the one before."""
 OUTGROWN = 1e8
 """A state this much larger than all states were at the start, and than 1, grows without bound; farther on it is too
@@ -89,7 +89,7 @@ class Returning:
         """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
         if not self.scale.size:
             self.largest = OUTGROWN * max(1.0, float(np.max(np.abs(self.x))))
-            self.near = RETURNED if self.settled else NEARBY
+            self.near = RETURNED if self.settled else ABOUT_TO_REPEAT
         seen = watched(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
         self.scale, self.span = seen.scale, max(seen.span, AHEAD * self.span)
         if seen.events == 0:
@@ -105,6 +105,7 @@ class Returning:
 
     def march_on(self) -> None:
         """On, phase by phase, until the motion has come back, or for as many phases as there are."""
+        assert self.form is not None
         self.back = []
         while self.ahead:
             self.segments.append(self.ahead.pop(0))
@@ -138,17 +139,18 @@ class Returning:
             new = march(
                 self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
                 degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
-                max_intervals=MOST_INTERVALS if self.sections else WAITED, after=(self.segments or [None])[-1],
+                max_intervals=MARCHED_AT_MOST if self.sections else WAITED,
+                after=self.segments[-1] if self.segments else None,
             )  # fmt: skip
         except NoEnd:
             new = motion[len(self.segments) :]
             if self.sections or not new and (self.looks == MOST_LOOKS or self.form.modes[self.mode].flow):
                 raise
         last = new[-1] if new else Segment(self.mode, "", 0.0, np.array([0.0, 1.0]), self.x[None], self.x)
-        if self.outgrown(last):
-            raise self.not_met("the motion grows without bound")
         if last.event:
             self.segments += new
+            if self.outgrown(last):
+                raise self.not_met("the motion grows without bound")
             return
         moves = self.form.modes[last.mode].flow is None
         if moves and not self.sections and self.looks < MOST_LOOKS:
@@ -198,7 +200,7 @@ class Returning:
             np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale)
             for loop in loops
         )
-        longer = sum(s.duration for s in loops[1]) > LONGER * sum(s.duration for s in loops[0])
+        longer = sum(s.duration for s in loops[1]) > EVER_LONGER * sum(s.duration for s in loops[0])
         return bool(last <= RESTS and last < before) or longer
 
     def check_patience(self) -> None:
