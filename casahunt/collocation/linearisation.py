@@ -123,8 +123,8 @@ class Linearisation:
         rhs[0], rhs[1, -1] = self.rhs(), 1.0
         return self.transcription.system.solve(self.matrix(border), rhs)
 
-    def return_map_eigenvalues(self) -> Array:
-        """(n,) eigenvalues of the linearised map of the start to S times the end, one of them zero.
+    def return_map(self) -> Array:
+        """(n, n) scaled M, the linearised map of the start to S times the end; one of its eigenvalues is zero.
 
         The quick look at the multipliers of a stable cycle: the start responds to a disturbance of the closure by
         (I - M)^-1.  Digits that M loses there are lost; orbits/floquet.py loses none.
@@ -132,7 +132,11 @@ class Linearisation:
         t = self.transcription
         matrix, n = self.matrix(t.system.border(parameter=1.0)), t.n
         response = t.system.solve_transposed(matrix, np.eye(n, t.system.size))
-        return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response[:, t.elements * n : (t.elements + 1) * n]))
+        return np.eye(n) - np.linalg.inv(response[:, t.elements * n : (t.elements + 1) * n])
+
+    def return_map_eigenvalues(self) -> Array:
+        """(n,) eigenvalues of `return_map`."""
+        return np.linalg.eigvals(self.return_map())
 
     def expand(self, y: Array, inhomogeneous: float, direction: int = 0, along: float = 0.0) -> Array:
         """The update of all unknowns that belongs to a solution of the node system.

@@ -31,11 +31,12 @@ from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
 from .march_watch import Watch
-from .segment import MarchFailure, Segment
+from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
 
 Array = np.ndarray
 
+MARCHED_AT_MOST = 20_000
 BROKEN = 1e-6  # a condition below zero by this much does not hold
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
@@ -67,7 +68,7 @@ def march(
     degree: int = 7,
     kind: Kind = "gauss",
     max_time: float = np.inf,
-    max_intervals: int = 20_000,
+    max_intervals: int = MARCHED_AT_MOST,
     strict: bool = False,
     met: str = "",
     after: Segment | None = None,
@@ -97,7 +98,7 @@ def march(
         if segment.event == "" or until(segment) or (used < max_intervals and time >= max_time):
             return segments
         if used >= max_intervals:
-            raise MarchFailure(f"no end after {time:.3g} s and {used} intervals")
+            raise NoEnd(f"no end after {time:.3g} s and {used} intervals", time)
         x = segment.behind
 
 
@@ -138,7 +139,7 @@ def _phase(
         segment, successor = _followed(system, name, x, stepper, tol, *left, begins)
     except TooMany as many:
         took = spent[0] + float(many.args[0])
-        raise MarchFailure(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals") from None
+        raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals", took) from None
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 

@@ -18,6 +18,14 @@ class MarchFailure(Exception):
     """The march could not go on; the message says where."""
 
 
+class NoEnd(MarchFailure):
+    """More intervals than there may be: the message says where, `time` how far the motion was followed with them."""
+
+    def __init__(self, sentence: str, time: float) -> None:
+        super().__init__(sentence)
+        self.time = time
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """One phase of a simulated motion.

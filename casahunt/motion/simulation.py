@@ -29,14 +29,17 @@ from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
 from ..results import Result
 from .closed_forms import check_closed_forms
-from .march import MarchFailure, Segment, march
+from .march import MARCHED_AT_MOST, MarchFailure, Segment, march
+from .segment import NoEnd
 
 Array = np.ndarray
 
 MARCH_DEGREE = 7
 SECOND_RUN = 1e-2
-UNLIKE = 10.0
-"""A size of a state is right within this factor."""
+UNLIKE, LOOKS_AT_MOST = 10.0, 3
+"""A supposed size of a state larger than its own by this factor has led to a rough motion; looks at most."""
+LOOK_TOLERANCE = 1e-4
+"""Error of an interval in a look: it shows sizes, and where to begin."""
 
 
 class Crossing(NamedTuple):
@@ -199,7 +202,7 @@ def simulate(
     form = system.vector_form
     check_closed_forms(system, x, p)
     try:
-        scale = sizes(form, name, x, p, duration, kind)
+        scale = look(form, name, x, p, np.where(x != 0, np.abs(x), 1.0), kind, duration)[0]
         coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))
     except MarchFailure as failure:
         raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None
@@ -207,17 +210,24 @@ def simulate(
 
 
 def follow_for(
-    form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float, tol: float
+    form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float, tol: float,
+    events: float = np.inf, most: int = MARCHED_AT_MOST,
 ) -> list[Segment]:
-    """The phases of a motion for exactly this time.
+    """The phases of a motion for exactly this time, or until so many events.
 
     form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
-    vector; (n,) sizes of the states; tol: error of an interval, relative to the sizes. Returns the phases; their
-    durations sum up to `duration`. Raises MarchFailure: see `march`.
+    vector; (n,) sizes of the states; tol, most: error of an interval, relative to the sizes; how many there may be.
+    Returns the phases; their durations sum up to `duration`. Raises MarchFailure: see `march`.
     """
+    met: list[Segment] = []
+
+    def enough(segment: Segment) -> bool:
+        met.append(segment)
+        return len(met) >= events
+
     phases = march(
-        form, mode, x, p, scale=scale, until=lambda segment: False, tol=tol, degree=MARCH_DEGREE, kind=kind,
-        max_time=duration, strict=True,
+        form, mode, x, p, scale=scale, until=enough, tol=tol, degree=MARCH_DEGREE, kind=kind, max_time=duration,
+        max_intervals=most, strict=True,
     )  # fmt: skip
     left = duration - sum(phase.duration for phase in phases[:-1])
     last = phases[-1]
@@ -227,23 +237,35 @@ def follow_for(
     return [*phases[:-1], Segment(last.mode, "", left, last.breaks, last.w, end)]
 
 
-def sizes(form: engine.System, mode: str, x: Array, p: Array, duration: float, kind: Kind) -> Array:
-    """Largest magnitude of each state in a motion, from a look or two at it.
+def look(
+    form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float,
+    events: float = np.inf, most: int = MARCHED_AT_MOST, least: float | Array = 0.0,
+) -> tuple[Array, list[Segment], tuple[Array, Array]]:
+    """A look at a motion, again where the states turn out to be much smaller than was thought.
 
-    form, mode: the hybrid system and the mode that it starts in; x, p: (n,) state at the start; parameter vector.
-    Returns (n,) sizes, 1 for a state that stays zero and for the time. Raises MarchFailure: see `march`.
+    form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
+    vector; (n,) supposed sizes of the states; events, most: so many events end the look, and about so many intervals
+    do, where these are fewer than a march may have; least: (n,) what sizes are at least. Returns (n,) the largest
+    magnitudes, 1 for a state that stays zero and for the time; the phases; times (m,) and states (n, m) along them.
+    Raises MarchFailure: see `march`.
     """
-    scale = np.where(x != 0, np.abs(x), 1.0)
-    for _ in range(2):
-        _, states = sampled(form, follow_for(form, mode, x, p, scale, kind, duration, 1e-4), p, kind, 4)
-        found = np.max(np.abs(states), axis=1)
+    for _ in range(LOOKS_AT_MOST):
+        asked = form, mode, x, p, scale, kind
+        try:
+            phases = follow_for(*asked, duration, LOOK_TOLERANCE, events, most)
+        except NoEnd as ended:
+            if most == MARCHED_AT_MOST:
+                raise
+            phases = follow_for(*asked, ended.time, LOOK_TOLERANCE, events)
+        times, states = sampled(form, phases, p, kind, 4)
+        found = np.maximum(np.max(np.abs(states), axis=1), least)
         found = np.where(found > 0, found, 1.0)
-        near = (found < UNLIKE * scale) & (scale < UNLIKE * found)
+        found[[i for i, name in enumerate(form.states) if name == TURNS]] = 1.0
+        rough = scale > UNLIKE * found
         scale = found
-        if near.all():
+        if not rough.any():
             break
-    scale[[i for i, name in enumerate(form.states) if name == TURNS]] = 1.0
-    return scale
+    return scale, phases, (times, states)
 
 
 def _difference(coarse: list[Segment], fine: list[Segment], scale: Array) -> float:

@@ -28,6 +28,7 @@ system_orbit.py  a cycle of a user's system, as its user reads it
 closure.py   how a cycle of a user's system closes, and where it is cut
 recurrence.py  when a motion repeats, as it is or mirrored
 watching.py  a first look at a motion: sizes, where it is cut
+returning.py a motion followed until it comes back
 sequences.py   other phase sequences, where one has stopped being a motion
 remarched.py the phases that the motion itself has
 starts.py    the same cycle from another of its boundaries

@@ -13,18 +13,17 @@ Symbols: n states.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..checks import given_once, known, of_kind
 from ..collocation.interval import field_at
+from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
 from ..errors import NoOrbit, Status
-from ..hybrid import system as engine
 from ..hybrid.language import Function, System
-from ..hybrid.problem import Kind
 from ..motion.closed_forms import check_closed_forms
 from ..motion.march import HIDES, MarchFailure, Segment, march
 from ..motion.march_intervals import VANISHED
@@ -33,40 +32,28 @@ from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections
 from .family import Family, measured_of
 from .orbit import unknowns_of
-from .recurrence import Recurrence, loop_distance, rebased, recurrences
+from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme
+from .returning import FEW_PHASES, RETURNED, WITHIN, Returning
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
-from .watching import SEARCH_TOLERANCE, STANDSTILL, NotMet, Turning, counted_on, cut, going_on, watched
+from .watching import (
+    SEARCH_TOLERANCE,
+    STANDSTILL,
+    NotMet,
+)  # fmt: skip
 
 Array = np.ndarray
 
-RETURNED = 1e-2
-"""A motion repeats when it comes back this near, in units of the state scale; each failure asks for a tenth of it."""
-REPEATED = 0.1
-"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
-WITHIN = 0.2
-"""A cycle farther from the motion than this, in units of the state scale, is another one."""
-FIRST_PHASES, FEW_PHASES = 6, 24
-"""Phases after which a motion is looked at for repetition, and again each time there are twice as many; a cycle of more
-than so many is a long one."""
-ENOUGH_PHASES, MOST_PHASES = 768, 3000
-"""Phases after which a motion that nowhere nearly repeats is given up; and any other one."""
-MOST_MARCHED = 20_000
-"""Intervals after which it is given up likewise; any other one after four times as many."""
+FIRST_MESH = 1e-3
+"""The mesh of a series resolves this part of the tolerance, and the motion: most cycles need no other one."""
+CLEARLY = 0.1
+"""Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 SEVERAL_TIMES = 1e-7
 """A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
 period."""
-EXACTLY = 1e-8
-"""A motion that comes back so near shows no more by going on."""
-RESTS = 1e-6
-"""A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
-OUTGROWN = 1e4
-"""A motion whose states are so many times as large as they were while it was watched grows without bound."""
-AHEAD = 1e3
-"""A motion that is not back after so many times the time that it was watched does not come back."""
 
 
 def find_cycle(
@@ -143,27 +130,14 @@ def _phases_of(r: Recurrence) -> str:
     return f"{r.phases} phase{'s' * (r.phases > 1)}"
 
 
-@dataclass
-class _Search:
-    """One search; the attributes below `kind` grow with it."""
+@dataclass(kw_only=True)
+class _Search(Returning):
+    """One search; the attributes below `options` grow with it."""
 
-    system: System
-    p: Array
-    mode: str
-    x: Array
     followed: str
     measured: str | Function
     options: Options
-    settled: bool
-    kind: Kind
-    scale: Array = field(default_factory=lambda: np.ones(0))
-    sections: tuple[Section, ...] = ()
-    turning: Turning | None = None
-    span: float = np.inf
-    form: engine.System | None = None
-    segments: list[Segment] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
-    met: str = ""
     long: int = 0
 
     def run(self) -> SystemOrbit:
@@ -186,18 +160,17 @@ class _Search:
         if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
             return self.first_return()
         self.watch()
-        near, phases = RETURNED, 1 if self.settled else FIRST_PHASES
         while True:
-            self.march_on(phases)
-            for r in self.recurrences(near, lambda r: r.phases <= FEW_PHASES or self.repeated(r)):
+            self.march_on()
+            for r in self.back:
                 orbit = self.solved(r)
                 if orbit is not None:
                     return orbit
+                self.near = max(r.distance, 1e-12) / 10
                 self.check_hope(r)
-                near = min(near, max(r.distance, 1e-12)) / 10
+            if self.reached is not None:
+                return self.once_round(self.reached) or self.reached
             self.check_patience()
-            if not self.settled:
-                phases = len(self.segments)
 
     def first_return(self) -> SystemOrbit:
         """The cycle through states that lie on it, of a motion without events: cut there, followed once round.
@@ -231,72 +204,6 @@ class _Search:
             raise self.not_met("the equations of a first return were not solved")
         return orbit
 
-    def not_met(self, why: str) -> NotMet:
-        """Why there is none, with how long the motion was followed."""
-        return NotMet(why, sum(s.duration for s in self.segments))
-
-    def watch(self) -> None:
-        """A first look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
-        seen = watched(self.system, self.mode, self.x, self.p, self.kind)
-        self.scale, self.span = seen.scale, seen.span
-        if seen.events == 0:
-            self.sections, self.turning = cut(self.system, seen, self.p)
-        if not self.settled:
-            self.mode, self.x = going_on(self.system.vector_form, seen.last, self.p)
-            self.met = seen.last.event
-        if self.system.forcing_period is not None:
-            self.x = Turning(self.x.size - 1, 1.0, 1).wrapped(self.x)
-        elif self.turning is not None:
-            self.x = self.turning.wrapped(self.x)
-        self.form = with_sections(self.system, self.sections)
-
-    # March ----------------------------------------------------------------------------------------------------
-
-    def march_on(self, phases: int) -> None:
-        """So many phases more."""
-        assert self.form is not None
-        goal = len(self.segments) + phases
-        while len(self.segments) < goal:
-            count = 1 if self.turning else goal - len(self.segments)
-            found: list[Segment] = []
-
-            def enough(segment: Segment, found: list[Segment] = found, count: int = count) -> bool:
-                found.append(segment)
-                return len(found) >= count or self.outgrown(segment)
-
-            new = march(
-                self.form, self.mode, self.x, self.p, scale=self.scale, until=enough, tol=SEARCH_TOLERANCE,
-                degree=MARCH_DEGREE, kind=self.kind, strict=True, max_time=AHEAD * self.span, met=self.met,
-            )  # fmt: skip
-            self.segments += new
-            if self.outgrown(new[-1]):
-                raise self.not_met("the motion grows without bound, beyond all that was seen of it at first")
-            if new[-1].event == "":
-                self.segments[-1] = replace(new[-1], duration=min(new[-1].duration, AHEAD * self.span))
-                moves = self.form.modes[new[-1].mode].flow is None and self.sections
-                raise self.not_met(
-                    f"the motion does not come back to {self.sections[0].state} = {self.sections[0].level:.6g}"
-                    if moves else "the motion comes to rest"
-                )  # fmt: skip
-            self.mode, self.x = going_on(self.form, new[-1], self.p)
-            self.met = new[-1].event
-            if self.turning is not None:
-                self.x = self.turning.wrapped(self.x)
-
-    def outgrown(self, segment: Segment) -> bool:
-        """Whether the motion has left all that was seen of it far behind: angles and the time alone may grow."""
-        x = np.where(turns(self.system) > 0, 0.0, segment.end) / self.scale
-        return bool(np.max(np.abs(x)) > OUTGROWN)
-
-    def recurrences(self, near: float, believed: Callable[[Recurrence], bool]) -> list[Recurrence]:
-        """The ways in which the motion has come back this near."""
-        assert self.form is not None
-        return recurrences(self.system, self.form, self.segments, self.p, self.scale, near, believed)
-
-    def repeated(self, r: Recurrence) -> bool:
-        """Whether all of the last loop is near to the loop before."""
-        return loop_distance(self.system, self.segments, r, self.scale) < REPEATED
-
     def check_hope(self, r: Recurrence) -> None:
         """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
         if r.distance < EXACTLY:
@@ -307,26 +214,6 @@ class _Search:
         if self.long >= MOST_LONG:
             raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
 
-    def rests(self, phases: int) -> bool:
-        """Whether the motion has become so small that its returns say nothing, and becomes smaller."""
-        if self.turning is not None or len(self.segments) < 2 * phases:
-            return False
-        before, last = (
-            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale)
-            for loop in (self.segments[-2 * phases : -phases], self.segments[-phases:])
-        )
-        return bool(last <= RESTS and last < before)
-
-    def check_patience(self) -> None:
-        """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""
-        count, marched = len(self.segments), sum(len(s.w) for s in self.segments)
-        if count < ENOUGH_PHASES and marched < MOST_MARCHED:
-            return
-        if count < MOST_PHASES and marched < 4 * MOST_MARCHED:
-            if self.recurrences(RETURNED, lambda r: r.phases <= FEW_PHASES and self.repeated(r)):
-                return
-        raise self.not_met(f"the motion did not repeat within {count} phases")
-
     # Solve and believe -----------------------------------------------------------------------------------------
 
     def solved(self, r: Recurrence, motion: list[Segment] | None = None) -> SystemOrbit | None:
@@ -336,30 +223,49 @@ class _Search:
         signature = tuple((s.mode, s.event) for s in passes)
         cycle = problem.cycle(signature, closure.repeats)
         direction = problem.direction(self.followed) if self.followed else np.zeros(0)
+        passes = [s.meshed(min(SEARCH_TOLERANCE, shape_limit(FIRST_MESH * self.options.tol))) for s in passes]
         begin = from_segments(
             cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
         )
         begin = in_scheme(begin, *self.options.scheme_of(problem))
-        # A long one that Newton loses is not worth an optimisation problem of its size.
-        alone = self.options.solver == "auto" and r.phases > FEW_PHASES
-        options = replace(self.options, solver="newton") if alone else self.options
+        # What Newton loses is sought again nearer to it, which costs less than an optimisation problem of its size.
+        options = replace(self.options, solver="newton") if self.options.solver == "auto" else self.options
         outcome = solve_adaptively(problem, begin, options, solver="newton")
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
-            self.refusals.append(str(refusal) + (self.hidden if unsettled else ""))
+            self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
             return None
         away = float(np.max(np.abs(orbit.arcs[0].states[0, 0] - passes[0].start) / self.scale))
-        if away > WITHIN:
-            self.refusals.append(f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
+        if r.distance < RETURNED and away > WITHIN:
+            self.refused(r, f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
             return None
-        if not self.settled and not orbit.stable:  # not trusted either: what cannot be told to attract is not believed
-            self.refusals.append("an unstable cycle was passed, which the motion leaves")
+        if self.settled:
+            return self.once_round(orbit) or orbit
+        lin = outcome.solution.linearisation
+        scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
+        M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
+        if not self.attracts(orbit, M):  # what cannot be told to attract is not believed
+            self.refused(r, "an unstable cycle was passed, which the motion leaves")
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None
+        if r.distance >= RETURNED:
+            self.known.append((r, orbit, M))
+            if self.confirmed(self.segments) is not orbit:
+                return None
         return self.once_round(orbit) or orbit
+
+    def refused(self, r: Recurrence, why: str) -> None:
+        """A recurrence that has led to no cycle is told of where the motion was really near one."""
+        if r.distance < RETURNED:
+            self.refusals.append(why)
+
+    def attracts(self, orbit: SystemOrbit, M: Array) -> bool:
+        """Whether a cycle is stable, by the eigenvalues of its return map (n, n) where these tell it."""
+        largest = float(np.max(np.abs(np.linalg.eigvals(M)))) if np.isfinite(M).all() else 1.0
+        return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
 
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
         """The cycle that an orbit runs through several times; None where it is its own period.
@@ -381,16 +287,3 @@ class _Search:
     def hidden(self) -> str:
         """What may be behind meshes or steps that do not get fine enough, where no mode says it."""
         return HIDES if any(mode.feature is None for mode in self.system.modes) else ""
-
-    def sections_for(
-        self, r: Recurrence, motion: list[Segment]
-    ) -> tuple[tuple[Section, ...], list[Segment], Closure]:
-        """(sections, phases, closure) of a recurrence: turns are counted on from phase to phase."""
-        passes = motion[-r.phases :]
-        if self.turning is None:
-            return self.sections, rebased(self.system, passes), r.closure
-        i, name = self.turning.entry, self.system.names.entries
-        sections, counted = counted_on(self.turning, self.sections[0], passes, name)
-        shift = np.array(r.closure.shift)
-        shift[i] = r.phases * self.turning.step
-        return sections, counted, Closure(r.closure.matrix, tuple(map(float, shift)), r.closure.repeats)

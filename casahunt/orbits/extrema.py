@@ -35,7 +35,7 @@ from ..hybrid.roots import Bracket
 from ..hybrid.system import Mode
 from ..motion.march_step import Foretold, Stepper
 from ..results import Result
-from .observables import Expression, Later, Values, flow_sensitivity, kept_values
+from .observables import Expression, Later, Values, flow_sensitivity, is_mirrored, kept_values
 
 Array = np.ndarray
 
@@ -125,7 +125,7 @@ def extrema(t: Transcription, u: Array, setting: Setting, g: Expression) -> Extr
 
     g: (x, p) -> scalar, of CasADi symbols. Returns extrema, in physical units. Raises InputError: g is no scalar.
     """
-    looks = _all_looks(t, u, setting, g, Values)
+    looks = _looks(t, u, setting, g, Values, t.cycle.repeats)
 
     def found(sign: int) -> Extremum:
         look, place = _largest([(look, sign) for look in looks])
@@ -142,7 +142,7 @@ def largest_magnitude(t: Transcription, u: Array, setting: Setting, g: Expressio
     g: (x, p) -> scalar, of CasADi symbols. Returns functional: the magnitude, its row, and by how much g changes where
     all states change by their sizes. Raises InputError: g is no scalar.
     """
-    looks = _all_looks(t, u, setting, g, kept_values)
+    looks = _looks(t, u, setting, g, kept_values, 1 if is_mirrored(g, t.cycle) else t.cycle.repeats)
     look, place = _largest([(look, sign) for look in looks for sign in (+1, -1)])
     sizes = sizes_of_states(t, u, setting) * setting.scale
     change = max(float(np.max(np.abs(seen.g_x) @ sizes)) for look in looks for seen in look.seen)
@@ -150,9 +150,9 @@ def largest_magnitude(t: Transcription, u: Array, setting: Setting, g: Expressio
     return Functional(abs(place.value), sign * look.row(place), change)
 
 
-def _all_looks(t: Transcription, u: Array, setting: Setting, g: Expression, values: Made) -> list[Look]:
-    """One look for each computed piece of the period: g, and what it is where the motion is pieces later."""
-    return [Look(t, u, setting, g if k == 0 else Later(g, t.cycle, k), k, values) for k in range(t.cycle.repeats)]
+def _looks(t: Transcription, u: Array, setting: Setting, g: Expression, values: Made, pieces: int) -> list[Look]:
+    """One look for each of some computed pieces of the period: g, and what it is where the motion is pieces later."""
+    return [Look(t, u, setting, g if k == 0 else Later(g, t.cycle, k), k, values) for k in range(pieces)]
 
 
 def _largest(looks: Sequence[tuple[Look, int]]) -> tuple[Look, _Place]:

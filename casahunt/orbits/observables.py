@@ -61,6 +61,15 @@ def check_expression(what: str, g: Scalar) -> None:
     check_scalar(what, g.function, g.names)
 
 
+def is_mirrored(g: Expression, cycle: Cycle) -> bool:
+    """Whether g is a state that is the same one computed piece later, or minus that: |g| shows nothing new then."""
+    if not (isinstance(g, Scalar) and isinstance(g.function, _Coordinate)):
+        return False
+    i = cycle.states.index(g.function.name)
+    others = np.delete(np.linalg.inv(cycle.closure)[i], i)
+    return abs(cycle.closure[i, i]) == 1 and not others.any() and not np.any(cycle.shift)
+
+
 @dataclass(frozen=True)
 class Later:
     """g where the motion is k computed pieces later, as a function of where it is now."""

@@ -29,6 +29,10 @@ EQUAL = 1e-12
 """Fields and events that agree to this, relative to their sizes, are the same."""
 TRIED = 16
 """Intervals of a phase at which a symmetry is tried."""
+EXACTLY = 1e-8
+"""A motion that comes back so near shows no more by going on, in units of the state scale."""
+DOUBLINGS = 12
+"""Of the number of returns that the norm of `comes_in` sums up."""
 BESIDE_MOTION = 0.1
 """How far from the motion a symmetry is tried, in units of the state scale."""
 
@@ -51,36 +55,80 @@ def recurrences(
     near: float,
     believed: Callable[[Recurrence], bool] = lambda r: True,
 ) -> list[Recurrence]:
-    """The ways in which the end of a motion is near an earlier state of it.
+    """The ways in which the end of a motion is near an earlier state of it, as far as it has gone away since.
 
     system, form: the system, and what was marched: with its sections; segments: the motion, phase after phase; all but
-    the first start at events; p, scale: parameter vector; (n,) sizes of the states.
+    the first start at events; p, scale: parameter vector; (n,) sizes of the states; near: distance of the states, as
+    part of how far the motion has gone away between them, and at most that, in units of the scale.
     Returns recurrences, the one with fewest phases first; at most one in which nothing is mirrored.
     """
+    states = np.array([segment.behind for segment in segments])
+    here, there = states[-1], states[-2::-1]
     found = []
-    n = scale.size
-    states = [segment.behind for segment in segments]
-    labels = [(segment.mode, segment.event) for segment in segments]
-    for m in range(1, len(segments) // 2 + 1):
-        here, there = states[-1], states[-1 - m]
-        if labels[-m:] == labels[-2 * m : -m]:
-            shift = turned(system, there, here)
-            distance = float(np.max(np.abs(here - shift - there) / scale))
-            plain = Recurrence(m, Closure.of(np.eye(n), shift, 1), distance)
-            if distance < near and believed(plain):
-                found.append(plain)
-                break
-        for S in symmetries(system):
-            image = S @ here
-            shift = turned(system, there, image, parts=2)
-            distance = float(np.max(np.abs(image - shift - there) / scale))
-            if not distance < near:
+    for k, S in enumerate((np.eye(scale.size), *symmetries(system))):
+        plain = k == 0
+        image = S @ here
+        shifts = turned(system, there, image, parts=1 if plain else 2)
+        distances = np.max(np.abs(image - shifts - there) / scale, axis=1)
+        for i in np.flatnonzero(distances < near):
+            m, distance = int(i) + 1, float(distances[i])
+            if plain and not _same(segments[-1], segments[-1 - m]):
                 continue
-            mirrored = Recurrence(m, Closure.of(S, shift, 2), distance)
-            if believed(mirrored) and is_symmetry(form, segments[-2 * m :], S, shift, p, scale):
-                found.append(mirrored)
+            r = Recurrence(m, Closure.of(S, shifts[i], 1 if plain else 2), distance)
+            gone = distance < EXACTLY or distance < near * _excursion(segments[-m:], scale)
+            if gone and believed(r) and (plain or _mirrored(form, segments, r, p, scale)):
+                found.append(r)
                 break
-    return found
+    return sorted(found, key=lambda r: r.phases)
+
+
+def _same(one: Segment, other: Segment) -> bool:
+    """Whether two phases have the same names."""
+    return (one.mode, one.event) == (other.mode, other.event)
+
+
+def _excursion(segments: Sequence[Segment], scale: Array) -> float:
+    """How far some phases go away from their end, in units of the scale."""
+    nodes = np.vstack([segment.w[:, : scale.size] for segment in segments])
+    return float(np.max(np.abs(nodes - segments[-1].behind) / scale))
+
+
+def _mirrored(form: engine.System, segments: Sequence[Segment], r: Recurrence, p: Array, scale: Array) -> bool:
+    """Whether a symmetry maps the last phases of a motion, and the event before them, to what comes after each.
+
+    What comes later is known of the first of them alone, where the motion has not gone on for long enough.
+    """
+    m, S, shift = r.phases, np.array(r.closure.matrix), np.array(r.closure.shift)
+    if len(segments) >= 2 * m:
+        return is_symmetry(form, segments[-2 * m :], S, shift, p, scale)
+    alike: dict[tuple[str, str], list[Segment]] = {}
+    for segment in segments[-m:]:
+        alike.setdefault((segment.mode, segment.event), []).append(segment)
+    return is_symmetry(form, [segments[-1 - m], segments[-1]], S, shift, p, scale) and all(
+        image_of(form, replace(some[0], w=np.vstack([s.w for s in some])), r.closure, p, scale) is not None
+        for some in alike.values()
+    )
+
+
+def comes_in(M: Array, before: Array, now: Array) -> bool:
+    """Whether one return of a motion shows that it goes to a fixed point of the return map.
+
+        |now - M before| <= (|before| - |M before|) / 2,    |e|^2 = sum over k of |M^k e|^2, so that M contracts
+
+    What the return map does beyond its linearisation there is then less than half of what that contracts, and shrinks
+    faster than the distance.
+
+    M: (n, n) linearisation of the return map, with all eigenvalues inside the unit circle; before, now: (n,) distances
+    from the fixed point, one return apart.
+    """
+    weight, power = np.eye(len(M)), M
+    for _ in range(DOUBLINGS):
+        weight, power = weight + power.T @ weight @ power, power @ power
+
+    def norm(e: Array) -> float:
+        return float(np.sqrt(e @ weight @ e))
+
+    return norm(now - M @ before) <= (norm(before) - norm(M @ before)) / 2
 
 
 def loop_distance(system: System, segments: Sequence[Segment], r: Recurrence, scale: Array) -> float:
@@ -127,19 +175,18 @@ def is_symmetry(
     rng = np.random.default_rng(0)
 
     def image(x: Array) -> Array:
-        return inverse @ (x + shift)
+        return (x + shift) @ inverse.T
 
     for a, b in zip(segments[:m], segments[m:], strict=True):
         on = a.w[:: max(1, len(a.w) // TRIED), : scale.size]
-        points = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
+        x = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
+        y = image(x)
+        if not (_same_events(form, a, b, x, y, p) and _same_limits(form, a, b, x, y, p)):
+            return False
         first, second = form.modes[a.mode], form.modes[b.mode]
-        for x in points:
-            f = inverse @ (scale * field_at(first.field, x / scale, first.sign, p, scale)) / scale
-            g = field_at(second.field, image(x) / scale, second.sign, p, scale)
-            if not np.max(np.abs(f - g)) <= EQUAL * max(1.0, float(np.max(np.abs(f)))):
-                return False
-            if not (_same_events(form, a, b, x, image(x), p) and _same_limits(form, a, b, x, image(x), p)):
-                return False
+        f = image(scale * _fields(first, x, p, scale) - shift) / scale
+        if not np.max(np.abs(f - _fields(second, y, p, scale)) / np.abs(f).max(axis=1, initial=1.0)[:, None]) <= EQUAL:
+            return False
         if (a.jumped is None) != (b.jumped is None):
             return False
         if a.jumped is not None:
@@ -147,6 +194,11 @@ def is_symmetry(
             if np.max(np.abs(off) / scale) > EQUAL:
                 return False
     return True
+
+
+def _fields(mode: engine.Mode, x: Array, p: Array, scale: Array) -> Array:
+    """(m, n) the scaled field of a mode at points x (m, n)."""
+    return np.array([field_at(mode.field, point / scale, mode.sign, p, scale) for point in x])
 
 
 def image_of(
@@ -190,14 +242,15 @@ def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array)
 
 
 def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
-    """The events that end a and b are one at x and at its image y, up to the sign and its direction."""
+    """The events that end a and b are one at points x and at their images y, up to the sign and its direction."""
     ones, others = form.ways_out(a.mode, a.event), form.ways_out(b.mode, b.event)
-    h = ones[0].direction * float(np.asarray(ones[0].event.function(x, 0.0, p)))
-    k = others[0].direction * float(np.asarray(others[0].event.function(y, 0.0, p)))
     if len(ones) != len(others):
         return False
-    off = abs(h - k) if len(ones) == 1 else min(abs(h - k), abs(h + k))  # crossed either way, it has no direction
-    return off <= EQUAL * max(1.0, abs(h))
+    h, k = (e[0].direction * np.asarray(e[0].event.function(at.T, 0.0, p), float) for e, at in ((ones, x), (others, y)))
+    off = np.abs(h - k)
+    if len(ones) > 1:
+        off = np.minimum(off, np.abs(h + k))  # crossed either way, it has no direction
+    return bool(np.all(off <= EQUAL * np.maximum(1.0, np.abs(h))))
 
 
 def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
@@ -209,16 +262,17 @@ def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array
 
 
 def _limits(form: engine.System, name: str, x: Array, p: Array) -> Array:
-    """What bounds a mode at x: its condition, and the scalars of its events counted along their directions, by size."""
+    """What bounds a mode at points x: its condition, and the scalars of its events along their directions, by size."""
     mode = form.modes[name]
     events = [e for e in form.exits[name] if not isinstance(e.event.function, Plane)]
-    scalars = sorted(e.direction * float(np.asarray(e.event.function(x, 0.0, p))) for e in events)
-    condition = [] if mode.admissible is None else [float(mode.admissible(x, p, mode.sign))]
-    return np.array([*condition, *scalars])
+    scalars = [e.direction * np.asarray(e.event.function(x.T, 0.0, p), float) for e in events]
+    condition = [] if mode.admissible is None else [np.asarray(mode.admissible(x.T, p, mode.sign), float)]
+    by_size = np.sort(np.array(scalars).reshape(len(events), len(x)), axis=0)
+    return np.vstack([*condition, by_size]).T
 
 
 def _agree(one: Array, other: Array) -> bool:
-    return one.size == other.size and bool(np.all(np.abs(one - other) <= EQUAL * np.maximum(1.0, np.abs(one))))
+    return one.shape == other.shape and bool(np.all(np.abs(one - other) <= EQUAL * np.maximum(1.0, np.abs(one))))
 
 
 def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:

@@ -20,7 +20,7 @@ from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
-from ..motion.simulation import MARCH_DEGREE, follow_for, sampled, sizes
+from ..motion.simulation import MARCH_DEGREE, look
 from .closure import Section, turns
 from .recurrence import turns_over
 
@@ -29,9 +29,11 @@ Array = np.ndarray
 SEARCH_TOLERANCE = 1e-6
 FIRST_LOOK = 20.0
 """Times in which the field moves a state by its size, that a motion is watched at first."""
-MOST_LOOKS, LOOK_LONGER = 12, 4.0
+VERY_LONG = 1e6
+"""So many times as long it is watched where nothing happens."""
+MOST_LOOKS, LOOK_LONGER = 5, 4
 """Looks, each this much longer than the one before, until there is something to see."""
-ENOUGH_EVENTS, ENOUGH_INTERVALS = 12, 300
+ENOUGH_EVENTS, ENOUGH_STEPS = 4, 150
 TRIED_STATES = 16
 """States at which a forced system is tried for a symmetry between the halves of a turn."""
 STANDSTILL = 1e-8
@@ -58,14 +60,14 @@ class Watched(NamedTuple):
 
     Attributes
     ----------
-    last : the last segment of the motion.
-    scale : (n,) sizes of the states.
-    late : (n, m) states in the second half.
-    events : how many were met there.
-    span : how long it was watched.
+    segments : the motion during the last look.
+    scale : (n,) sizes of the states then.
+    late : (n, m) states then.
+    events : how many were met then.
+    span : how long it was watched in all.
     """
 
-    last: Segment
+    segments: list[Segment]
     scale: Array
     late: Array
     events: int
@@ -101,56 +103,62 @@ class Turning(NamedTuple):
         return out
 
 
-def watched(system: System, mode: str, x: Array, p: Array, kind: Kind) -> Watched:
-    """Look at a motion for longer and longer, until there are events or intervals enough.
+def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array | None = None) -> Watched:
+    """Look at a motion, on and on, until there are events or steps enough.
 
-    system, mode: the system and the name of the mode that it starts in; x, p: (n,) state at the start; (np,)
-    parameters. Raises NotMet: it comes to rest, or grows without bound.; MarchFailure: it cannot be followed.
+    system, mode: the system and the name of the mode that it starts in; x, p, least: (n,) state at the start; (np,)
+    parameters; (n,) sizes that the states are known to have at least.
+    Raises NotMet: it comes to rest, or grows without bound; MarchFailure: it cannot be followed.
     """
-    form, span = system.vector_form, _first_span(system, mode, x, p, kind)
-    largest = GREW * max(1.0, float(np.max(np.abs(x))))
-    scale = np.abs(x)
+    form, time, most = system.vector_form, 0.0, ENOUGH_STEPS
+    first, counted = max(1.0, float(np.max(np.abs(x)))), turns(system) > 0
+    span, scale = _longest(system, mode, x, p, kind)
+    if least is None:
+        least = np.zeros(x.size)
+    else:
+        scale = np.maximum(np.abs(x), least)
     for _ in range(MOST_LOOKS):
         try:
-            scale = sizes(form, mode, x, p, span, kind)
+            scale, seen, (times, states) = look(
+                form, mode, x, p, scale, kind, span, ENOUGH_EVENTS, most, least
+            )  # fmt: skip
         except MarchFailure as failure:
             i = int(np.argmax(scale))
-            if scale[i] > LARGER * max(1.0, float(np.max(np.abs(x)))):
+            if scale[i] > LARGER * first:
                 grown = f"{system.names.entries[i]} to {scale[i]:.2g}"
-                raise NotMet(f"the motion grows, {grown} and more: {failure}", span / LOOK_LONGER) from None
+                raise NotMet(f"the motion grows, {grown} and more: {failure}", time) from None
             raise
-        counted = turns(system) > 0
-        for k in np.flatnonzero((scale > largest) & ~counted):
-            raise NotMet(f"the motion grows without bound: {system.names.entries[k]} to {scale[k]:.2g}", span)
+        time += sum(s.duration for s in seen)
+        for k in np.flatnonzero((scale > GREW * first) & ~counted):
+            raise NotMet(f"the motion grows without bound: {system.names.entries[k]} to {scale[k]:.2g}", time)
         scale = np.where(counted, np.minimum(scale, turns(system)), scale)
-        seen = follow_for(form, mode, x, p, scale, kind, span, SEARCH_TOLERANCE)
-        half = sum(s.duration for s in seen) / 2
-        ends = np.cumsum([s.duration for s in seen])
-        events = sum(bool(s.event) for s, end in zip(seen, ends, strict=True) if end > half)
-        if events >= ENOUGH_EVENTS // 2:
+        events = sum(bool(s.event) for s in seen)
+        if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= ENOUGH_STEPS:
             break
-        if events == 0 and sum(len(s.w) for s in seen) >= ENOUGH_INTERVALS:
-            break
-        span *= LOOK_LONGER
-    times, states = sampled(form, seen, p, kind, 8)
-    late = states[:, times > half]
+        (mode, x), most, least = going_on(form, seen[-1], p), most * LOOK_LONGER, scale
+    late = states[:, times > times[-1] / 2]
     if not _moving(system, late, scale):
         what = "" if events else ", and meets no event"
-        raise NotMet(f"the motion comes to rest{what}", 2 * half)
-    return Watched(seen[-1], scale, late, events, 2 * half)
+        raise NotMet(f"the motion comes to rest{what}", time)
+    return Watched(seen, scale, late, events, time)
 
 
-def _first_span(system: System, mode: str, x: Array, p: Array, kind: Kind) -> float:
-    """A time in which something happens: that of a turn of the forcing, or of a state that moves by its size."""
-    if system.forcing_period is not None:
-        return FIRST_LOOK * float(system.names.turn(p))
+def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind) -> tuple[float, Array]:
+    """How long a motion is watched at most, very long beside what happens at first, and (n,) supposed sizes.
+
+    Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once.
+    """
     scale = np.where(x != 0, np.abs(x), 1.0)
     probe = march(
         system.vector_form, mode, x, p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
         kind=kind, max_intervals=10**6, max_time=1e-3,
-    )  # fmt: skip
-    moved = np.max(np.abs(probe[-1].end - x) / scale) / max(min(probe[-1].duration, 1e-3), 1e-300)
-    return FIRST_LOOK / max(float(moved), 1e-3)
+    )[-1]  # fmt: skip
+    if probe.event:
+        scale = np.where(probe.end != 0, np.maximum(np.abs(x), np.abs(probe.end)), scale)
+    if system.forcing_period is not None:
+        return FIRST_LOOK * float(system.names.turn(p)), scale
+    moved = np.max(np.abs(probe.end - x) / np.where(x != 0, np.abs(x), 1.0)) / max(probe.duration, 1e-300)
+    return FIRST_LOOK * VERY_LONG / max(float(moved), 1e-3), scale
 
 
 def _moving(system: System, late: Array, scale: Array) -> bool:
@@ -165,11 +173,11 @@ def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], T
     system, seen, p: the system, what was seen of the motion, (np,) parameters.
     Returns sections, and what is counted from one to the next, if anything is.
     """
-    names, late = system.names.entries, seen.late
+    names, late, mode = system.names.entries, seen.late, seen.segments[-1].mode
     if system.forcing_period is not None:
         some = late[:, :: max(1, late.shape[1] // TRIED_STATES)]
-        parts = 2 if turns_over(system, seen.last.mode, some, p, seen.scale) else 1
-        return _by_turns(system, seen.last.mode, Turning(len(names) - 1, 1.0 / parts, parts))
+        parts = 2 if turns_over(system, mode, some, p, seen.scale) else 1
+        return _by_turns(system, mode, Turning(len(names) - 1, 1.0 / parts, parts))
     low, high = late.min(axis=1), late.max(axis=1)
     moves, angles = (high - low) / seen.scale, turns(system) > 0
     moves[angles] = -1.0  # an angle that turns passes a plane once
@@ -180,12 +188,12 @@ def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], T
         turned = (late[:, -1] - late[:, 0]) / (2 * np.pi)
         round_ = int(np.argmax(np.where(angles, np.abs(turned), -1.0)))
         if abs(turned[round_]) > WENT_ROUND:
-            return _by_turns(system, seen.last.mode, Turning(round_, float(np.copysign(2 * np.pi, turned[round_])), 1))
+            return _by_turns(system, mode, Turning(round_, float(np.copysign(2 * np.pi, turned[round_])), 1))
         if moves[i] <= STANDSTILL:  # an angle that swings
             i, level = round_, (low[round_] + high[round_]) / 2
     if abs(level) < 0.05 * (high[i] - low[i]):
         level = 0.0  # where a symmetry would have it
-    return (Section(seen.last.mode, names[i], float(level), float(seen.scale[i])),), None
+    return (Section(mode, names[i], float(level), float(seen.scale[i])),), None
 
 
 def _by_turns(system: System, mode: str, turning: Turning) -> tuple[tuple[Section, ...], Turning]:

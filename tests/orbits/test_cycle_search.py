@@ -18,9 +18,9 @@ from casahunt.motion import simulate
 from casahunt.motion.segment import Segment
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.closure import Closure
-from casahunt.orbits.cycle_search import REPEATED, _Search
 from casahunt.orbits.orbit import Orbit, unknowns_of
-from casahunt.orbits.recurrence import Recurrence, loop_distance
+from casahunt.orbits.recurrence import Recurrence, comes_in, loop_distance
+from casahunt.orbits.returning import REPEATED, Returning
 from casahunt.orbits.watching import cut, watched
 from problems import rossler
 
@@ -254,7 +254,7 @@ def test_how_far_a_loop_is_from_the_one_before():
             later[entry] += off
             assert loop_distance(system, ends(states[0], later), r, scale) == pytest.approx(distance)
             watched = SimpleNamespace(system=system, segments=ends(states[0], later), scale=scale)
-            assert _Search.repeated(watched, r) is (distance < REPEATED)
+            assert Returning.repeated(watched, r) is (distance < REPEATED)
         assert loop_distance(system, ends(states[0]), r, scale) == math.inf
 
 
@@ -363,6 +363,46 @@ def test_an_unstable_cycle_next_to_the_start():
     assert_period(orbit, math.pi)
     assert not orbit.stable
     assert sorted(orbit.multipliers.full.real) == pytest.approx([1.0, math.exp(0.02 * math.pi)], rel=1e-8)
+
+
+@pytest.mark.parametrize("rate", [0.003, 0.1, 1.0])
+@pytest.mark.parametrize(("begins", "radius"), [(0.5, 1), (1.9, 1), (1.99, 1), (2.01, 3), (2.1, 3), (3.5, 3)])
+def test_which_of_two_cycles_the_motion_goes_to(rate, begins, radius):
+    """Circles of radius 1 and 3 attract, that of radius 2 parts them: a first return may be nearer to the wrong one."""
+
+    def field(x, p):
+        square = x.x**2 + x.y**2
+        grows = -p.rate * (square - 1) * (square - 4) * (square - 9)
+        return {"x": grows * x.x - x.y, "y": grows * x.y + x.x}
+
+    rings = System("rings", ("x", "y"), {"rate": rate}, (Mode("smooth", field),))
+    orbit = find_cycle(rings, x=begins, y=0.0, tol=1e-9)
+    assert_period(orbit, 2 * math.pi)
+    assert orbit.stable and orbit.extrema("x").high.value == pytest.approx(radius, rel=1e-8)
+
+
+def test_events_that_are_met_at_first_alone():
+    """The cycle of x'' = (1 - x^2) x' - x keeps clear of x = 4, from beyond which the motion comes."""
+    field = lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x}  # noqa: E731
+    ends = (Event("falls", lambda x, p: x.x - 4, -1, to="smooth"), Event("rises", lambda x, p: x.x - 4, +1, to="smooth"))
+    orbit = find_cycle(System("stop", ("x", "v"), {}, (Mode("smooth", field, ends=ends),)), x=5.0, v=0.0, tol=1e-9)
+    assert_period(orbit, VAN_DER_POL[0.0][0])
+
+
+@pytest.mark.parametrize(
+    ("M", "before", "now", "expected"),
+    [
+        ([[0.5]], [1.0], [0.5], True),
+        ([[0.5]], [1.0], [0.7], True),
+        ([[0.5]], [1.0], [0.8], False),  # 0.3 beyond the linear map, which contracts by 0.5
+        ([[-0.9]], [1.0], [-0.9], True),
+        ([[-0.9]], [1.0], [-0.5], False),  # nearer, by what is not linear
+        ([[0.0, 100.0], [0.0, 0.0]], [0.0, 1.0], [100.0, 0.0], True),  # it comes back in two returns
+        ([[0.0, 100.0], [0.0, 0.0]], [0.0, 1.0], [0.0, 1.0], False),
+    ],
+)
+def test_whether_a_return_shows_that_a_motion_comes_in(M, before, now, expected):
+    assert comes_in(np.array(M), np.array(before), np.array(now)) is expected
 
 
 def test_a_strongly_unstable_cycle_through_the_start():

@@ -85,9 +85,12 @@ def test_the_error_of_the_last_step_is_that_of_its_length(degree):
 @pytest.mark.parametrize("angle", [0.5, 2.0, 4.0, 5.5])
 def test_what_is_passed_between_two_looks(angle):
     """One direction turns at 1: a level 1e-9 below the top is passed, one above it is not."""
-    t, u, setting = unknowns_of(circle(1e-10))
+    orbit = circle(1e-10)
+    t, u, setting = unknowns_of(orbit)
     ahead = lambda x, p: (x[0] - 0.3) * math.cos(angle) + x[1] * math.sin(angle)  # noqa: E731
-    here, other = (1, 0) if angle < math.pi else (0, 1)  # the turn begins at the angle pi, and is cut at 0
+    x, y = orbit.arcs[0].states[0, 0]
+    begins = math.atan2(y, x - 0.3)  # half a turn, and the other
+    here, other = (0, 1) if (angle - begins) % (2 * math.pi) < math.pi else (1, 0)
     assert t.phases == 2
     assert turning_values(t, u, setting, ahead, here, +1) == pytest.approx([1.0], abs=1e-11)
     assert turning_values(t, u, setting, ahead, other, -1) == pytest.approx([-1.0], abs=1e-11)

@@ -39,6 +39,8 @@ def member(orbit: Orbit, seed: int = 0, most: int = 4, finer: int = 1, held: boo
     From a mesh that is `finer` than the orbit's.
     """
     t, u, setting = unknowns_of(orbit)
+    if orbit.arcs[0].mode == "slip":  # where it breaks away nothing moves with the parameter: from the stick on
+        t, u, setting = orbit.problem.starting_at(1, t, u, setting)
     t, u, fractions = divided(t, u, setting.fractions, np.full(t.intervals, finer))
     setting = replace(setting, fractions=fractions)
     rng = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ import pytest
 
 from casahunt import effort
 from casahunt.continuation import follow, largest
+from casahunt.errors import NoOrbit
 from casahunt.hybrid.system import Exit
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle
@@ -47,6 +48,25 @@ def test_any_users_search_finds_the_servos_orbit(form: Servo, model, K):
         for one in (theirs, ours):  # the reference's last digit but one: 1e-11 of LuGre's
             assert getattr(one, name) == pytest.approx(truth[name], rel=10 * one.error_estimate + 2e-11)
     assert theirs.stable and theirs.parameters["static"] == form.friction.static
+
+
+@pytest.mark.parametrize("form", [TIMES, GAINS], ids=["times", "gains"])
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("K", [0.02, 0.04, 0.1, 0.4])
+def test_the_search_ends_with_the_first_returns(form: Servo, model, K):
+    """On half a cycle, with no more work than a few turns of the motion; a motion that settles takes several times it."""
+    mode, start = STARTS[model]
+    with effort.watched(None) as watch:
+        orbit = find_cycle(hunting_system(form, model, K), mode, start=start, follow="gain", tol=1e-9)
+    assert orbit.repeats == 2 and watch.work < {"switch": 700, "lugre": 13_000}[model]
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_a_start_inside_the_unstable_cycle_comes_to_rest(model):
+    """At K = 0.6 the motion from the same start sticks nearer and nearer to the set point, for longer and longer."""
+    mode, start = STARTS[model]
+    with pytest.raises(NoOrbit, match="comes to rest"):
+        find_cycle(hunting_system(TIMES, model, 0.6), mode, start=start, follow="gain", tol=1e-9)
 
 
 @pytest.mark.parametrize("form", [TIMES, GAINS], ids=["times", "gains"])
