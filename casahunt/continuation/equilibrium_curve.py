@@ -2,6 +2,10 @@
 
     f(x; p) = 0 along s:    f_x x' + f_p p' = 0,    |(x, lambda)'| = 1,    x and lambda in units of their own
 
+A point is n + 1 numbers with an exact Jacobian, without phases, mesh or error estimate: of the walk along a branch of
+cycles (walk.py) and of that along special points (plane_curve.py, which has no Jacobian) these steps could share little
+but the halving of a step that has failed.
+
 Symbols: n states.
 """
 

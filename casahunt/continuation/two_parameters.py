@@ -262,7 +262,7 @@ def _beyond(last: SpecialChart, sense: float, again: Callable[[float], Any]) -> 
     if orbit is None:
         return None
     chart = special_chart(last.task, Reading(0.0, orbit), last.sheet, c - last.position)
-    return chart if isinstance(chart, SpecialChart) and last.sheet.agrees(chart.sheet) else None
+    return None if isinstance(chart, str) or not last.sheet.agrees(chart.sheet) else chart
 
 
 def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) -> tuple[Axis, float]:

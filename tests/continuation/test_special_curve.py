@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import mathieu_a, mathieu_b
 
 from casahunt import InputError, NoOrbit
-from casahunt.continuation import SpecialPoint, follow, special_charts, special_curve, user_monitor
+from casahunt.continuation import SpecialPoint, follow, special_charts, special_curve, two_parameters, user_monitor
 from casahunt.continuation.bifurcations import FLIP, NEIMARK_SACKER
 from casahunt.continuation.plane_curve import Reading
 from casahunt.continuation.sheet import Axis, Sheet, sheet_of
@@ -73,6 +73,25 @@ def test_fold_and_flip_of_the_bouncing_ball(ball, kind, truth, other, to):
     a, by_r, by_w = truth(q, 20.0) if other == "e" else truth(0.8, q)
     true_to_its_error(curve, a, by_r if other == "e" else by_w)
     assert f"{other} = {to:.8g}" in str(curve) and "the end of the range" in curve.ended
+
+
+def test_folds_go_in_batches(ball, monkeypatch):
+    """12 folds with the orbits beside the first alone, which are the same as step by step."""
+    asked: list[float] = []
+    honest = Sheet.orbit_at
+
+    def counted(sheet: Sheet, s: float, m: float):
+        asked.append(m)
+        return honest(sheet, s, m)
+
+    monkeypatch.setattr(Sheet, "orbit_at", counted)
+    quickly = special_curve(ball["fold"], "a", "e", to=0.5, options=TIGHT)
+    assert len(quickly.orbits) == 12 and len(asked) < 12
+    monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
+    singly = special_curve(ball["fold"], "a", "e", to=0.5, options=TIGHT)
+    assert len(asked) > 40
+    np.testing.assert_allclose(quickly.values[-1], singly.values[-1], rtol=1e-9)
+    np.testing.assert_allclose(quickly.slopes[-1], singly.slopes[-1], rtol=1e-7)
 
 
 def test_axes_join_what_the_user_draws(ball):

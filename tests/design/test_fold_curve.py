@@ -20,6 +20,7 @@ from casahunt.continuation.plane_curve import Place, Reading, follow
 from casahunt.continuation.sheet import Axis
 from casahunt.continuation.special_charts import SpecialOrbit
 from casahunt.continuation.special_points import FOLD
+from casahunt.continuation.walk import run
 from casahunt.design.fold_curve.curve import fold_curve, unfed
 from casahunt.design.fold_curve.files import load_curve, save_curve
 from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found, hermite
@@ -256,6 +257,43 @@ def test_folds_are_followed_across_changes_of_the_phases(monkeypatch):
     last = find_fold(Servo().replace(**{"friction.damping": 8.5}), "lugre", options=options)
     assert found.complete and len({len(orbit.signature) for orbit in found.orbits}) > 1
     assert found.values[[0, -1], 0] == pytest.approx([first.gain, last.gain], rel=2e-6)
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_curve_that_is_lost_is_taken_up_by_another_way(monkeypatch, same):
+    """Nothing is computed for c in 0.48 to 0.525: what lies beyond comes from elsewhere, if the curve is the same."""
+
+    class Gap(Known):
+        task = SimpleNamespace(monitor=FOLD, options=Options())
+        sheet = SimpleNamespace(agrees=lambda _: same)
+
+        def value(self, s: float, m: float) -> Reading | str:
+            return "nothing there" if 0.48 < self.position + m < 0.525 else super().value(s, m)
+
+        @property
+        def gradient(self) -> tuple[float, float]:
+            return 1.0, -0.5
+
+        @property
+        def special(self) -> SpecialOrbit:
+            return SpecialOrbit(self.position, 1e-9, 0.5, -1.0)
+
+    def phi(s: float, c: float) -> float:
+        return s - c / 2
+
+    asked: list[float] = []
+
+    def again(c: float) -> float:
+        asked.append(c)
+        return c
+
+    monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
+    monkeypatch.setattr(two_parameters, "special_chart", lambda task, at, sheet, m: Gap(at.data / 2, at.data, phi))
+    places, why = run(two_parameters.special_orbits(Gap(0.0, 0.0, phi), sense=1.0, again=again))
+    c = np.array([place.orbit for place in places])
+    assert len(asked) == 1 and 0.525 < asked[0] <= 0.53
+    assert (c[-1] == 1.0 and why == "" and asked[0] in c) if same else (0.47 < c[-1] <= 0.48 and why == "nothing there")
+    assert (np.diff(c) > 0).all()
 
 
 def static_curve() -> FoldCurve:
