@@ -151,9 +151,9 @@ class Family(Problem):
         """Boundaries put in where a phase passes events: see `sequences.split`.
 
         t, u, setting, phase: an orbit: transcription, unknowns, setting; number of the phase.
-        Returns starting point; None where it does not come back, and in a part of a mode, where it may do without.
+        Returns starting point; None where it does not come back.
         """
-        return None if t.cycle.phases[phase].mode.unsplit else split(self.asked(), (t, u, setting), phase)
+        return split(self.asked(), (t, u, setting), phase)
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has.
