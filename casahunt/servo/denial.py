@@ -28,7 +28,7 @@ times v' + v ki/kp, with F = sigma0 z + sigma1 z' + sigma2 v, then leaves no sol
     (kd + sigma2 - 4 sigma1) kp/ki > J      and      sigma1 <= sigma0 kp/ki
 
 This is sufficient, and far from necessary: the bristle of Table 1 is damped too strongly.  What then holds in the limit
-of a stiff bristle is said to hold there, and no more (cold_start.py).
+of a stiff bristle is said to hold there, and no more (refused.py).
 """
 
 from __future__ import annotations

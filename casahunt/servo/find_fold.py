@@ -2,7 +2,8 @@
 
 The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below which the
 frictionless linear loop is unstable, J / (cm kd' kp/ki) (Routh-Hurwitz; report, section 2), goes up and down from there
-in factors of two to the first cycle, and then up as far as the event map finds one.
+in factors of two to the first cycle, and then up as far as the event map finds one.  Where motions go farther out at
+one of these gains, and not at the next, cycles are looked for in between.
 
 That no gain was found is not shown by looking at some: status None, "there is none", is said with a proof only
 (denial.py).
@@ -12,14 +13,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+
+import numpy as np
 
 from .. import effort
 from ..checks import of_kind
 from ..continuation.fold import WALK_TOLERANCE, confirmed, located, turns_back
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
+from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
 from ..orbits.options import TOLERANCE_RANGE
 from .cold_start import quickly_at, stable_at
@@ -36,6 +41,8 @@ from .servo import Servo, a_servo
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
+GAIN_HALVINGS = 8
+"""Gains searched between one at which motions go farther out and twice that, at which they do not."""
 LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
@@ -44,6 +51,9 @@ SAME_GAIN = 1.1
 """Ratio of gains within which a careful search is not repeated."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
+SHARP_TOLERANCE = 1e-8
+"""Of the walk to a fold that the rough walk has not led to: next to a very sharp one the errors of the rough way are as
+large as what is left of the branch."""
 LOCATED_TO = (0.1, 1e-3)
 """Parts of the tolerance to which a fold is located, in turn: its place on the branch takes a finer mesh than its gain,
 period and amplitude being of first order in it."""
@@ -113,6 +123,7 @@ class _Hunt:
     Attributes
     ----------
     seen : the scans that show no cycle, by gain.
+    farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
     proved : by gain: why the Switch servo has no cycle there (denial.py).
     carefully : the gains at which a cycle was sought by every strategy.
     """
@@ -120,6 +131,7 @@ class _Hunt:
     servo: Servo
     model: Model
     seen: list[tuple[float, Scan]] = field(default_factory=list)
+    farther: dict[float, bool | None] = field(default_factory=dict)
     proved: dict[float, str] = field(default_factory=dict)
     carefully: list[float] = field(default_factory=list)
 
@@ -130,27 +142,54 @@ class _Hunt:
         return known
 
     def rigid_cycle(self, P: StickMap) -> HalfCycle | None:
-        """The Switch servo's stable cycle."""
-        if why := no_cycle(self.servo, "switch", P.gain):
-            self.proved[P.gain] = why
+        """The Switch servo's stable cycle; without one, `farther` is found out."""
+        if why := no_cycle(self.servo, "switch", P.gain):  # nor do swings grow: far out the loop is stable
+            self.farther[P.gain], self.proved[P.gain] = False, why
             return None
+        self.farther[P.gain] = None
         near = near_typical(P, close=BESIDE_A_CYCLE)
-        if near is None:
-            scanned = scan(P)
-            near = scanned.upper
-            self.seen += [(P.gain, scanned)] if near is None else []
-        return near
+        if near is not None:
+            return near
+        scanned = scan(P)
+        if scanned.upper is None:
+            self.seen.append((P.gain, scanned))
+            with suppress(MarchFailure):
+                self.farther[P.gain] = P(P.unit).ratio >= 1
+        return scanned.upper
 
 
 def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
-    """Where there may be a cycle: at every gain and above it, where the Switch servo has one; then LuGre's own."""
+    """Where there may be a cycle: at every gain and above it, else next to it; then LuGre's own."""
     for gain in gains:
         P = StickMap("switch", hunt.servo, gain)
         rigid = hunt.rigid_cycle(P)
-        if rigid is not None:
-            yield from _downwards(hunt, P, climbed(P, rigid))
+        found = [(P, rigid)] if rigid is not None else _next_to(hunt, P)
+        for there, beside in found:
+            yield from _downwards(hunt, there, climbed(there, beside))
     if hunt.model != "switch":
         yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES] if not hunt.searched(gain))
+
+
+def _next_to(hunt: _Hunt, P: StickMap) -> Iterator[tuple[StickMap, HalfCycle]]:
+    """Cycles between a gain at which motions go farther out and one a factor of two off at which they do not.
+
+    With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
+    of going on for ever to the fold: that range may be narrow.  The ranges on both sides of the gain are searched.
+    """
+    for low in (P.gain / 2, P.gain):
+        high = 2 * low
+        if hunt.farther.get(low) is not True or hunt.farther.get(high) is not False:
+            continue
+        for _ in range(GAIN_HALVINGS):
+            middle = P.at_gain(float(np.sqrt(low * high)))
+            rigid = hunt.rigid_cycle(middle)
+            if rigid is not None:
+                yield middle, rigid
+                break
+            farther = hunt.farther[middle.gain]
+            if farther is None:
+                break
+            low, high = (middle.gain, high) if farther else (low, middle.gain)
 
 
 def _downwards(hunt: _Hunt, P: StickMap, places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
@@ -233,16 +272,25 @@ def find_fold(
     a_servo(servo)
     options = of_kind("options", options or Options(), Options)
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE), sketched=True)
-    first = before = start or find_any_orbit(servo, model, options=rough)
-    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=rough)
+    first = start or find_any_orbit(servo, model, options=rough)
+    with suppress(NoOrbit):
+        return _walked(first, rough, options, began)
+    return _walked(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
+
+
+def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
+    """The confirmed fold at the end of a walk up from an orbit."""
+    before = first
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
     while True:
         effort.at(partial(_on_the_way, before))
         try:
             after = next(steps)
         except StopIteration as end:
             raise NoOrbit(
-                f"the fold of the {model} servo was not found: its cycles were followed from gain {first.gain:.6g} to "
-                f"{before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
+                f"the fold of the {first.model} servo was not found: its cycles were followed from gain "
+                f"{first.gain:.6g} to {before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: "
+                f"{end.value}",
                 Status.NOT_CONVERGED,
             ) from None
         if turns_back(before, after, "gain"):
