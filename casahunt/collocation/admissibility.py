@@ -288,7 +288,9 @@ def _conditioned(t: Transcription, values: Array, slack: Array, conditioned: Arr
     lowest = dense.min(axis=-1)
     with_noise = lowest + NOISE * np.maximum(1.0, largest_of_phase(t, dense))
     beyond = conditioned & (with_noise + slack < 0)
-    wrong = beyond & (with_noise + slack < -RESOLUTION * np.abs(values @ t.scheme.last_mode))
+    wrong = beyond
+    if beyond.any():
+        wrong = beyond & (with_noise + slack < -RESOLUTION * np.abs(values @ t.scheme.last_mode))
     unclear = found.unclear | conditioned & not_clear(t, values, slack) | beyond
     return {"unclear": unclear, "lowest": lowest, "wrong": wrong, "below": conditioned & ~(with_noise >= 0)}
 

@@ -194,7 +194,7 @@ def functional_errors(
 def on_halves(t: Transcription, u: Array, setting: Setting) -> Halved:
     """Solutions (..., size) with every interval cut in two, and the equations linearised there."""
     fine, finer, fractions = on_halved_mesh(t, u, setting.fractions)
-    halves = replace(setting, fractions=fractions)
+    halves = Setting(fractions, setting.p, setting.scale, setting.dp, setting.others)
     return fine, finer, halves, fine.linearise(finer, halves)
 
 
@@ -209,7 +209,8 @@ def _errors(
     fine, finer, halves, lin = halved
     joined, better = replace(lin, transcription=t, maps=_joined(t, fine, lin.maps)), None
     if border is None:
-        border = np.broadcast_to(t.system.border(parameter=1.0), (*finer.shape[:-1], t.system.border_columns.size))
+        border = t.system.border(parameter=1.0)
+        border = border if finer.ndim == 1 else np.repeat(border[None], len(finer), axis=0)
     matrix, rhs = joined.matrix(border), joined.rhs()
     errors, weights, blame = _blamed(joined, goals, matrix, rhs)
     per_element = np.abs(blame)
@@ -252,8 +253,8 @@ def _blamed(joined: Linearisation, goals: Array, matrix: Array, rhs: Array) -> t
     E, n = joined.maps.shape[-3:-1]
     psi = joined.transcription.system.solve_transposed(matrix, goals)
     weights = np.ascontiguousarray(psi[..., : E * n]).reshape(*psi.shape[:-1], E, n)
-    shares = weights[..., None, :] @ joined.maps[..., None, :, :, :1]
-    return np.abs((psi @ rhs[..., None])[..., 0]), weights, shares[..., 0, 0]
+    shares = (weights * joined.maps[..., None, :, :, 0]).sum(axis=-1)
+    return np.abs((psi @ rhs[..., None])[..., 0]), weights, shares
 
 
 def _put_over_quarters(t: Transcription, halved: Halved, maps: Array, where: Array) -> None:
