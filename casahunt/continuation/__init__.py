@@ -12,6 +12,7 @@ special_points.py   folds, symmetry breaking, superstable and grazing cycles: wh
 cut_elsewhere.py    another plane for a cycle that meets events, too
 touching.py         cycles that touch an event
 phase_change.py     where between two orbits the phases change
+turned.py           the orbit where a branch turns: the extended system of a fold (collocation/turn.py)
 locating.py         the orbit between two at which a monitor vanishes
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
@@ -34,7 +35,6 @@ grazing_search.py   from a cycle that keeps clear of an event to one that touche
 fold_conditions.py  the conditions of a fold as constraints of a larger problem
 adjoint.py          how much a fold moves with every parameter
 optimum.py          the same as an optimisation problem: Newton's method on its conditions
-turned.py           the orbit where a branch turns: the extended system of a fold (collocation/turn.py)
 fold.py             a fold as a point of the branch and as an optimum, confirmed
 fold_expansion.py   a known fold and how it changes with parameters
 turning_points.py   the largest lambda of many members in one loop

@@ -41,7 +41,7 @@ from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .locating import locate
 from .optimum import bend_at, multipliers_at, optimum
 from .special_points import FOLD, SpecialPoint, special_point
-from .turned import turned_between, turned_orbit
+from .turned import turned_orbit
 from .walk import walk
 
 Array = np.ndarray
@@ -146,12 +146,6 @@ def located(
     return special_point(FOLD, next(orbit for orbit in tried if orbit is not None), vary)
 
 
-def _where_it_turns(
-    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float
-) -> AnyOrbit | None:
-    return None if options.solver == "ipopt" else turned_between(before, after, vary, options)
-
-
 def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
     return locate(before, after, FOLD, vary=vary, options=options)
 
@@ -178,8 +172,7 @@ def _as_the_optimum(before: AnyOrbit, after: AnyOrbit, vary: str, options: Optio
 
 
 WAYS = (
-    _where_it_turns,
-    _on_the_branch,  # the equations are not close to those of a cubic between the two orbits
+    _on_the_branch,
     _in_small_steps,  # the way between the two orbits bends too much for one tangent to measure it
     _as_the_optimum,  # too sharp for any step along the branch; the last one, it refuses where it fails
 )

@@ -1,14 +1,13 @@
 """The orbit between two of a branch at which a monitor vanishes (special_points.py).
 
     f(s) = 0    by inverse interpolation between true corrections, s the arclength from the orbit that is closer
-    fold        again and again the turning point of the cubic through the last two orbits and their tangents
+    fold        the extended system of a fold, from the turning point of the cubic between the two (turned.py)
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.
 """
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 
@@ -20,7 +19,6 @@ from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
 from .curve import (
     Point,
-    backwards,
     bend,
     bent_through,
     curve_point,
@@ -31,13 +29,12 @@ from .curve import (
     seen_from,
 )
 from .special_points import ACCEPTED_TOLERANCES, FOLD, Monitor
+from .turned import turned_between
 from .walk import step_along
 
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
-CUBIC_ROUNDS = 6
-"""Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
 
 
@@ -49,43 +46,14 @@ def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, op
 
     before, after: the orbits, in the order of the walk. Returns the orbit; None where the steps there do not converge.
     """
+    found = turned_between(before, after, vary, options) if monitor.kind == FOLD.kind else None
+    if found is not None:
+        return found
     start, end = ends(before, after, vary)
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
         before, after = after, before
-    orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor.kind == FOLD.kind else None
-    orbit = orbit or _located_from(before, after, monitor, vary=vary, options=options)
+    orbit = _located_from(before, after, monitor, vary=vary, options=options)
     return orbit or _located_from(after, before, monitor, vary=vary, options=options)
-
-
-def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Options) -> AnyOrbit | None:
-    """The fold next to `before`: again and again the turning point of the cubic through the last two orbits.
-
-    The error of a cubic falls with the fourth power of the way between its ends: three orbits are enough as a rule.
-    None where one of them is not where it should be.
-    """
-    before = _accurate(before, options)
-    here, there = ends(before, after, vary)
-    found: AnyOrbit | None = None
-    for k in range(CUBIC_ROUNDS):
-        cubic = bend(there, here, seen_from(here, before, vary, parameter_value(after, vary)), side=1.0)
-        length = length_to(after, before, here, vary)
-        # At first the fold lies between the two; then next to the last one, on either side of it.
-        least = 0.0 if k == 0 else -length
-        ds = math.inf if cubic is None else _turning_point(here.row[-1], cubic.coefficients[:, -1], least)
-        if not abs(ds) < length:
-            return found
-        here = replace(here, bend=cubic)
-        there = here if ds > 0 else backwards(here)
-        outcome = step_along(there, before, vary, abs(ds), *before.problem.range_of(vary), options)
-        if isinstance(outcome, str):
-            return found
-        before, after, there = outcome[0], before, backwards(there)
-        here = curve_point(before, vary, like=in_units_of(there.row, there.setting.scale, before.scale))
-        off = abs(FOLD.value(before, here))
-        found = before if off <= FOLD.tolerance else None
-        if off <= min(FOLD.tolerance, options.tol):  # period and amplitude move with the place along the branch
-            return before
-    return found
 
 
 def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
@@ -143,10 +111,3 @@ def length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
     Returns the length along the tangent there.
     """
     return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
-
-
-def _turning_point(slope: float, cubic: Array, least: float) -> float:
-    """Where slope s + c_0 s^2 + c_1 s^3 has the extremum next to s = 0, not below `least`; nan where it has none."""
-    roots = np.roots([3 * cubic[1], 2 * cubic[0], slope])
-    real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real >= least)]
-    return float(real[np.argmin(abs(real))]) if real.size else float("nan")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, find_fold
+from casahunt.collocation import solve as solving
 from casahunt.collocation.admissibility import judge
 from casahunt.collocation.ipopt import maximise_parameter
 from casahunt.collocation.linearisation import Linearisation
@@ -15,8 +16,8 @@ from casahunt.collocation.mesh import on_halved_mesh
 from casahunt.collocation.solve import solve
 from casahunt.collocation.turn import MOST_TURNS
 from casahunt.continuation import fold as folds
+from casahunt.continuation import locating, turned
 from casahunt.continuation import optimum as conditions
-from casahunt.continuation import turned
 from casahunt.continuation.curve import along
 from casahunt.continuation.fold import located
 from casahunt.continuation.optimum import optimum
@@ -100,7 +101,7 @@ def test_ipopt_confirms_where_the_conditions_are_not_seen_to_hold(monkeypatch):
     assert theirs.optimised_gain == pytest.approx(ours.optimised_gain, rel=1e-11)
     assert theirs.sensitivities == pytest.approx(ours.sensitivities, rel=1e-5)
     monkeypatch.setattr(folds, "optimum", lambda *_: pytest.fail("IPOPT is to work alone"))
-    monkeypatch.setattr(folds, "turned_between", lambda *_: pytest.fail("IPOPT is to work alone"))
+    monkeypatch.setattr(solving, "newton", lambda *_, **__: pytest.fail("IPOPT is to work alone"))
     alone = find_fold(table1.servo(), "switch", options=replace(options, solver="ipopt"))
     assert alone.gain == pytest.approx(FOLD["K"], rel=1e-9)
 
@@ -156,7 +157,7 @@ def test_an_equation_that_cannot_be_solved_has_no_turning_point(at_fold, monkeyp
 
 def test_a_fold_is_solved_for_where_the_branch_turns(beside, monkeypatch):
     """Between two orbits that lie far apart, in either order, and with no step along the branch."""
-    monkeypatch.setattr(folds, "locate", lambda *_, **__: pytest.fail("no steps are needed"))
+    monkeypatch.setattr(locating, "step_along", lambda *_, **__: pytest.fail("no steps are needed"))
     for before, after in (beside, beside[::-1]):
         found = located(before, after, "gain", Options(tol=1e-10))
         assert found.orbit.gain == pytest.approx(FOLD["K"], rel=1e-11)
