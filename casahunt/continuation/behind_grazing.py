@@ -21,7 +21,7 @@ import numpy as np
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict
 from .special_points import GRAZING, SpecialPoint, special_point
@@ -76,7 +76,7 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
     if without is not None and without.signature != last.signature and _alike(last, without):
         return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
     distance, mode, event = np.inf, "", ""
-    if isinstance(last.problem, Family):
+    if isinstance(last.problem, Cycles):
         distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
     if distance > NEAR_TOUCH:
         if failure.status is not Status.INADMISSIBLE:
@@ -120,7 +120,7 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
     Returns both; as they are where that is not known.
     """
     family = orbit.problem
-    if not isinstance(family, Family) or previous is not None and previous.signature != orbit.signature:
+    if not isinstance(family, Cycles) or previous is not None and previous.signature != orbit.signature:
         return orbit, previous
     first = family.strongest(*unknowns_of(orbit))
     turned = []
@@ -136,7 +136,7 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
 def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
     family = last.problem
-    if not isinstance(family, Family):
+    if not isinstance(family, Cycles):
         return None
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
     for side in (1.0, -1.0):
@@ -157,7 +157,7 @@ def _alike(one: Orbit, other: Orbit) -> bool:
     """Whether the ranges of all states and the periods are nearly the same."""
     if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
         return False
-    states = len(one.problem.system.states) if isinstance(one.problem, Family) else one.scale.size
+    states = len(one.problem.system.states) if isinstance(one.problem, Cycles) else one.scale.size
     x, y = one.sample()[1][:states], other.sample()[1][:states]
     size = np.ptp(x, axis=1)
     off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))

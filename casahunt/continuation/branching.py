@@ -30,7 +30,7 @@ from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Closure, Section, with_sections
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import Complaint, Orbit, orbit_of, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.restart import Start
@@ -92,7 +92,7 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
     """
     began = time.perf_counter()
     orbit, family = special.orbit, special.orbit.problem
-    if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or not isinstance(family, Family):
+    if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or not isinstance(family, Cycles):
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     problem = replace(family, closure=_twice(family.closure), sections=_both_sections(family))

@@ -18,7 +18,7 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options
 from ..orbits.closure import Section
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.sequences import joined, part_of, segments_of, start_of
 from ..orbits.starts import may_vanish
@@ -37,7 +37,7 @@ def beside_the_plane(orbit: Orbit) -> float:
     marks, durations = _marks(orbit), [arc.duration for arc in orbit.arcs]
     k = may_vanish(durations)
     family = orbit.problem
-    alone = len(marks) == 2 and isinstance(family, Family) and family.system.forcing_period is not None
+    alone = len(marks) == 2 and isinstance(family, Cycles) and family.system.forcing_period is not None
     if k is None or marks[k] == marks[k - 1] and not (alone and not any(marks)):
         return math.inf
     return durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
@@ -102,7 +102,7 @@ def _halved(family: Family, orbit: Orbit, options: Options) -> Any:
 def _marks(orbit: Orbit) -> list[bool]:
     """Which phases of a cycle of a user's system end at a plane."""
     family = orbit.problem
-    if not isinstance(family, Family):
+    if not isinstance(family, Cycles):
         return [False] * len(orbit.arcs)
     names = {event.event.name for s in family.sections for event in s.exits(family.system.names.entries)}
     return [arc.event in names for arc in orbit.arcs]

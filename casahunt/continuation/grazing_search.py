@@ -8,7 +8,7 @@ from __future__ import annotations
 from ..checks import known, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit
 from .curve import parameter_value
 from .following import follow
@@ -59,7 +59,7 @@ def grazing(
     >>> round(touching.orbit.problem.value("A"), 6)  # the square root of 9.01
     3.001666
     """
-    if not isinstance(orbit.problem, Family):
+    if not isinstance(orbit.problem, Cycles):
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
     known("parameter", vary, orbit.problem.names)
     known("event", event, events_of(orbit.problem, orbit))

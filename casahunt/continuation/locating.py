@@ -31,7 +31,7 @@ from .curve import (
     seen_from,
 )
 from .special_points import ACCEPTED_TOLERANCES, FOLD, Monitor
-from .walk import step_along
+from .walk import step_along, walk
 
 Array = np.ndarray
 
@@ -39,6 +39,8 @@ LOCATE_ROUNDS = 40
 CUBIC_ROUNDS = 6
 """Turning points of cubics after which a fold is sought in the other way; most need three."""
 MAX_FAILURES = 8
+FIRST_PART, STEPS_NEARER = 0.25, 30
+"""First step of a walk from one orbit to the other, as a part of the way; how many it makes."""
 
 
 def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
@@ -54,7 +56,26 @@ def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, op
         before, after = after, before
     orbit = _fold_by_cubics(before, after, vary=vary, options=options) if monitor.kind == FOLD.kind else None
     orbit = orbit or _located_from(before, after, monitor, vary=vary, options=options)
-    return orbit or _located_from(after, before, monitor, vary=vary, options=options)
+    orbit = orbit or _located_from(after, before, monitor, vary=vary, options=options)
+    return orbit or _located_nearer(before, after, monitor, vary=vary, options=options)
+
+
+def _located_nearer(
+    before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
+) -> AnyOrbit | None:
+    """`locate` where no step from either orbit leads there: a walk with shorter ones does, as the curve bends."""
+    way, (low, high) = secant(before, after, vary), before.problem.range_of(vary)
+    last, value = before, monitor.value(before, ends(before, after, vary)[0])
+    with suppress(NoOrbit):
+        for orbit in walk(
+            before, vary=vary, low=low, high=high, heading=way, options=options,
+            first_step=FIRST_PART * float(np.linalg.norm(way)), max_points=STEPS_NEARER,
+        ):  # fmt: skip
+            f = monitor.value(orbit, ends(last, orbit, vary)[1])
+            if f * value < 0:
+                return _located_from(last, orbit, monitor, vary=vary, options=options)
+            last, value = orbit, f
+    return None
 
 
 def _fold_by_cubics(before: AnyOrbit, after: AnyOrbit, *, vary: str, options: Options) -> AnyOrbit | None:

@@ -24,7 +24,7 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Section
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of
 from ..orbits.restart import from_segments
 from .curve import along, point_at
@@ -69,7 +69,7 @@ class _Plane(NamedTuple):
 def cut_by_planes(orbit: Orbit) -> bool:
     """Whether a cycle is anchored by planes alone, which may be chosen anew."""
     family = orbit.problem
-    if not isinstance(family, Family) or not family.sections or any(s.state == TURNS for s in family.sections):
+    if not isinstance(family, Cycles) or not family.sections or any(s.state == TURNS for s in family.sections):
         return False
     names = {event.event.name for s in family.sections for event in s.exits(family.system.names.entries)}
     return all(arc.event in names and arc.mode == orbit.arcs[0].mode for arc in orbit.arcs)
@@ -114,7 +114,7 @@ def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyO
 
 def _family(orbit: Orbit) -> Family:
     """The problem of a cycle that is cut by planes."""
-    assert isinstance(orbit.problem, Family)
+    assert isinstance(orbit.problem, Cycles)
     return orbit.problem
 
 

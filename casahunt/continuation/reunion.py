@@ -23,7 +23,7 @@ from ..hybrid.language import System
 from ..hybrid.roots import secant as secant_root
 from ..orbits.adapt import Options
 from ..orbits.closure import Closure, turned, with_sections
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.recurrence import is_symmetry, symmetries
 from ..orbits.restart import Start, in_scale
@@ -83,7 +83,7 @@ def reunion(before: Orbit, after: Orbit, tol: float) -> Reunion | None:
 
     Returns reunion; None where there is nothing such.
     """
-    if not isinstance(before.problem, Family) or before.repeats != 1:
+    if not isinstance(before.problem, Cycles) or before.repeats != 1:
         return None
     system, scale = before.problem.system, before.scale
     for S, reached in ((np.eye(scale.size), FLIP_REACHED), *((S, SYMMETRY_REACHED) for S in symmetries(system))):
@@ -113,7 +113,7 @@ def _off_its_image(orbit: Orbit, system: System, S: Array, scale: Array) -> Arra
     x, y = segments[0].start, segments[half].start
     parts = _parts(S)
     shift = turned(system, x, S @ y, parts=parts)
-    sections = orbit.problem.sections if isinstance(orbit.problem, Family) else ()
+    sections = orbit.problem.sections if isinstance(orbit.problem, Cycles) else ()
     form, p = with_sections(system, sections), orbit.problem.vector()
     if parts == 2 and not is_symmetry(form, segments, S, shift, p, scale):
         return None

@@ -29,7 +29,7 @@ from ..hybrid.roots import secant
 from ..hybrid.system import Cycle, Event, Exit, Signature
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
@@ -214,7 +214,7 @@ def touching_orbit(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | st
 
     last, vary, options: the cycle, name of the parameter, tolerance and method.
     """
-    if not isinstance(last.problem, Family):
+    if not isinstance(last.problem, Cycles):
         return "only of cycles of a user's system is it known what they touch"
     distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
     found = touching_at(last, event, vary, options) if distance <= TOUCHABLE else None
@@ -260,7 +260,7 @@ def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOr
     Returns touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
     Raises InputError: it is no cycle of a user's system.; NoOrbit: it touches nothing.
     """
-    if not isinstance(orbit.problem, Family):
+    if not isinstance(orbit.problem, Cycles):
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
     shares = [arc.duration * orbit.repeats / orbit.period for arc in orbit.arcs]
     if min(shares) < VANISHING_SHARE and len(orbit.arcs) > 1:

@@ -19,7 +19,7 @@ from ..errors import NoOrbit, Status
 from ..motion.march import Segment
 from ..orbits.adapt import Options
 from ..orbits.closure import Closure, Section, turned, with_sections
-from ..orbits.family import Family
+from ..orbits.family import Cycles, Family
 from ..orbits.orbit import AnyOrbit, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.sequences import joined, segments_of, start_of
@@ -39,7 +39,7 @@ def as_whole_as_needed(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]
     Raises NoOrbit: the whole cycle was not computed.
     """
     family = orbit.problem
-    if not isinstance(family, Family) or orbit.repeats == 1:
+    if not isinstance(family, Cycles) or orbit.repeats == 1:
         return orbit
     if keeps_symmetry(orbit, vary, to):
         return orbit
@@ -57,7 +57,7 @@ def keeps_symmetry(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]) ->
     Returns True where the system has its symmetry all along, as far as one looks; and of what is no user's system.
     """
     family = orbit.problem
-    if not isinstance(family, Family) or orbit.repeats == 1:
+    if not isinstance(family, Cycles) or orbit.repeats == 1:
         return True
     places = _looked_at(family, vary, to)
     return all(_image(orbit, family.with_value(name, value)) is not None for name, value in places)

@@ -137,6 +137,10 @@ class Problem(ABC):
         """(lowest, highest) value that a parameter may have: above zero, for what is moved relative to its value."""
         return 0.0, math.inf
 
+    def over(self, span: float) -> Self:
+        """The problem where a parameter goes up to this size, from which one that is zero has its unit."""
+        return self
+
     def direction(self, name: str) -> Array:
         """(np,) direction dp in parameter space that moves one parameter; (0,) where there is none to move."""
         dp = np.zeros(len(self.names))

@@ -24,6 +24,7 @@ times.py          how far apart the times of a servo may be
 cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
 inner_cycle.py    the unstable cycle inside the stable one at the same gain
 find_fold.py      from a servo to the largest gain at which it hunts
+lopsided.py       the pairs of lopsided cycles that branch off from the symmetric one
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
 basin.py          the amplitude below which a stuck servo settles
 other_end.py      the cycle that a motion which rests has not come to

@@ -28,7 +28,7 @@ from ..orbits.restart import Start
 from .cycles import SCHEMES
 from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, near_typical, scan
 from .hunting import Model
-from .problem import Hunting, HuntingOrbit
+from .problem import Hunting, HuntingOrbit, hunting
 from .sequences import from_half_cycle
 from .servo import Servo
 from .strategies import Strategy, first_of
@@ -142,7 +142,7 @@ def _at_once(q: AtGain) -> Met | None:
     does not arrive at a clearly stable cycle, the careful way has to be gone.
     """
     began = time.perf_counter()
-    problem = Hunting(q.model, q.servo, q.gain)
+    problem = hunting(q.model, q.servo, q.gain, half=q.options.half)
     degree, kind = q.options.scheme_of(problem)
     try:
         motion = _first_motion(q, degree, kind)
@@ -290,7 +290,7 @@ def _solved_from(
     start: HalfCycle, servo: Servo, model: Model, gain: float, options: Options, what: str
 ) -> HuntingOrbit:
     began = time.perf_counter()
-    problem = Hunting(model, servo, gain)
+    problem = hunting(model, servo, gain, half=options.half)
     degree, kind = options.scheme_of(problem)
     if (degree, kind) != problem.scheme:
         start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)

@@ -34,14 +34,15 @@ from .event_map.scan import HalfCycle, near_typical
 from .find_fold import find_fold
 from .hunting import Model
 from .inner_cycle import inner_cycle, unstable
+from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem
 from .servo import Servo
 from .strategies import Strategy, first_of
 from .times import check_times, stiff_at
 
-BranchName = Literal["stable", "unstable"]
-BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
+BranchName = Literal["stable", "unstable", "lopsided"]
+BRANCHES: tuple[BranchName, ...] = ("stable", "unstable", "lopsided")
 TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 FAR_BELOW = 0.9
@@ -67,7 +68,8 @@ def find_orbit(
     servo, model, gain
         the problem; gain > 0.
     branch
-        the stable cycle, or the unstable one that bounds its basin.
+        the stable cycle, or the unstable one that bounds its basin; or one of the lopsided pair that branches off from
+        the symmetric cycle where its half multiplier passes -1, the other one being its mirror image.
     options
         tolerance and method.
 
@@ -98,6 +100,9 @@ def find_orbit(
     check_hunts(servo, model)
     search = _Search(servo, model, gain, branch, options)
     what = f"the {branch} hunting cycle of the {model} servo at gain {gain:g} was not found:"
+    if branch == "lopsided":
+        symmetric = find_orbit(servo, model, gain, options=replace(options, half=True))
+        return replace(lopsided_at(symmetric, options), wall_s=time.perf_counter() - began)
     orbit = first_of(STABLE if branch == "stable" else UNSTABLE, search, what)
     return replace(orbit, wall_s=time.perf_counter() - began)
 

@@ -29,7 +29,7 @@ from ..orbits.orbit import unknowns_of
 from ..orbits.restart import Start
 from .cold_start import CAME_TO_REST, started
 from .event_map.scan import SCAN_LOW, HalfCycle, half_cycle
-from .problem import Hunting, HuntingOrbit
+from .problem import Hunting, HuntingOrbit, hunting
 from .servo import Servo
 
 ONE_STEP_IN = 2.0
@@ -50,7 +50,7 @@ def inner_cycle(servo: Servo, gain: float, outer: float, moving: float, options:
     outer, moving: stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
     Returns the cycle; None where none was met.
     """
-    problem, failed, needed = Hunting("switch", servo, gain), 0, CAME_TO_REST
+    problem, failed, needed = hunting("switch", servo, gain, half=options.half), 0, CAME_TO_REST
     for inside, outside in _narrowing(servo, gain, outer, CREEPS_AFTER * moving):
         if inside.ratio < needed or inside.segments[-1].mode != "stick":
             continue
