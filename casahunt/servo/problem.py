@@ -140,7 +140,6 @@ class Hunting(Cycles):
 
     orbit_type: ClassVar[type | None] = HuntingOrbit
     fold_type: ClassVar[type | None] = HuntingFold
-    beyond_a_fold: ClassVar[str] = "beyond it the servo does not hunt"
     measured: ClassVar[str] = "x1"
 
     model: Model
@@ -152,6 +151,11 @@ class Hunting(Cycles):
     def __post_init__(self) -> None:
         if self.closure is None:
             object.__setattr__(self, "closure", CLOSURES[self.model])
+
+    @property
+    def beyond_a_fold(self) -> str:  # type: ignore[override]
+        """Of the symmetric cycle: a lopsided pair may end and leave it."""
+        return "beyond it the servo does not hunt" if self.closure.repeats == 2 else super().beyond_a_fold
 
     def whole(self) -> Hunting:
         """The same, its cycles closed after a whole period: the lopsided ones too."""
