@@ -17,11 +17,12 @@ from itertools import pairwise
 
 from ..continuation import SpecialPoint, branch_off, follow
 from ..continuation.bifurcations import monitors_of
+from ..continuation.fold import WALK_TOLERANCE
 from ..continuation.locating import locate
 from ..continuation.special_points import SYMMETRY_BREAKING, Missed, special_point
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..orbits import Options
+from ..orbits.adapt import Options, refined
 from .branch import Branch
 from .find_fold import HIGHEST
 from .problem import HuntingOrbit
@@ -100,18 +101,19 @@ def lopsided_at(symmetric: HuntingOrbit, options: Options) -> HuntingOrbit:
     Raises NoOrbit: none was found.
     """
     gain, found = symmetric.gain, []
+    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     said = f"from gain {LOWEST * gain:.6g} to its fold the symmetric cycle does not lose its symmetry"
-    for special in _breakings(symmetric, options):
+    for special in sorted(_breakings(symmetric, rough), key=lambda special: abs(special.value - gain)):
         low, high = (0.0, gain) if special.value < gain else (gain, gain * HIGHEST)
         said = f"the pair that branches off at gain {special.value:.8g} does not lead to it"
         with suppress(NoOrbit):
-            last = lopsided_branch(special, low, high, options=options).orbits[-1]
+            last = lopsided_branch(special, low, high, options=rough).orbits[-1]
             if last.gain == gain and last.repeats == 1:
-                found.append(last)
-                if last.stable:
-                    return last
+                found.append(refined(last, options))
+                if found[-1].stable:
+                    break
     if found:
-        return found[0]
+        return next((orbit for orbit in found if orbit.stable), found[0])
     raise NoOrbit(
         f"no lopsided hunting cycle of {symmetric.problem.title} was found at gain {gain:.10g}, which does not prove "
         f"that there is none: {said}",

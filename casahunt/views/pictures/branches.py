@@ -205,7 +205,7 @@ def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
     """The orbits with every special point put in where it belongs, and the kinds ("" for the others).
 
     That is where the detour to it is shortest in gain and logarithm of the amplitude, both over their span;
-    for a point with |mu| = 1, of the places where stability changes.
+    for a point with |mu| = 1, of the places where stability changes, if there is one for each of them.
     """
     orbits, kinds = list(branch.orbits), [""] * len(branch.orbits)
     inside = {id(orbit): i for i, orbit in enumerate(orbits)}
@@ -227,7 +227,8 @@ def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
         if special.kind in EXCHANGING:
             stable = np.array([orbit.stable for orbit in orbits])
             changes = np.concatenate([[False], stable[:-1] != stable[1:], [False]])
-            detours[~changes] += changes.any() * FAR
+            enough = changes.sum() >= sum(each.kind in EXCHANGING for each in branch.special)
+            detours[~changes] += enough * FAR
         where = int(np.argmin(detours))
         orbits.insert(where, special.orbit)
         kinds.insert(where, special.kind)
