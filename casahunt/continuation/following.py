@@ -26,7 +26,6 @@ from .. import effort
 from ..checks import known, number, of_kind
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from ..orbits.starts import may_vanish
@@ -329,7 +328,7 @@ def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:
 
 def _first_shrinks(before: Orbit, after: Orbit) -> bool:
     """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
-    if not isinstance(after.problem, Cycles) or before.signature != after.signature:
+    if before.signature != after.signature:
         return False
     first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
     return first == [False, True] and beside_the_plane(after) == math.inf

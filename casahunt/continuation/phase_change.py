@@ -15,7 +15,6 @@ import numpy as np
 from ..errors import NoOrbit
 from ..hybrid.roots import boundary
 from ..orbits.adapt import Options
-from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit
 from .curve import curve_point, in_units_of, parameter_value, secant
 from .cut_elsewhere import same_events
@@ -46,8 +45,6 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         gone = touched(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
-    if not isinstance(before.problem, Cycles):
-        return _last_alike(before, after, vary, options)
     last = _last_alike(fewer, more, vary, options)
     touch = touching_orbit(last, vary, options)
     return last if isinstance(touch, str) else touch

@@ -10,6 +10,9 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
     principal             the parameter that is followed by default, and freed where at fixed p the equations are
                           singular: next to a fold
     title, orbit_type     what refusals call it; the class in which its orbits come back (and fold_type)
+    system                what moves so, of which other motions can be asked; None where one cycle is all that is known
+    sections, marks, forced, strongest, starting_at, with_touch, nearest_touch
+                          where its cycles are cut, and what they touch: of a cycle alone there is nothing to know
 
 A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
 
@@ -44,6 +47,20 @@ class Problem(ABC):
     """The same for `continuation.fold.Fold`."""
     beyond_a_fold: ClassVar[str] = "beyond it there is neither"
     """What a user is told of the far side of a fold, where a stable and an unstable cycle merge."""
+    system: Any
+    """The system (language.py) whose cycles these are, or None."""
+    sections: tuple[Any, ...] = ()
+    """Planes at which phases may end besides the events of the system (orbits/closure.py)."""
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """Names of the events that are planes of `sections`."""
+        return frozenset()
+
+    @property
+    def forced(self) -> bool:
+        """Whether the time enters."""
+        return False
 
     @property
     def scheme(self) -> tuple[int, Kind]:
@@ -184,6 +201,31 @@ class Problem(ABC):
         """
         return None
 
+    def strongest(self, t: Any, u: Array, setting: Any) -> int:
+        """Number of the phase at whose start an event is crossed the fastest: with which the cycle had best begin."""
+        return 0
+
+    def starting_at(self, first: int, t: Any, u: Array, setting: Any) -> Any | None:
+        """The same cycle from another phase on.
+
+        Returns starting point; None where it cannot be had.
+        """
+        return None
+
+    def with_touch(self, phase: int, event: str, t: Any, u: Array, setting: Any) -> Any | None:
+        """A cycle that touches an event inside a phase, as one that meets it with no speed.
+
+        Returns starting point; None where it does not, or nobody knows.
+        """
+        return None
+
+    def nearest_touch(self, t: Any, u: Array, setting: Any) -> tuple[float, str, str]:
+        """How near a cycle comes to an event that it does not meet.
+
+        Returns relative distance, mode and event; infinite where nobody knows.
+        """
+        return math.inf, "", ""
+
 
 @dataclass(frozen=True)
 class FixedSequence(Problem):
@@ -196,6 +238,8 @@ class FixedSequence(Problem):
     followed : the principal parameter.
     scheme, largest_step : as in `Problem`.
     """
+
+    system: ClassVar[None] = None  # type: ignore[misc]
 
     posed: Cycle
     values: tuple[float, ...]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -48,6 +48,21 @@ class Cycles(Problem):
     closure: Closure
     sections: tuple[Section, ...]
     measured: str | Function
+
+    def closing(self, closure: Closure, sections: tuple[Section, ...] = ()) -> Self:
+        """The problem of the cycles that close otherwise, or are cut by other planes."""
+        return replace(self, closure=closure, sections=sections)  # type: ignore[type-var]
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """Names of the events of its sections."""
+        entries = self.system.names.entries
+        return frozenset(way.event.name for section in self.sections for way in section.exits(entries))
+
+    @property
+    def forced(self) -> bool:
+        """As the system is."""
+        return self.system.forcing_period is not None
 
     def vocabulary(self, states: tuple[str, ...]) -> Names:
         """Those of the system: in a forced one the time is x.t."""

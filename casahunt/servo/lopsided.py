@@ -1,8 +1,8 @@
 """The pairs of lopsided cycles of a servo: x(t + T/2) is not -x(t), and -x(t + T/2) is the other one of the pair.
 
-A pair branches off where the half multiplier of the symmetric cycle passes -1.  One of the two is computed, on its whole
-period, by `branch_off` and `follow` as a cycle of any system: round its folds, past its flips, to the end of the range
-or to where it meets its own image, which is the symmetric cycle again.
+A pair branches off where the half multiplier of the symmetric cycle passes -1.  One of the two is computed, on its
+whole period, by `branch_off` and `follow` as a cycle of any system: round its folds, past its flips, to the end of the
+range or to where it meets its own image, which is the symmetric cycle again.
 
     symmetric cycle, mu = -1  ->  the one next to it  ->  away from there, until the gain or the end is reached
 """
@@ -29,8 +29,8 @@ from .problem import HuntingOrbit
 
 LOWEST = 0.5
 """Down to this part of a gain a loss of symmetry is looked for from there; upwards the symmetric cycle has a fold."""
-SAME = 1e-5
-"""Two losses of symmetry whose gains differ by no more than this part, as far as a pair tells where it meets, are one."""
+SAME_POINT = 1e-5
+"""Two losses of symmetry whose gains differ by no more than this part, as far as a pair tells it, are one."""
 
 
 def lopsided_branch(
@@ -86,7 +86,7 @@ def with_lopsided(
     low = float(branch.gains.min()) if branch.orbits else 0.0
     for special in branch.special:
         met = [other.value for pair in pairs for other in pair.special if other.kind == SYMMETRY_BREAKING.kind]
-        if special.kind != SYMMETRY_BREAKING.kind or any(math.isclose(special.value, K, rel_tol=SAME) for K in met):
+        if special.kind != SYMMETRY_BREAKING.kind or any(math.isclose(special.value, K, rel_tol=SAME_POINT) for K in met):
             continue
         try:
             pairs.append(lopsided_branch(special, low, special.value * HIGHEST, options=options, progress=progress))

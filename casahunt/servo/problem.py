@@ -140,7 +140,7 @@ class Hunting(Cycles):
 
     orbit_type: ClassVar[type | None] = HuntingOrbit
     fold_type: ClassVar[type | None] = HuntingFold
-    measured: ClassVar[str] = "x1"
+    measured: ClassVar[str] = "x1"  # type: ignore[misc]
 
     model: Model
     servo: Servo
@@ -163,7 +163,7 @@ class Hunting(Cycles):
         return replace(self, closure=Closure.of(np.eye(n), np.zeros(n), 1))
 
     @property
-    def system(self) -> System:
+    def system(self) -> System:  # type: ignore[override]
         """That of hunting.py; its numbers are those of any servo."""
         return system_of(self.model, len(self.names))
 
