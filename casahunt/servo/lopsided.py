@@ -85,8 +85,9 @@ def with_lopsided(
     missed: list[Missed] = []
     low = float(branch.gains.min()) if branch.orbits else 0.0
     for special in branch.special:
-        met = [other.value for pair in pairs for other in pair.special if other.kind == SYMMETRY_BREAKING.kind]
-        if special.kind != SYMMETRY_BREAKING.kind or any(math.isclose(special.value, K, rel_tol=SAME_POINT) for K in met):
+        met = [other.value for pair in pairs for other in pair.special if other.kind == special.kind]
+        begun = any(math.isclose(special.value, gain, rel_tol=SAME_POINT) for gain in met)
+        if special.kind != SYMMETRY_BREAKING.kind or begun:
             continue
         try:
             pairs.append(lopsided_branch(special, low, special.value * HIGHEST, options=options, progress=progress))
