@@ -50,7 +50,7 @@ def floors(session: nox.Session) -> None:
     session.env.update({"MPLBACKEND": "Agg", "MPLCONFIGDIR": str(work)})
     with session.chdir(work):
         session.run("casahunt", "diagram", "--quiet")
-    files = ("tests/views", "tests/test_results.py", "tests/test_files.py", "tests/test_sizes.py")
+    files = ("tests/views", "tests/test_results.py", "tests/test_cli.py", "tests/test_files.py")
     session.run("python", "-m", "pytest", "-W", "ignore::DeprecationWarning", *files)
 
 

@@ -67,6 +67,11 @@ def plain(value: Any, *, strict: bool = True) -> Any:
     raise TypeError(f"{type(value).__name__}: cannot be exported")
 
 
+def columns_from(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Columns:
+    """A table from its rows; with its columns also where there is none."""
+    return dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {name: () for name in names}
+
+
 def write_json(content: Mapping[str, Any], path: str | Path) -> None:
     """A mapping of plain Python as a JSON file.
 

@@ -17,14 +17,14 @@ from __future__ import annotations
 import html
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from .checks import error_text, known, shortened, to_error
+from .checks import error_text, known, shortened, to_absolute_error
 from .export import Columns, dataframe, plain, write_csv, write_json, write_mat
 
 _SAID = re.compile(
@@ -58,11 +58,7 @@ class Quantity(NamedTuple):
     def _number(self, x: float) -> str:
         if self.error is None or not math.isfinite(x):
             return f"{x:.{UNESTIMATED_DIGITS}g}"
-        if not math.isfinite(self.error):
-            return f"{x:.{UNKNOWN_DIGITS}g}"
-        if self.error > abs(x):
-            return "0"
-        return to_error(x, self.error / abs(x) if x else 0.0)
+        return to_absolute_error(x, self.error) if math.isfinite(self.error) else f"{x:.{UNKNOWN_DIGITS}g}"
 
 
 def _text(value: Any) -> str:
@@ -177,7 +173,7 @@ class Result:
         return ax
 
     def _table(self) -> Columns:
-        """Its table; where it has none, its numbers and words in rows."""
+        """What `to_csv` writes: its table; where it has none, its numbers and words in rows."""
         columns = self._columns()
         if columns:
             return columns
@@ -227,16 +223,10 @@ class Result:
         write_mat(self.to_dict(strict=False), path)
 
 
-def columns_of(kind: type[Result], items: Iterable[Result]) -> Columns:
-    """A table of results of one kind, a row each: their quantities with the units in the names, and the errors."""
-    columns: dict[str, list[Any]] = {}
-    rows = list(items)
-    for said in kind._quantities:
-        name, path, unit, _, error = _parts(said)
-        columns[f"{name}{unit and '_'}{unit}"] = [_reached(item, path) for item in rows]
-        if error:
-            columns[error.split(".")[-1]] = [_reached(item, error) for item in rows]
-    return columns
+def tables_of(results: Sequence[Result]) -> Columns:
+    """The tables of results of one kind, one below the other."""
+    tables = [result._table() for result in results]
+    return {name: [value for table in tables for value in table[name]] for name in tables[0]} if tables else {}
 
 
 def _parts(said: str) -> tuple[str, str, str, str, str]:

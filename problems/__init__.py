@@ -30,6 +30,7 @@ hindmarsh_rose.py     spikes that flip
 morris_lecar.py       Hopf points, folds, a saddle-node on the cycle
 duffing.py            forced: folds, a loss of symmetry, a flip
 chua.py               three linear zones, cycles that fill a disc
+dead_band.py          a servo whose integrator rests next to the set point: a fold against an event map
 gears.py              forced, with backlash: grazings in closed form
 impact_pair.py        a ball between two walls: a fold and a loss of symmetry in closed form
 threshold_harvest.py  a cycle that comes to slide
@@ -37,5 +38,6 @@ cubic_friction.py     stick and slip, slip alone, rest
 buck.py               a converter with a clock, its cascade
 ends.py               ends that few branches have: without bound, to a point, at a level
 
-The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.
+The servo of the package: table1.py, taylor.py.  Orders of the methods: stuart_landau.py.  Cycles whose phases never
+change their order: fixed_sequence.py.
 """

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from casahunt.hybrid import Event, Mode, System
-from casahunt.hybrid.problem import FixedSequence
 from casahunt.hybrid.system import Cycle, Phase
 from casahunt.orbits import find_cycle
+from problems.fixed_sequence import FixedSequence
 
 from .gallery import Found, Truth, portrait, present
 

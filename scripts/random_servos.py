@@ -1,7 +1,7 @@
 """Random servos against an engine of another kind with more digits: no false denial, no error estimate too small.
 
     python scripts/random_servos.py [--model switch|lugre] [--servos N] [--seed S] [--only I ...] [--tol T ...]
-                                    [--controller times|pid] [--out FILE.jsonl] [--jobs N] [--quick]
+                                    [--controller times|pid] [--out FILE.jsonl] [--jobs N] [--quick] [--rows]
 
 Each servo is drawn log-uniformly from
 
@@ -35,19 +35,26 @@ Verdicts, error and estimate relative, of period and amplitude (folds: and gain)
 
 The file holds one line of JSON per servo; a run adds the servos that it does not hold yet.  Prints a table over
 all of them; exit code 1 if anything is wrong, falsely denied or unchecked.
+
+With --rows the answers are not checked; what is printed is how often each row of each table of strategies
+(casahunt/servo/strategies.py) was tried and how often it had the answer, for all servos: one that has it less than once
+in 1,000 questions is not worth its place.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import math
+import pkgutil
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +63,10 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+import casahunt.servo  # noqa: E402
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E402
 from casahunt.interrupts import end_with_parent  # noqa: E402
+from casahunt.servo.strategies import Strategy  # noqa: E402
 from scripts.limits import TooSlow, within  # noqa: E402
 from scripts.peers.lugre_search import LugreTruth  # noqa: E402
 from scripts.peers.switch_search import SwitchTruth  # noqa: E402
@@ -120,7 +129,53 @@ def answer(model: str, servo: Servo, gain: float | None, branch: str, tol: float
     return found, reason, denies, time.process_time() - began
 
 
-ENGINES = {"switch": SwitchTruth, "lugre": LugreTruth}
+class Unchecked:
+    """In the place of an engine where no truth is wanted."""
+
+    top = None
+
+    def __init__(self, servo: Servo) -> None: ...
+
+    def none(self, *question: Any) -> None:
+        """No answer."""
+
+    fold = hunts_somewhere = next_to = own = none
+
+
+ENGINES: dict[str, Any] = {"switch": SwitchTruth, "lugre": LugreTruth}
+
+
+@cache
+def watched() -> dict[str, list[int]]:
+    """[times tried, times it had the answer] of every row of every table of strategies, counted from now on."""
+    counts: dict[str, list[int]] = {}
+
+    def counting(run: Callable[..., Any], count: list[int]) -> Callable[..., Any]:
+        def counted(question: Any) -> Any:
+            count[0] += 1
+            answered = run(question)
+            count[1] += not (answered is None or isinstance(answered, str))
+            return answered
+
+        return counted
+
+    for found in pkgutil.walk_packages(casahunt.servo.__path__, "casahunt.servo."):
+        for name, rows in vars(importlib.import_module(found.name)).items():
+            if isinstance(rows, tuple) and rows and all(isinstance(row, Strategy) for row in rows):
+                for row in rows:
+                    count = counts.setdefault(f"{name}: {row.name}", [0, 0])
+                    object.__setattr__(row, "run", counting(row.run, count))
+    return counts
+
+
+def rows_table(servos: list[dict[str, Any]]) -> str:
+    """How often each row of a table of strategies was tried, and how often it had the answer."""
+    asked = sum(len(s["rows"]) for s in servos)
+    lines = [f"{'':>80}{'tried':>8}{'answers':>9}{'per 1,000 questions':>22}"]
+    for name in dict.fromkeys(name for s in servos for name in s["strategies"]):
+        tried, answers = (sum(s["strategies"].get(name, (0, 0))[i] for s in servos) for i in (0, 1))
+        lines.append(f"{name:>80}{tried:8d}{answers:9d}{1000 * answers / asked:22.1f}")
+    return "\n".join([*lines, f"{asked} questions about {len(servos)} servos"])
 
 
 def off(value: float, truth: Decimal) -> float:
@@ -159,6 +214,15 @@ def patiently(question: Callable[..., Any], *arguments: Any) -> Any:
             return question(*arguments)
     except TooSlow:
         return None
+
+
+def counted(*question: Any) -> dict[str, Any]:
+    """`examine` without a truth, with what each row of a table of strategies did."""
+    ENGINES.update(dict.fromkeys(ENGINES, Unchecked))
+    counts = watched()
+    for count in counts.values():
+        count[:] = 0, 0
+    return examine(*question) | {"strategies": counts}
 
 
 def examine(
@@ -248,6 +312,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="no decimal arithmetic: multipliers above 1e7 and folds narrower than doubles resolve stay unchecked",
     )  # fmt: skip
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--rows", action="store_true", help="count the strategies that have the answers; check none")
     args = parser.parse_args(argv)
     count = args.servos or (5 if args.quick else {"switch": 200, "lugre": 60}[args.model])
     numbers = args.only or range(count)
@@ -260,7 +325,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 known[s["number"]] = s
     jobs = [(args.model, args.seed, n, args.tol, args.fast, args.controller) for n in numbers if n not in known]
     with ProcessPoolExecutor(args.jobs, initializer=end_with_parent) as pool:
-        for s in pool.map(examine, *zip(*jobs, strict=True)) if jobs else ():
+        for s in pool.map(counted if args.rows else examine, *zip(*jobs, strict=True)) if jobs else ():
             known[s["number"]] = s
             said = Counter(row["verdict"] for row in s["rows"])
             print(f"#{s['number']}: " + ", ".join(f"{n} {v}" for v, n in said.items()), file=sys.stderr, flush=True)
@@ -268,6 +333,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 with args.out.open("a") as file:
                     file.write(json.dumps(s) + "\n")
     servos = [known[n] for n in numbers if n in known]
+    if args.rows:
+        print(rows_table(servos))
+        return 0
     print(table(servos))
     return int(any(row["verdict"] in ("wrong", "false denial", "unchecked") for s in servos for row in s["rows"]))
 

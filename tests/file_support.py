@@ -11,7 +11,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from casahunt import cli
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import tune as command_tune
 from casahunt.views.evidence.page import TITLE
@@ -26,16 +25,6 @@ def results(*models: str) -> dict[str, bytes]:
     signs = command_tune.FILES | dict.fromkeys(command_diagram.PICTURES, command_diagram.PICTURE_SIGN)
     signs |= {f"{model}{end}": sign for model in models for end, sign in command_diagram.SIGNS.items()}
     return {name: sign + b"\nold\n" for name, sign in signs.items()}
-
-
-def contents(place: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in place.iterdir()}
-
-
-def run(capsys, *words: object) -> tuple[int, str, str]:
-    capsys.readouterr()
-    code = cli.main([str(word) for word in words])
-    return code, *capsys.readouterr()
 
 
 def full_disk(monkeypatch, *, numbers: Sequence[int] = range(1000)) -> None:

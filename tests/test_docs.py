@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from map_support import map_fold
 
 from casahunt import Options, Orbit, find_fold, find_orbit
 from casahunt.servo.equilibria import equilibria
-from casahunt.servo.event_map.fold import map_fold
 from casahunt.servo.linear_loop import routh_hurwitz_gain
 from problems import table1
 

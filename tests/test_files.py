@@ -1,19 +1,35 @@
-"""Files appear whole or not at all."""
+"""Files appear whole or not at all; they are looked at before they are read: devices without an end, what is too large,
+what unpacks to too much.
+"""
 
 from __future__ import annotations
 
 import errno
+import io
+import json
 import os
+import struct
 import subprocess
 import sys
 import threading
+import tracemalloc
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from file_support import ROOT, contents, posix, run
+from command_line import contents, run
+from file_support import ROOT, posix
 
-from casahunt import files
+from casahunt import Servo, files, find_orbit, load, load_branch, load_orbit, load_uncertainty, read_record, save_orbit
+from casahunt.design.record import file as record_file
 from casahunt.errors import InputError
+from casahunt.files import bounded
+from casahunt.orbits import packed
+from casahunt.servo import servo as servo_file
 
 
 @pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ZeroDivisionError(), OSError(errno.EIO, "broken")], ids=repr)
@@ -149,3 +165,158 @@ def test_a_kill_leaves_no_torn_file_and_no_lock(tmp_path):
         assert len(content) == 500_000 and len(set(content)) == 1
         with files.alone_in(tmp_path):
             pass
+
+
+READERS: dict[str, tuple[Callable[[Any], object], float]] = {
+    "servo": (load, servo_file.LARGEST_TOML),
+    "uncertainty": (lambda path: load_uncertainty(path, Servo()), servo_file.LARGEST_TOML),
+    "record": (read_record, record_file.LARGEST_RECORD),
+    "orbit": (load_orbit, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME),
+    "branch": (load_branch, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME),
+}
+
+
+@contextmanager
+def unread(most: float = 4e4) -> Iterator[None]:
+    """No more memory is taken than so many bytes; by default less than any reader may read."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < most
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/null", "/dev/full"])
+@pytest.mark.parametrize("what", READERS)
+def test_a_device_is_refused(what, device):
+    if not Path(device).is_char_device():
+        pytest.skip("no such device")
+    with unread(), pytest.raises(InputError, match=rf"{device}': must be a file or a pipe, but is a device$"):
+        READERS[what][0](device)
+
+
+@pytest.mark.parametrize("what", READERS)
+def test_what_is_too_large_is_not_read(tmp_path, what):
+    """A sparse file, a byte beyond the limit."""
+    read, most = READERS[what]
+    path = tmp_path / "large"
+    with path.open("wb") as stream:
+        stream.truncate(int(most) + 1)
+    with unread(), pytest.raises(InputError, match=rf"large': must not be larger than {most / 1e6:g} MB$"):
+        read(path)
+
+
+def test_the_limit_is_no_byte_less(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"123")
+    assert bounded(path, "it", 3) == b"123"
+    with pytest.raises(InputError):
+        bounded(path, "it", 2)
+
+
+@pytest.fixture
+def piped():
+    """The other end of a pipe into which something is written, as a path."""
+    ends: list[int] = []
+
+    def led(text: bytes, times: int = 1) -> str:
+        reader, writer = os.pipe()
+        ends.append(reader)
+
+        def write() -> None:
+            with open(writer, "wb", buffering=0) as stream:
+                try:
+                    for _ in range(times):
+                        stream.write(text)
+                except BrokenPipeError:
+                    pass
+
+        threading.Thread(target=write, daemon=True).start()
+        return f"/dev/fd/{reader}"
+
+    yield led
+    for reader in ends:
+        os.close(reader)
+
+
+@posix
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="no names for handles")
+def test_a_pipe_is_read_as_the_file(tmp_path, piped, capsys):
+    """All of it, where a second look at a pipe would find what the first has left."""
+    rows = "".join(f"{0.01 * i:.2f},{np.sin(0.3 * i):.6f}\n" for i in range(5000))
+    (tmp_path / "a.csv").write_text(f"time_s,position_rad\n{rows}")
+    (tmp_path / "a.toml").write_text("[friction]\nstatic = 0.55\n")
+    save_orbit(find_orbit(Servo(), "switch", 0.1), tmp_path / "a.npz")
+    content = {path.suffix: path.read_bytes() for path in tmp_path.iterdir()}
+    file, pipe = read_record(tmp_path / "a.csv"), read_record(piped(content[".csv"]))
+    assert len(file.times) == 5000
+    assert pipe.times.tolist() == file.times.tolist() and pipe.position.tolist() == file.position.tolist()
+    assert load(piped(content[".toml"])) == load(tmp_path / "a.toml")
+    assert load_orbit(piped(content[".npz"])).period == load_orbit(tmp_path / "a.npz").period
+    code, out, err = run(capsys, "loop", piped(content[".toml"]), "--gain", 0.1, "--json")
+    assert code == 0 and json.loads(out) and not err
+
+
+@posix
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="no names for handles")
+def test_a_pipe_without_an_end_ends(piped):
+    with pytest.raises(InputError, match="must not be larger than 0.05 MB"):
+        load(piped(b"#" * 60_000, times=10**9))
+
+
+# Archives ----------------------------------------------------------------------------------------------------
+
+MOST = 100_000  # of the numbers; of the metadata it is what it is
+
+
+def pack(path: Path, count: int, method: int, says: int | None = None) -> None:
+    """An archive of zeros; `says`: the bytes of the numbers that its directory states."""
+    metadata, numbers = io.BytesIO(), io.BytesIO()
+    text = json.dumps({"schema": "casahunt", "version": 1, "kind": "orbit"}).encode()
+    np.save(metadata, np.frombuffer(text, dtype=np.uint8))
+    np.save(numbers, np.zeros(count))
+    with zipfile.ZipFile(path, "w", method) as file:
+        file.writestr("metadata.npy", metadata.getvalue())
+        file.writestr("numbers.npy", numbers.getvalue())
+    if says is not None:
+        true, stated = (struct.pack("<I", size) for size in (numbers.tell() or len(numbers.getvalue()), says))
+        content = path.read_bytes()
+        assert content.count(true) == 2  # before the data, and in the directory
+        path.write_bytes(content.replace(true, stated))
+
+
+@pytest.mark.parametrize(
+    ("method", "says", "said"),
+    [
+        (zipfile.ZIP_DEFLATED, None, "numbers would take 40 MB, and may take 0$"),
+        (zipfile.ZIP_DEFLATED, 8 * 100 + 128, "is damaged"),
+        (zipfile.ZIP_LZMA, None, "is packed as numpy packs nothing$"),
+        (zipfile.ZIP_LZMA, 8 * 100 + 128, "is packed as numpy packs nothing$"),
+        (zipfile.ZIP_BZIP2, None, "is packed as numpy packs nothing$"),
+    ],
+    ids=["says so", "says less", "lzma", "lzma says less", "bzip2"],
+)
+def test_an_archive_is_not_unpacked_to_its_size(tmp_path, monkeypatch, method, says, said):
+    """40 MB from a file of 40 kB; the memory that is taken is that of the limit."""
+    monkeypatch.setitem(packed.LARGEST_ARRAYS, "numbers", MOST)
+    path = tmp_path / "a.npz"
+    pack(path, 5_000_000, method, says)
+    assert path.stat().st_size < MOST
+    with unread(20 * MOST), pytest.raises(InputError, match=said):
+        load_orbit(path)
+
+
+def test_numpys_own_way_to_pack_is_read(tmp_path):
+    save_orbit(find_orbit(Servo(), "switch", 0.1), tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as file:
+        np.savez_compressed(tmp_path / "b.npz", **file)
+    assert load_orbit(tmp_path / "b.npz").period == load_orbit(tmp_path / "a.npz").period
+
+
+@pytest.mark.parametrize("what", ["metadata", "numbers"])
+def test_nothing_is_written_that_could_not_be_read(tmp_path, monkeypatch, what):
+    monkeypatch.setitem(packed.LARGEST_ARRAYS, what, 100)
+    with pytest.raises(InputError, match=f"a.npz': its {what} take more than 0 MB"):
+        save_orbit(find_orbit(Servo(), "switch", 0.1), tmp_path / "a.npz")
+    assert not list(tmp_path.iterdir())

@@ -21,7 +21,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 from casahunt import Options, Servo, find_fold, find_orbit, simulate
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.simulation.friction_torque import friction_torque
 from casahunt.design.sensitivity import fold_sensitivities
 
 sys.setswitchinterval(1e-5)  # threads take turns as often as they can
@@ -41,7 +40,7 @@ def fold(static):
 
 def motion(model, gain):
     m = simulate(servo, model, gain, time=10.0)
-    return [m.sample([1.0, 5.0, 10.0]), friction_torque(m, [1.0, 5.0, 9.0])]
+    return [m.sample([1.0, 5.0, 10.0]), m.torque(m.sample([1.0, 5.0, 9.0]))]
 
 def points(gain):
     seen = fixed_points(servo, gain, 0.02, 0.06, points=4)

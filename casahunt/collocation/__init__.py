@@ -6,6 +6,8 @@ scheme.py         nodes, weights, interpolation: pure numpy
 interval.py       one collocation interval, compiled, with its exact Jacobian
 elimination.py    its stages eliminated: positions by substitution, the rest by LU
 substitution.py   the same as expressions, for one interval by itself
+over_arrays.py    a function of a point at many points, by numpy
+ensemble_points.py fields and stages of many members, over arrays
 joints.py         closed-form phases and events, compiled, with their exact Jacobians
 node_system.py    the linear system left when the stages are eliminated
 linearisation.py  the equations at one point: residuals, Newton steps, tangents
@@ -19,11 +21,6 @@ mesh.py           the same solution on another mesh
 quarters.py       intervals whose halves do not tell their error, cut in four
 error_estimate.py the error of what is read from a solution, by an adjoint
 side_by_side.py   solutions on meshes of parts, corrected many at once
-over_arrays.py    a function of a point at many points, by numpy
-ensemble_points.py fields, closed forms and events of many members
-ensemble_stages.py the stages of many members eliminated
-ensemble.py       the equations of many members at once, linearised
-ensemble_error.py the errors of many solutions at once
 remesh.py         the mesh that makes it as small as asked for
 near_events.py    is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?

@@ -31,16 +31,15 @@ from .admissibility import (
     largest_of_phase,
     not_clear,
 )
-from .ensemble import Settings, nodes_of_many
 from .joints import linear_in_time
 from .near_events import comes_and_goes
 from .over_arrays import OverArrays
-from .transcription import Transcription
+from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
 
-def admissible_many(t: Transcription, u: Array, settings: Settings) -> Array:
+def admissible_many(t: Transcription, u: Array, settings: Setting) -> Array:
     """Whether converged solutions are motions, without reservation and without slack.
 
     t, u, settings: transcription, (B, size) unknowns, and settings. Returns (B,) bool.
@@ -49,7 +48,7 @@ def admissible_many(t: Transcription, u: Array, settings: Settings) -> Array:
         with np.errstate(all="ignore"):
             return _Solutions(t, u, settings).verdicts()
     except NotSymbolic:
-        return np.array([judge(t, u[b], settings.one(b)).admissible for b in range(len(u))], dtype=bool)
+        return np.array([judge(t, u[b], settings.of(b)).admissible for b in range(len(u))], dtype=bool)
 
 
 class NotSymbolic(Exception):
@@ -59,9 +58,9 @@ class NotSymbolic(Exception):
 class _Solutions:
     """The solutions of B members as arrays."""
 
-    def __init__(self, t: Transcription, u: Array, s: Settings) -> None:
+    def __init__(self, t: Transcription, u: Array, s: Setting) -> None:
         self.t, self.u, self.s, B = t, u, s, len(u)
-        self.nodes = nodes_of_many(t, u) * s.scale[:, None]
+        self.nodes = t.nodes_of(u) * s.scale[:, None]
         self.T = u[:, -t.phases :]
         w = u[:, : t.intervals * t.rows].reshape(B, t.intervals, t.degree + 1, t.n)
         self.w = w * s.scale[:, None, None]
@@ -80,7 +79,7 @@ class _Solutions:
             for way_out in phase.exits:
                 asked |= self._may_pass(k, way_out.event.function, way_out.direction)
         for b in np.flatnonzero(good & asked).tolist():
-            verdict = judge(self.t, self.u[b], self.s.one(b))
+            verdict = judge(self.t, self.u[b], self.s.of(b))
             good[b] = verdict.admissible and verdict.barely < 0
         return good
 

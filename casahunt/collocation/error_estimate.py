@@ -25,26 +25,29 @@ for the price of some values of the field.  The step is that of the whole cycle,
 order in it too.  It is taken as if it arose where it hurts more, at the start or at the end of its half, and added
 without regard to signs: a bound in practice, and as a rule far smaller than the sum above.
 
-Symbols: n states, d stages, N intervals, E elements, P phases.
+One solution has no axis of members, many have theirs first (...): what is said of one holds for each.
+
+Symbols: n states, d stages, N intervals, E elements, P phases, k functionals, y unknowns of the node system.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from .interval import points_map
 from .linearisation import Linearisation
 from .mesh import on_halved_mesh, shape, sizes_of_states
 from .quarters import chained, maps_over_quarters
 from .scheme import Kind, scheme
-from .transcription import Setting, Transcription
+from .transcription import Setting, Transcription, settings_of
 
 Array = np.ndarray
 Start = tuple[Transcription, Array, Setting]
+Halved = tuple[Transcription, Array, Setting, Linearisation]
+"""Solutions on a mesh with halved intervals, and the equations linearised there."""
 
 ROUNDING = 4 * np.finfo(float).eps
 SMALL_AMPLITUDE = 0.1
@@ -152,7 +155,7 @@ def estimate(
         goals[1] = amplitude.row / amplitude.size
     if border is not None:
         goals[2, -1] = 1.0
-    errors, per_element, better = _errors(t, u, setting, goals, border, believed)
+    errors, per_element, better = functional_errors(t, u, setting, goals, border=border, believed=believed)
     period, relative, parameter = (*map(float, errors), 0.0)[:3]
     indicators = per_element.max(axis=0)[t.interval_elements]
     return Estimate(period, relative, parameter, indicators, shape(t, u), measured, better)
@@ -175,61 +178,92 @@ def functional_errors(
     *,
     border: Array | None = None,
     believed: float = np.inf,
-) -> tuple[Array, Array]:
-    """Errors of linear functionals of the node system at a converged solution u.
+    halved: Halved | None = None,
+) -> tuple[Array, Array, Start | None]:
+    """Errors of linear functionals of the node system at converged solutions u (..., size), of one member or of many.
 
-    t, u, setting: as in `estimate`; goals: (k, y) the functionals, k <= node_system.ADJOINTS; border, believed: as in
-    `estimate`. Returns (errors (k,), share of each element in them (k, E)), absolute.
+    goals: (..., k, y) the functionals; border: (..., .) as in `estimate`; believed: as there, of no error larger than
+    it; halved: the solutions on the mesh with halved intervals (`on_halves`), where they are at hand.
+    Returns errors (..., k) and the share of each element in them (..., k, E), absolute; and the solutions after a
+    Newton step on the halved mesh, where that is looked at.
     """
-    return _errors(t, u, setting, goals, border, believed)[:2]
+    with np.errstate(all="ignore"):
+        return _errors(t, halved or on_halves(t, u, setting), goals, border, believed)
+
+
+def on_halves(t: Transcription, u: Array, setting: Setting) -> Halved:
+    """Solutions (..., size) with every interval cut in two, and the equations linearised there."""
+    fine, finer, fractions = on_halved_mesh(t, u, setting.fractions)
+    halves = replace(setting, fractions=fractions)
+    return fine, finer, halves, fine.linearise(finer, halves)
 
 
 def _errors(
-    t: Transcription, u: Array, setting: Setting, goals: Array, border: Array | None, believed: float
+    t: Transcription, halved: Halved, goals: Array, border: Array | None, believed: float
 ) -> tuple[Array, Array, Start | None]:
-    """`functional_errors`, and the solution after a Newton step on the halved mesh where that is looked at."""
-    fine, u_fine, fractions = on_halved_mesh(t, u, setting.fractions)
-    halves = Setting(fractions, setting.p, setting.scale, setting.dp)
-    lin = fine.linearise(u_fine, halves)
-    maps = _joined(t, fine, lin.maps)
-    row = t.system.border(parameter=1.0) if border is None else border
-    own, better = t.interval_elements, None
-    matrix, rhs = _newton_step(t, lin, maps, row)
-    errors, weights, blame = _blamed(t, maps, goals, matrix, rhs)
+    """`functional_errors`.
+
+    Arrays are laid out as they are written, and sums are products with ones: the additions come in the order of the
+    memory, and no member's may depend on how many there are.
+    """
+    fine, finer, halves, lin = halved
+    joined, better = replace(lin, transcription=t, maps=_joined(t, fine, lin.maps)), None
+    if border is None:
+        border = np.broadcast_to(t.system.border(parameter=1.0), (*finer.shape[:-1], t.system.border_columns.size))
+    matrix, rhs = joined.matrix(border), joined.rhs()
+    errors, weights, blame = _blamed(joined, goals, matrix, rhs)
     per_element = np.abs(blame)
-    if t.intervals and errors.max() <= believed:
+    if not errors.max() > believed:
         y = t.system.solve(matrix, rhs)
-        better = fine, u_fine + lin.expand(_with_middles(t, fine, lin, y), 1.0), halves.moved(float(y[-1]))
-        left = _left_by_a_step(*better, lin).reshape(-1, 4, t.n)
-        terms = np.abs(left @ weights[:, own].transpose(1, 2, 0))
-        overlooked = ANYWHERE * (np.maximum(terms[:, 0], terms[:, 1]) + np.maximum(terms[:, 2], terms[:, 3])).T
-        unseen = left_on_halved(t) * per_element[:, own]
-        first = errors + (overlooked + unseen).sum(axis=1)
-        chosen = np.flatnonzero(to_be_quartered(t, per_element[:, own], first))
-        if chosen.size:
-            at = own[chosen]
-            maps[at] = maps_over_quarters(fine, u_fine, halves, chosen)
-            errors, weights, again = _blamed(t, maps, goals, *_newton_step(t, lin, maps, row))
-            per_element = np.maximum(per_element, np.abs(again))
-            unseen[:, chosen] = left_on_quarters(blame[:, at], again[:, at])
-        per_element[:, own] += overlooked + unseen
-        errors += (overlooked + unseen).sum(axis=1)
-    errors += ROUNDING * np.sqrt((weights**2).sum(axis=(1, 2)))
-    return errors, per_element, better
+        better = fine, finer + lin.expand(_with_middles(t, fine, lin, y), 1.0), halves.moved(y[..., -1])
+        if t.intervals:
+            first = errors, weights, blame
+            errors, weights = _with_overlooked(t, halved, joined, goals, border, better, first, per_element)
+    flat = weights.reshape(*weights.shape[:-2], 1, -1)
+    return errors + ROUNDING * np.sqrt((flat @ flat.swapaxes(-1, -2))[..., 0, 0]), per_element, better
 
 
-def _newton_step(t: Transcription, lin: Linearisation, maps: Array, border: Array) -> tuple[Array, Array]:
-    """Nonzeros and right-hand side (y,) of the node system whose solution is the error, to first order."""
-    matrix = t.system.nonzeros(maps, lin.closure, lin.events, border)
-    return matrix, np.concatenate([maps[:, :, 0].ravel(), -lin.closure_residual, -lin.events[0], [0.0]])
+def _with_overlooked(
+    t: Transcription, halved: Halved, joined: Linearisation, goals: Array, border: Array, better: Start,
+    first: tuple[Array, Array, Array], per_element: Array,
+) -> tuple[Array, Array]:
+    """Errors (..., k) with what `first` of `_blamed` overlooks, which goes to `per_element` too, and psi."""
+    (errors, weights, blame), own, ones = first, t.interval_elements, np.ones(t.intervals)
+    left, inside = _left_by_a_step(*better, halved[3]), weights.take(own, axis=-2)
+    terms = np.abs(left @ inside.swapaxes(-3, -2).swapaxes(-2, -1))
+    overlooked = ANYWHERE * (
+        np.maximum(terms[..., 0, :], terms[..., 1, :]) + np.maximum(terms[..., 2, :], terms[..., 3, :])
+    )
+    by_interval = per_element.take(own, axis=-1)
+    unseen, over = left_on_halved(t) * by_interval, ones @ overlooked
+    where = to_be_quartered(t, by_interval, errors + over + unseen @ ones)
+    if where.any():
+        _put_over_quarters(t, halved, joined.maps, where)
+        errors, weights, again = _blamed(joined, goals, joined.matrix(border), joined.rhs())
+        np.maximum(per_element, np.abs(again), out=per_element)
+        on_quarters = left_on_quarters(blame.take(own, axis=-1), again.take(own, axis=-1))
+        unseen = np.where(where[..., None, :], on_quarters, unseen)
+    per_element[..., own] += unseen + overlooked.swapaxes(-1, -2)
+    return errors + unseen @ ones + over, weights
 
 
-def _blamed(t: Transcription, maps: Array, goals: Array, matrix: Array, rhs: Array) -> tuple[Array, Array, Array]:
-    """First-order errors (k,) of functionals by the maps over the elements; psi (k, E, n) there, and psi . r (k, E)."""
-    E, n = t.elements, t.n
-    psi = t.system.solve_transposed(matrix, goals)
-    weights = psi[:, : E * n].reshape(-1, E, n)
-    return np.abs(psi @ rhs), weights, (weights * maps[:, :, 0]).sum(axis=2)
+def _blamed(joined: Linearisation, goals: Array, matrix: Array, rhs: Array) -> tuple[Array, Array, Array]:
+    """First-order errors (..., k) of functionals; psi (..., k, E, n), and psi . r (..., k, E)."""
+    E, n = joined.maps.shape[-3:-1]
+    psi = joined.transcription.system.solve_transposed(matrix, goals)
+    weights = np.ascontiguousarray(psi[..., : E * n]).reshape(*psi.shape[:-1], E, n)
+    shares = weights[..., None, :] @ joined.maps[..., None, :, :, :1]
+    return np.abs((psi @ rhs[..., None])[..., 0]), weights, shares[..., 0, 0]
+
+
+def _put_over_quarters(t: Transcription, halved: Halved, maps: Array, where: Array) -> None:
+    """Into the maps (..., E, n, c) those of the intervals `where` (..., N) from four parts of each."""
+    fine, finer, halves, _ = halved
+    if where.ndim == 1:
+        finer, halves = finer[None], settings_of(halves, halves.p[None], halves.dp[None])
+    members, chosen = np.nonzero(np.atleast_2d(where))
+    found = maps_over_quarters(fine, finer, halves, members, chosen)
+    maps.reshape(len(finer), *maps.shape[-3:])[members, t.interval_elements[chosen]] = found
 
 
 def left_on_halved(t: Transcription) -> Array:
@@ -274,45 +308,44 @@ def fine_rule(degree: int, kind: Kind) -> tuple[Array, Array]:
 
 
 def _with_middles(t: Transcription, fine: Transcription, lin: Linearisation, y: Array) -> Array:
-    """A solution y of the node system of t, with the nodes in the middles of its intervals."""
-    n, ends = t.n, (t.elements + 1) * t.n
-    coarse, first = y[:ends].reshape(-1, n), fine.interval_elements[::2]
-    nodes = np.empty((fine.elements + 1, n))
-    nodes[first], nodes[fine.closed_elements] = coarse[t.interval_elements], coarse[t.closed_elements]
-    nodes[-1] = coarse[-1]
-    known = np.empty((t.intervals, n + 3, 1))
-    known[:, 0], known[:, 1 : n + 1, 0], known[:, n + 2] = 1.0, nodes[first], y[-1]
-    known[:, n + 1, 0] = y[ends:-1][t.phase_of[t.interval_elements]]
-    nodes[first + 1] = (lin.maps[first] @ known)[:, :, 0]
-    return np.concatenate([nodes.ravel(), y[ends:]])
+    """A solution y (..., y) of the node system of t, with the nodes in the middles of its intervals."""
+    n, ends, lead = t.n, (t.elements + 1) * t.n, y.shape[:-1]
+    coarse, first = y[..., :ends].reshape(*lead, -1, n), fine.interval_elements[::2]
+    nodes = np.empty((*lead, fine.elements + 1, n))
+    starts = coarse.take(t.interval_elements, axis=-2)
+    nodes[..., first, :], nodes[..., -1, :] = starts, coarse[..., -1, :]
+    nodes[..., fine.closed_elements, :] = coarse.take(t.closed_elements, axis=-2)
+    known = np.empty((*lead, t.intervals, n + 3, 1))
+    known[..., 0, :], known[..., 1 : n + 1, 0], known[..., n + 2, :] = 1.0, starts, y[..., None, -1:]
+    known[..., n + 1, 0] = y[..., ends:-1].take(t.phase_of_intervals, axis=-1)
+    nodes[..., first + 1, :] = (lin.maps.take(first, axis=-3)[..., : n + 3] @ known)[..., 0]
+    return np.concatenate([nodes.reshape(*lead, -1), y[..., ends:]], axis=-1)
 
 
 def _left_by_a_step(fine: Transcription, u: Array, setting: Setting, lin: Linearisation) -> Array:
-    """r' (N, 2, 2, n) of both halves of every interval after the Newton step, carried to the end of the interval.
+    """r' (..., N, 4, n) of both halves of every interval after the Newton step, carried to the end of the interval.
 
     Once as it would be if it arose at the end of its half, once as if at its start.
     """
-    n, count, d = fine.n, fine.intervals // 2, fine.degree
-    w = fine.intervals_of(u).reshape(count, 2, d + 1, n)
-    ends = fine.nodes_of(u)[fine.interval_elements + 1].reshape(count, 2, n)
+    n, d, shape = fine.n, fine.degree, (*u.shape[:-1], fine.intervals // 2, 2)
+    w = fine.intervals_of(u).reshape(*shape, d + 1, n)
+    ends = fine.nodes_of(u).take(fine.interval_elements + 1, axis=-2).reshape(*shape, n)
     weights, rule = fine_rule(d, fine.kind)
-    x = np.matmul(rule, w).reshape(fine.intervals, -1, n)
-    f = np.empty_like(x)
-    for field, members in fine.groups:
-        at = points_map(field, n, setting.p.size, x.shape[1], members.size)
-        f[members] = at(x[members], fine.signs[members], setting.p, setting.scale)
-    step = setting.fractions * fine.durations_of(u)[fine.phase_of[fine.interval_elements]]
-    integrals = (weights[:, None] @ f.reshape(count, 2, -1, n))[:, :, 0] * step.reshape(count, 2, 1)
-    left = w[:, :, 0] + integrals - ends
-    through = lin.maps[fine.interval_elements].reshape(count, 2, n, n + 3)[..., 1 : n + 1]
-    late_early = np.stack([left, (through @ left[..., None])[..., 0]], axis=2)
-    late_early[:, 0] = late_early[:, 0] @ through[:, 1].transpose(0, 2, 1)
-    return late_early
+    x = (rule @ w).reshape(*u.shape[:-1], fine.intervals, -1, n)
+    step = setting.fractions * fine.durations_of(u).take(fine.phase_of_intervals, axis=-1)
+    integrals = (weights[:, None] @ fine.fields(x, setting).reshape(*shape, -1, n))[..., 0, :]
+    left = w[..., 0, :] + integrals * step.reshape(*shape, 1) - ends
+    through = lin.maps.take(fine.interval_elements, axis=-3).reshape(*shape, n, -1)[..., 1 : n + 1]
+    late_early = np.stack([left, (through @ left[..., None])[..., 0]], axis=-2)
+    late_early[..., 0, :, :] = late_early[..., 0, :, :] @ through[..., 1, :, :].swapaxes(-1, -2)
+    return late_early.reshape(*shape[:-1], 4, n)
 
 
 def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
-    """(E, n, n + 3) maps over the intervals of t from those over their two halves."""
-    out = np.empty((t.elements, *maps.shape[1:]))
-    out[t.interval_elements] = chained(maps[fine.interval_elements].reshape(t.intervals, 2, *maps.shape[1:]))
-    out[t.closed_elements] = maps[fine.closed_elements]
+    """(..., E, n, c) maps over the intervals of t from those over their two halves."""
+    lead, shape = maps.shape[:-3], maps.shape[-2:]
+    out = np.empty((*lead, t.elements, *shape))
+    halves = maps.take(fine.interval_elements, axis=-3).reshape(*lead, t.intervals, 2, *shape)
+    out[..., t.interval_elements, :, :] = chained(halves)
+    out[..., t.closed_elements, :, :] = maps.take(fine.closed_elements, axis=-3)
     return out

@@ -25,7 +25,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Joints:
-    """Flows and jumps (M, n + 3, n) and events (n + 3, P); columns value, d/dx, d/dT, d/d lambda."""
+    """Flows and jumps (..., M, n + 3, n) and events (..., n + 3, P); columns value, d/dx, d/dT, d/d lambda."""
 
     flow: Array
     events: Array
@@ -117,26 +117,37 @@ def event_rate(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float
 
 
 class JointMap:
-    """`joint_function` through fixed buffers; results are copies."""
+    """`joint_function` through fixed buffers, mapped over some members; results are copies."""
 
-    def __init__(self, cycle: Cycle) -> None:
+    def __init__(self, cycle: Cycle, together: int) -> None:
         n, P = len(cycle.states), len(cycle.phases)
         function = joint_function(cycle)
-        closed = function.size2_in(0)
-        np_ = len(cycle.parameters)
-        inputs = [(closed, n), (P, n), P, np_, np_, n]
-        self._caller = caller(function, inputs, [(closed, n + 3, n), (n + 3, P)])
+        closed, np_ = function.size2_in(0), len(cycle.parameters)
+        inputs = [(together, *shape) for shape in ((closed, n), (P, n), (P,), (np_,), (np_,), (n,))]
+        mapped = function if together == 1 else function.map("joints", "serial", together, [], [])
+        self._caller = caller(mapped, inputs, [(together, closed, n + 3, n), (together, n + 3, P)])
 
     def __call__(self, v: Array, ends: Array, T: Array, p: Array, dp: Array, scale: Array) -> Joints:
-        buffers = self._caller.buffers
-        for store, value in zip(buffers.inputs, (v, ends, T, p, dp, scale), strict=True):
-            store[...] = value
-        buffers.trigger()
-        flow, events = buffers.outputs
-        return Joints(flow.copy(), events.copy())
+        """Of one member, or of B of them, whose axis is the first: what is left over in a call is not read."""
+        buffers, data = self._caller.buffers, (v, ends, T, p, dp, scale)
+        if T.ndim == 1:
+            for store, value in zip(buffers.inputs, data, strict=True):
+                store[0] = value
+            buffers.trigger()
+            return Joints(*(out[0].copy() for out in buffers.outputs))
+        found = Joints(*(np.empty((len(T), *out.shape[1:])) for out in buffers.outputs))
+        together = len(buffers.inputs[0])
+        for first in range(0, len(T), together):
+            count = min(together, len(T) - first)
+            for store, value in zip(buffers.inputs, data, strict=True):
+                store[:count] = value[first : first + count]
+            buffers.trigger()
+            for whole, out in zip((found.flow, found.events), buffers.outputs, strict=True):
+                whole[first : first + count] = out[:count]
+        return found
 
 
 @kept(maxsize=64)
-def joint_map(cycle: Cycle) -> JointMap:
-    """The compiled map, kept for reuse: it does not depend on the mesh."""
-    return JointMap(cycle)
+def joint_map(cycle: Cycle, together: int = 1) -> JointMap:
+    """The compiled map of one member, or of some together, kept for reuse: it does not depend on the mesh."""
+    return JointMap(cycle, together)

@@ -3,17 +3,17 @@
 The node system and its blocks A, B, C are drawn in transcription.py, which makes a `Linearisation`.
 
 Symbols: n states, d stages, R = n (d + 1), N intervals, M closed forms, E = N + M elements,
-P phases, y = (E + 1) n + P + 1 unknowns of the node system.
+P phases, y = (E + 1) n + P + 1 unknowns of the node system; of many members B.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from .node_system import ADJOINTS, NodeSystem
+from .node_system import NodeSystem
 
 Array = np.ndarray
 
@@ -22,34 +22,34 @@ class Layout(Protocol):
     """What a linearisation needs of its transcription: where the unknowns stand, and the node system."""
 
     n: int
-    size: int
+    rows: int
     intervals: int
     elements: int
-    phases: int
-    node_index: Array
-    phase_of: Array
+    phase_of_intervals: Array
     interval_elements: Array
 
     @property
     def system(self) -> NodeSystem:
         """What is left when the stages are eliminated."""
 
-    def intervals_of(self, u: Array) -> Array:
-        """(N, R) view of the interval unknowns w."""
+    def pack(self, w: Array, nodes: Array, durations: Array) -> Array:
+        """The unknowns from their parts."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """The equations linearised at one u, stages eliminated.
+    """The equations linearised at one u, stages eliminated; or of B members, whose axis comes first.
+
+    c = n + 2 + m columns, m = 1 but for many members with more directions (transcription.Setting).
 
     Attributes
     ----------
     transcription : whose equations they are.
-    interval_residual (N, R), flow_residual (M, n), closure_residual (n,) : residuals.
-    events : (n + 3, P); rows value, d/dx (n), d/dT, d/d lambda.
-    maps : (E, n, n + 3) of [r | A | B | C], see transcription.py.
-    closure : (n, n) scaled S.
-    eliminated : (N, n d, n + 3): minus the stage update belonging to 1, dx, dT, dlambda.
+    interval_residual (..., N, R), flow_residual (..., M, n), closure_residual (..., n) : residuals.
+    events : (..., c, P); rows value, d/dx (n), d/dT, d/d lambda (m).
+    maps : (..., E, n, c) of [r | A | B | C], see transcription.py.
+    closure : (..., n, n) scaled S.
+    eliminated : (..., N, n d, c): minus the stage update belonging to 1, dx, dT, dlambda.
     """
 
     transcription: Layout
@@ -61,37 +61,59 @@ class Linearisation:
     closure: Array
     eliminated: Array
 
-    def residual_norm(self) -> float:
-        """Largest residual in scaled units; NaN where anything is NaN (numpy, never casadi.norm_inf)."""
-        parts = (self.interval_residual, self.flow_residual, self.closure_residual, self.events[0])
-        return max(float(np.abs(part).max(initial=0.0)) for part in parts) if self.finite() else float("nan")
+    def residual_norm(self) -> Any:
+        """(...) largest residuals in scaled units; NaN where anything is NaN (numpy, never casadi.norm_inf)."""
+        parts = (self.interval_residual, self.flow_residual, self.closure_residual, self.events[..., 0, :])
+        places = ((-2, -1), (-2, -1), (-1,), (-1,))
+        found = [np.abs(part).max(axis=axes, initial=0.0) for part, axes in zip(parts, places, strict=True)]
+        return np.where(self.finite(), np.max(found, axis=0), np.nan)[()]
 
-    def finite(self) -> bool:
-        """True where residual and Jacobian hold no NaN and no infinity."""
-        return bool(np.isfinite(self.maps).all() and np.isfinite(self.events).all())
+    def finite(self) -> Any:
+        """(...) True where residual and Jacobian hold no NaN and no infinity."""
+        maps, events = np.isfinite(self.maps), np.isfinite(self.events)
+        return np.logical_and.reduce(maps, axis=(-3, -2, -1)) & np.logical_and.reduce(events, axis=(-2, -1))
 
-    def rhs(self, border: float = 0.0) -> Array:
-        """Right-hand side (y,) of the Newton step, with the border row's value last."""
-        return np.concatenate(
-            [self.maps[:, :, 0].ravel(), -self.closure_residual, -self.events[0], [border]]
-        )
+    def one(self, member: int) -> Linearisation:
+        """That of one member."""
+        parts = (
+            self.interval_residual, self.flow_residual, self.closure_residual, self.events, self.maps, self.closure,
+            self.eliminated,
+        )  # fmt: skip
+        return Linearisation(self.transcription, *(part[member] for part in parts))
+
+    def rhs(self, border: float = 0.0, direction: int | None = None) -> Array:
+        """(..., y) right-hand side of the Newton step, the border row's value last; or what a direction puts there."""
+        t, lead, column = self.transcription, self.closure.shape[:-2], 0
+        rhs = np.empty((*lead, t.system.size))
+        closure = -self.closure_residual
+        if direction is not None:
+            closure, column = np.zeros_like(closure), t.n + 2 + direction
+        nodes = t.elements * t.n
+        rhs[..., :nodes] = self.maps[..., column].reshape(*lead, nodes)
+        rhs[..., nodes : nodes + t.n] = closure
+        rhs[..., nodes + t.n : -1] = -self.events[..., column, :]
+        rhs[..., -1] = border
+        return rhs
 
     def matrix(self, border: Array) -> Array:
-        """Nonzeros of the node system with the given border row (see NodeSystem.border_columns)."""
-        return self.transcription.system.nonzeros(self.maps, self.closure, self.events, border)
+        """(..., nnz) nonzeros of the node system with the given border row (see NodeSystem.border_columns)."""
+        c = self.transcription.n + 3
+        return self.transcription.system.nonzeros(
+            self.maps[..., :c], self.closure, self.events[..., :c, :], border
+        )
 
-    def step(self, border: Array, border_value: float = 0.0) -> tuple[Array, Array, float]:
+    def step(self, border: Array, border_value: float = 0.0) -> tuple[Array, Array, Any]:
         """One Newton step under a border row.
 
-        Returns (du, dy, dlambda) : update of u (size,), the node-system solution (y,) and the last entry of it.
+        Returns (du, dy, dlambda) : update of u (..., size), the node-system solution (..., y) and the last entry of it.
         """
         y = self.transcription.system.solve(self.matrix(border), self.rhs(border_value))
-        return self.expand(y, 1.0), y, float(y[-1])
+        return self.expand(y, 1.0), y, y[..., -1]
 
     def tangent(self, border: Array) -> tuple[Array, Array]:
         """(du/ds, y) with border . y = 1: the direction of the solution curve."""
-        rhs = np.zeros(self.transcription.system.size)
-        rhs[-1] = 1.0
+        rhs = np.zeros((*self.closure.shape[:-2], self.transcription.system.size))
+        rhs[..., -1] = 1.0
         y = self.transcription.system.solve(self.matrix(border), rhs)
         return self.expand(y, 0.0), y
 
@@ -103,30 +125,27 @@ class Linearisation:
         """
         t = self.transcription
         matrix, n = self.matrix(t.system.border(parameter=1.0)), t.n
-        response = np.concatenate(
-            [t.system.solve_transposed(matrix, np.eye(t.system.size)[k : min(k + ADJOINTS, n)])
-             for k in range(0, n, ADJOINTS)]
-        )[:, t.elements * n : (t.elements + 1) * n]  # fmt: skip
-        return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response))
+        response = t.system.solve_transposed(matrix, np.eye(n, t.system.size))
+        return np.linalg.eigvals(np.eye(n) - np.linalg.inv(response[:, t.elements * n : (t.elements + 1) * n]))
 
-    def expand(self, y: Array, inhomogeneous: float) -> Array:
+    def expand(self, y: Array, inhomogeneous: float, direction: int = 0, along: float = 0.0) -> Array:
         """The update of all unknowns that belongs to a solution of the node system.
 
-        y: (y,) the solution; inhomogeneous: factor of the stage residual: 1 for a step, 0 for a tangent.
-        Returns (size,) du.
+        y: (..., y) the solution; inhomogeneous: factor of the stage residual: 1 for a step, 0 for a tangent; direction,
+        along: a direction of p, and how far it is gone besides lambda.
+        Returns (..., size) du.
         """
-        t = self.transcription
-        E, n, P = t.elements, t.n, t.phases
-        nodes = y[: (E + 1) * n].reshape(E + 1, n)
-        dT = y[(E + 1) * n : -1]
-        known = np.empty((t.intervals, n + 3))
-        known[:, 0] = inhomogeneous
-        known[:, 1 : n + 1] = nodes[t.interval_elements]
-        known[:, n + 1] = dT[t.phase_of[t.interval_elements]]
-        known[:, n + 2] = y[-1]
-        du = np.empty(t.size)
-        w = t.intervals_of(du)
-        w[:, n:] = -(self.eliminated @ known[:, :, None])[:, :, 0]
-        du[t.node_index] = nodes
-        du[-P:] = dT
-        return du
+        t, lead = self.transcription, y.shape[:-1]
+        E, n = t.elements, t.n
+        nodes = y[..., : (E + 1) * n].reshape(*lead, E + 1, n)
+        dT = y[..., (E + 1) * n : -1]
+        known = np.zeros((*lead, t.intervals, self.eliminated.shape[-1]))
+        known[..., 0] = inhomogeneous
+        known[..., 1 : n + 1] = nodes.take(t.interval_elements, axis=-2)
+        known[..., n + 1] = dT.take(t.phase_of_intervals, axis=-1)
+        known[..., n + 2] = y[..., -1:]
+        if along:
+            known[..., n + 2 + direction] += along
+        w = np.empty((*lead, t.intervals, t.rows))
+        w[..., n:] = -(self.eliminated @ known[..., None])[..., 0]
+        return t.pack(w, nodes, dT)

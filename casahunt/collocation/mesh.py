@@ -75,15 +75,16 @@ def transfer(
 
 
 def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transcription, Array, Array]:
-    """A solution with every interval cut in two: `divided` by one fixed matrix.
+    """A solution with every interval cut in two: `divided` by one fixed matrix.  Or those of many members.
 
-    fractions: (N,) interval lengths as fractions of their phase.
-    Returns transcription, unknowns and (2 N,) fractions of the finer mesh.
+    u, fractions: (..., size), and (..., N) interval lengths as fractions of their phase.
+    Returns transcription, unknowns and (..., 2 N) fractions of the finer mesh.
     """
     fine = transcribe(t.cycle, tuple(2 * count for count in t.counts), t.degree, t.kind)
-    halves = t.scheme.halves.reshape(-1, t.degree + 1)
-    w = np.matmul(halves, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n))
-    return fine, _packed(t, u, fine, w.reshape(fine.intervals, t.degree + 1, t.n)), np.repeat(fractions / 2, 2)
+    halves, lead = t.scheme.halves.reshape(-1, t.degree + 1), u.shape[:-1]
+    w = halves @ t.intervals_of(u).reshape(*lead, t.intervals, t.degree + 1, t.n)
+    w = w.reshape(*lead, fine.intervals, t.degree + 1, t.n)
+    return fine, _packed(t, u, fine, w), np.repeat(fractions / 2, 2, axis=-1)
 
 
 def divided(
@@ -108,15 +109,17 @@ def divided(
 
 
 def _packed(t: Transcription, u: Array, fine: Transcription, w: Array) -> Array:
-    """Unknowns of a finer mesh from its intervals (N, d + 1, n), and from the nodes of the one that it refines.
+    """Unknowns of a finer mesh from its intervals (..., N, d + 1, n), and from the nodes of the one that it refines.
 
     A phase starts where the one before it ended, exactly: interpolation must not move an event.
     """
-    old, nodes = t.nodes_of(u), np.empty((fine.elements + 1, t.n))
-    nodes[fine.interval_elements] = w[:, 0]
-    nodes[fine.closed_elements], nodes[-1] = old[t.closed_elements], old[-1]
-    nodes[fine.phase_start], nodes[fine.phase_end] = old[t.phase_start], old[t.phase_end]
-    return fine.pack(w.reshape(fine.intervals, fine.rows), nodes, t.durations_of(u))
+    old, lead = t.nodes_of(u), u.shape[:-1]
+    nodes = np.empty((*lead, fine.elements + 1, t.n))
+    nodes[..., fine.interval_elements, :] = w[..., 0, :]
+    nodes[..., fine.closed_elements, :], nodes[..., -1, :] = old.take(t.closed_elements, axis=-2), old[..., -1, :]
+    nodes[..., fine.phase_start, :] = old.take(t.phase_start, axis=-2)
+    nodes[..., fine.phase_end, :] = old.take(t.phase_end, axis=-2)
+    return fine.pack(w.reshape(*lead, fine.intervals, fine.rows), nodes, t.durations_of(u))
 
 
 def _places(breaks: Array, times: Array) -> tuple[Array, Array]:

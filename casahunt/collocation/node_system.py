@@ -15,10 +15,6 @@ from ..compiled import alone, caller, kept
 
 Array = np.ndarray
 
-ADJOINTS = 3
-"""Functionals whose errors are estimated at once: period, amplitude, parameter."""
-
-
 class NodeSystem:
     """Sparsity and solver of the node system; depends on the structure of the chain alone.
 
@@ -70,7 +66,7 @@ class NodeSystem:
 
     @alone
     def _solver(self, columns: int) -> _LinearSolve:
-        """The plain solver for one (0) or -k right-hand sides, the transposed one for k; built when first asked for."""
+        """The plain solver for k right-hand sides, or the transposed one for -k; built when first asked for."""
         if columns not in self._solvers:
             if self._factorisation is None:
                 self._factorisation = ca.Linsol("node_system", "qr", self._sparsity)
@@ -93,85 +89,52 @@ class NodeSystem:
         )
 
     def nonzeros(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
-        """The matrix from the blocks of a Linearisation and a border row.
+        """The matrix from the blocks of a Linearisation and a border row, or those of B members.
 
-        maps: (E, n, n + 3) condensed maps: residual, A, B, C; closure: (n, n) matrix S; events: (n + 3, P) values of
-        the events and their derivatives; border: of `border`. Returns nonzeros, column after column.
+        maps: (..., E, n, n + 3) condensed maps: residual, A, B, C; closure: (..., n, n) matrix S; events: (..., n + 3,
+        P) values of the events and their derivatives; border: (..., .) of `border`.
+        Returns (..., nnz) nonzeros, column after column.
         """
-        n = self._shape[1]
-        values = np.concatenate(
-            [
-                -maps[:, :, 1:].ravel(),
-                self._ones,
-                -closure[self._closure_entries],
-                events[1 : n + 1].T.ravel(),
-                events[n + 1 :].ravel(),
-                border,
-            ]
-        )
-        return values[self._order]
+        n, lead, (ci, cj) = self._shape[1], border.shape[:-1], self._closure_entries
+        values = [
+            -maps[..., 1:].reshape(*lead, -1),
+            self._ones if not lead else np.broadcast_to(self._ones, (*lead, self._ones.size)),
+            -closure[..., ci, cj],
+            events[..., 1 : n + 1, :].swapaxes(-1, -2).reshape(*lead, -1),
+            events[..., n + 1 :, :].reshape(*lead, -1),
+            border,
+        ]
+        return np.concatenate(values, axis=-1).take(self._order, axis=-1)
 
     def solve(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solve the node system.
+        """Solve the node system, for one right-hand side or k, of one member or of B, one after the other.
 
-        nonzeros: of `nonzeros`; rhs: (y,) right-hand side. Returns (y,), whose last entry is exact where the border row
-        has no other: rounding moves no parameter that is held.
+        nonzeros: (..., nnz) of `nonzeros`; rhs: (..., y) or (..., k, y).
+        Returns the like, whose last entries are exact where the border row has no other: rounding moves no parameter
+        that is held.  NaN where a matrix is singular.
         """
-        y = (self._solvers.get(0) or self._solver(0))(nonzeros, rhs)
-        if self._holds(nonzeros):
-            y[-1] = rhs[-1] / nonzeros[self._border[-1]]
+        return self._solved(nonzeros, rhs, 1)
+
+    def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
+        """Solve the transposed node system: the adjoints of linear functionals of y.
+
+        nonzeros, rhs: as in `solve`. A matrix is factorised once for all of its functionals.
+        """
+        return self._solved(nonzeros, rhs, -1)
+
+    def _solved(self, nonzeros: Array, rhs: Array, sign: int) -> Array:
+        if nonzeros.ndim > 1:
+            found = [self._solved(*one, sign) for one in zip(nonzeros, rhs, strict=True)]
+            return np.array(found).reshape(rhs.shape)
+        columns = sign * (len(rhs) if rhs.ndim > 1 else 1)
+        y = (self._solvers.get(columns) or self._solver(columns))(nonzeros, rhs)
+        if sign > 0 and self._holds(nonzeros):
+            y[..., -1] = rhs[..., -1] / nonzeros[self._border[-1]]
         return y
 
     def _holds(self, nonzeros: Array) -> bool:
         """Whether the border row is about lambda alone."""
         return not nonzeros[self._border[:-1]].any() and bool(nonzeros[self._border[-1]])
-
-    def solve_transposed(self, nonzeros: Array, rhs: Array) -> Array:
-        """Solve the transposed node system: the adjoints of linear functionals of y.
-
-        The matrix is factorised once for all of them.
-
-        nonzeros: of `nonzeros`; rhs: (k, y) the functionals, k <= ADJOINTS. Returns (k, y).
-        """
-        goals = np.zeros((ADJOINTS, self.size))
-        goals[: len(rhs)] = rhs
-        return (self._solvers.get(ADJOINTS) or self._solver(ADJOINTS))(nonzeros, goals)[: len(rhs)]
-
-    def nonzeros_of_many(self, maps: Array, closure: Array, events: Array, border: Array) -> Array:
-        """The matrices of B members.
-
-        maps, closure, events, border: as in `nonzeros`, with an axis of B members in front.
-        Returns (B, nnz) nonzeros, column after column.
-        """
-        B, n = len(maps), self._shape[1]
-        ci, cj = self._closure_entries
-        values = np.concatenate(
-            [
-                -maps[..., 1:].reshape(B, -1),
-                np.broadcast_to(self._ones, (B, self._ones.size)),
-                -closure[:, ci, cj],
-                events[:, 1 : n + 1].transpose(0, 2, 1).reshape(B, -1),
-                events[:, n + 1 :].reshape(B, -1),
-                border,
-            ],
-            axis=1,
-        )
-        return values[:, self._order]
-
-    def solve_many(self, nonzeros: Array, rhs: Array, *, transposed: bool = False) -> Array:
-        """The node systems of B members, one after the other, each factorised once.
-
-        nonzeros: (B, nnz); rhs: (B, k, y) right-hand sides.
-        Returns (B, k, y); NaN for a member whose matrix is singular, exact where it holds lambda, as in `solve`.
-        """
-        columns = rhs.shape[1] if transposed else -rhs.shape[1]
-        solve = self._solvers.get(columns) or self._solver(columns)
-        out = np.empty_like(rhs)
-        for b in range(len(rhs)):
-            out[b] = solve(nonzeros[b], rhs[b])
-            if not transposed and self._holds(nonzeros[b]):
-                out[b, :, -1] = rhs[b, :, -1] / nonzeros[b, self._border[-1]]
-        return out
 
     def dense(self, nonzeros: Array) -> Array:
         """The matrix as a dense array (y, y), for tests and condition numbers."""
@@ -181,19 +144,16 @@ class NodeSystem:
 
 
 class _LinearSolve:
-    """Sparse QR solve as a CasADi function on fixed buffers.
-
-    A y = b for one (`columns` 0) or -k right-hand sides b, A^T y = b for k of them.
-    """
+    """Sparse QR solve as a CasADi function on fixed buffers: A y = b for k right-hand sides, A^T y = b for -k."""
 
     def __init__(self, factorisation: ca.Linsol, sparsity: ca.Sparsity, columns: int) -> None:
         size = sparsity.size1()
-        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size, max(abs(columns), 1))
-        function = ca.Function("solve", [A, b], [factorisation.solve(A, b, columns > 0)])
-        shape = (abs(columns), size) if columns else (size,)
-        self._caller = caller(function, [sparsity.nnz(), shape], [shape])
+        A, b = ca.MX.sym("A", sparsity), ca.MX.sym("b", size, abs(columns))
+        function = ca.Function("solve", [A, b], [factorisation.solve(A, b, columns < 0)])
+        self._caller = caller(function, [sparsity.nnz(), (abs(columns), size)], [(abs(columns), size)])
 
     def __call__(self, nonzeros: Array, rhs: Array) -> Array:
+        """Solutions of the shape of the right-hand sides, (y,) or (k, y)."""
         buffers = self._caller.buffers
         matrix, right = buffers.inputs
         (out,) = buffers.outputs
@@ -201,7 +161,7 @@ class _LinearSolve:
         right[:] = rhs
         out.fill(np.nan)  # a singular matrix leaves the output as it is: it must not be an earlier answer
         buffers.trigger()
-        return out.copy()
+        return out.copy() if rhs.ndim == 2 else out[0].copy()
 
 
 @kept(maxsize=48)

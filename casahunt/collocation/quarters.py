@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .elimination import elimination
+from .ensemble_points import eliminate_many
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -38,31 +38,26 @@ def chained(maps: Array) -> Array:
     return through
 
 
-def maps_over_quarters(fine: Transcription, u: Array, setting: Setting, chosen: Array) -> Array:
-    """The maps over some intervals, from four parts of each.
+def maps_over_quarters(fine: Transcription, u: Array, s: Setting, members: Array, chosen: Array) -> Array:
+    """The maps over some intervals of some members, from four parts of each.
 
-    fine, u, setting: transcription, unknowns and setting of the mesh with halved intervals; chosen: (m,) which
-    intervals before they were halved. Returns (m, n, n + 3).
+    fine, u, s: transcription, (B, size) unknowns and settings of the mesh with halved intervals; members, chosen: (m,)
+    whose, and which intervals before they were halved. Returns (m, n, c).
     """
-    n, first = fine.n, 2 * chosen
-    halves = u[: fine.intervals * fine.rows].reshape(-1, 2, fine.rows)[chosen]
-    w, following = quarters(fine, halves, fine.nodes_of(u)[fine.interval_elements[first + 1] + 1])
-    duration = fine.durations_of(u)[fine.phase_of[fine.interval_elements[first]]]
-    fraction, sign = setting.fractions[first] / 2, fine.signs[first]
-    out = np.empty((chosen.size, n, n + 3))
-    for field, members in fine.groups:
-        own = np.flatnonzero(np.isin(first, members))
-        if not own.size:
-            continue
-        # A power of two, so that few sizes are compiled: the first one is repeated, and not read again.
-        count = 1 << int(own.size - 1).bit_length()
-        i = np.concatenate([own, np.repeat(own[:1], count - own.size)])
-        T, h, signs = (np.repeat(of[i], QUARTERS) for of in (duration, fraction, sign))
-        eliminated = elimination(field, n, setting.p.size, fine.degree, fine.kind, QUARTERS * count)(
-            w[i].reshape(QUARTERS * count, -1), following[i].reshape(-1, n), T, h, signs, setting.p, setting.dp,
-            setting.scale,
-        )  # fmt: skip
-        out[own] = chained(eliminated.maps.reshape(count, QUARTERS, n, -1))[: own.size]
+    first = 2 * chosen
+    halves = fine.intervals_of(u).reshape(len(u), -1, 2, fine.rows)[members, chosen]
+    behind = u[members[:, None], fine.node_index[fine.interval_elements[first + 1] + 1]]
+    w, following = quarters(fine, halves, behind)
+    duration = u[members, -fine.phases + fine.phase_of[fine.interval_elements[first]], None]
+    rows = w, following, np.repeat(duration, QUARTERS, 1), np.repeat(s.fractions[members, first, None] / 2, QUARTERS, 1)
+    numbers = s.p[members], s.directions[members], s.scale[members]
+    out = np.empty((chosen.size, fine.n, fine.n + 2 + s.directions.shape[1]))
+    for mode, intervals in fine.modes:
+        own = np.flatnonzero(np.isin(first, intervals))
+        if own.size:
+            signs = np.full(QUARTERS, mode.sign)
+            some, of = [each[own] for each in rows], [each[own] for each in numbers]
+            out[own] = chained(eliminate_many(mode.field, fine.kind, signs, some, of).maps)
     return out
 
 

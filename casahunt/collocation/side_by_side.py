@@ -22,6 +22,7 @@ import numpy as np
 from .. import effort
 from ..hybrid.system import Field
 from .elimination import Eliminated, elimination
+from .joints import joint_map
 from .mesh import divided
 from .newton import DIVERGED, FORESEEN_STEP, LARGEST_MOVE, RESIDUAL_LIMIT, ROUNDED, STEP_TOLERANCE
 from .parted_system import PartedTranscription
@@ -221,7 +222,8 @@ class _Rows:
         for b, m in enumerate(self.members):
             effort.problem(int(self.counted[b]))
             ends, e, scale, X = self.phases_of(b), self._closed_of(b), self.scale[b], at.X[self.nodes_of(b)]
-            joints = m.t.joints(at.X[self.start[e]], at.X[self.phase_end[ends]], at.T[ends], p[b], self.dp[b], scale)
+            states, behind = at.X[self.start[e]], at.X[self.phase_end[ends]]
+            joints = joint_map(m.t.cycle)(states, behind, at.T[ends], p[b], self.dp[b], scale)
             flow = at.X[self.start[e] + 1] - joints.flow[:, 0]
             maps[e, :, 0], maps[e, :, 1:] = -flow, joints.flow[:, 1:].transpose(0, 2, 1)
             closures.append(m.t.cycle.closure * (scale[None, :] / scale[:, None]))

@@ -43,9 +43,10 @@ import numpy as np
 from .. import effort
 from ..compiled import kept
 from ..hybrid.system import Cycle, Field, Mode
-from .elimination import Eliminated, Elimination, elimination
+from .elimination import Eliminated, elimination
+from .ensemble_points import eliminate_many, fields_at
 from .interval import points_map
-from .joints import joint_map
+from .joints import Joints, joint_map
 from .linearisation import Linearisation
 from .node_system import NodeSystem, node_system
 from .scheme import Kind, scheme
@@ -53,26 +54,50 @@ from .scheme import Kind, scheme
 Array = np.ndarray
 
 
+JOINTS_TOGETHER = 16
+"""Members of a mapped call for closed forms and events."""
+
+
 @dataclass(frozen=True)
 class Setting:
-    """The numbers of one solve that are not unknowns.
+    """The numbers of one solve that are not unknowns, or of B solves, whose axis comes first.
 
     Attributes
     ----------
-    fractions : (N,) interval lengths as fractions of their phase, phase after phase.
-    p : parameter vector.
-    scale : (n,) state scale D.
-    dp : direction in parameter space that lambda moves along (zero where lambda is not used).
+    fractions : (..., N) interval lengths as fractions of their phase, phase after phase.
+    p : (..., np) parameter vector.
+    scale : (..., n) state scale D.
+    dp : (..., np) direction in parameter space that lambda moves along (zero where lambda is not used).
+    others : (B, m - 1, np) more directions, of many solves, for the derivatives by them.
     """
 
     fractions: Array
     p: Array
     scale: Array
     dp: Array
+    others: Array | None = None
 
-    def moved(self, step: float) -> Setting:
-        """The setting at lambda = `step`."""
-        return Setting(self.fractions, self.p + step * self.dp, self.scale, self.dp)
+    @property
+    def directions(self) -> Array:
+        """(B, m, np) all directions of many solves; the first one is that of lambda."""
+        own = self.dp[:, None]
+        return own if self.others is None else np.concatenate([own, self.others], axis=1)
+
+    def moved(self, step: float | Array) -> Setting:
+        """The setting at lambda = `step`, of every member its own."""
+        way = step if self.p.ndim == 1 else np.asarray(step)[:, None]
+        return Setting(self.fractions, self.p + way * self.dp, self.scale, self.dp, self.others)
+
+    def of(self, members: Array | int) -> Setting:
+        """That of some members, or of one."""
+        others = None if self.others is None or np.ndim(members) == 0 else self.others[members]
+        return Setting(self.fractions[members], self.p[members], self.scale[members], self.dp[members], others)
+
+
+def settings_of(setting: Setting, p: Array, dp: Array) -> Setting:
+    """That of members that share mesh and scale, with parameters p (B, np) and directions dp (B, np) of their own."""
+    fractions, scale = (np.repeat(each[None], len(p), axis=0) for each in (setting.fractions, setting.scale))
+    return Setting(fractions, np.array(p), scale, np.array(dp))
 
 
 class Transcription:
@@ -103,7 +128,6 @@ class Transcription:
         self.elements = self.intervals + self.closed
         self._index_chain()
         self.size = self.intervals * self.rows + (self.closed + 1) * n + self.phases
-        self.joints = joint_map(cycle)
         self.shift = np.array(cycle.shift) if cycle.shift else np.zeros(n)
         """(n,) the shift c of the closure."""
         self._system: NodeSystem | None = None
@@ -160,8 +184,9 @@ class Transcription:
         """(P + 1,) the first node and those at which the phases end."""
         collocated = np.concatenate(is_interval)
         self.interval_elements, self.closed_elements = np.flatnonzero(collocated), np.flatnonzero(~collocated)
+        self.phase_of_intervals = self.phase_of[self.interval_elements]
         self.signs = np.concatenate([np.zeros(0, dtype=int), *signs])
-        """(N,) number of the mode of each interval."""
+        """(N,) phase, and number of the mode, of each interval."""
         self.groups = [(field, np.concatenate(members)) for field, members in fields.items()]
         self.modes = [(mode, np.concatenate(members)) for mode, members in modes.items()]
         """The modes that are collocated, each with its intervals."""
@@ -172,16 +197,16 @@ class Transcription:
     # Layout ------------------------------------------------------------------------------------------
 
     def intervals_of(self, u: Array) -> Array:
-        """(N, R) view of the interval unknowns w."""
-        return u[: self.intervals * self.rows].reshape(self.intervals, self.rows)
+        """(..., N, R) view of the interval unknowns w."""
+        return u[..., : self.intervals * self.rows].reshape(*u.shape[:-1], self.intervals, self.rows)
 
     def nodes_of(self, u: Array) -> Array:
-        """(E + 1, n) copy of the node states."""
-        return u[self.node_index]
+        """(..., E + 1, n) copy of the node states."""
+        return u.take(self.node_index, axis=-1)
 
     def durations_of(self, u: Array) -> Array:
-        """(P,) view of the phase durations [s]."""
-        return u[-self.phases :]
+        """(..., P) view of the phase durations [s]."""
+        return u[..., -self.phases :]
 
     def phase_intervals(self, k: int) -> slice:
         """Which of the N intervals belong to phase k."""
@@ -191,46 +216,59 @@ class Transcription:
     def pack(self, w: Array, nodes: Array, durations: Array) -> Array:
         """The unknowns from their parts.
 
-        w: (N, R) start and stages of the intervals; nodes: (E + 1, n); they win over the start nodes inside `w`;
-        durations: (P,) [s]. Returns (size,) u.
+        w: (..., N, R) start and stages of the intervals; nodes: (..., E + 1, n); they win over the start nodes inside
+        `w`; durations: (..., P) [s]. Returns (..., size) u.
         """
-        u = np.empty(self.size)
+        u = np.empty((*nodes.shape[:-2], self.size))
         self.intervals_of(u)[:] = w
-        u[self.node_index] = nodes
+        u[..., self.node_index] = nodes
         self.durations_of(u)[:] = durations
         return u
 
     # Equations ---------------------------------------------------------------------------------------
 
-    def linearise(self, u: Array, setting: Setting, *, counted: bool = True) -> Linearisation:
-        """Residual and condensed Jacobian.
+    def joints(self, nodes: Array, T: Array, setting: Setting) -> Joints:
+        """The joints at the nodes (..., E + 1, n) and with durations (..., P); by all directions of many solves."""
+        states, ends = nodes.take(self.closed_elements, axis=-2), nodes.take(self.phase_end, axis=-2)
+        p, dp, scale = setting.p, setting.dp, setting.scale
+        if T.ndim == 1:
+            return joint_map(self.cycle)(states, ends, T, p, dp, scale)
+        at = joint_map(self.cycle, JOINTS_TOGETHER)
+        found = [at(states, ends, T, p, setting.directions[:, k], scale) for k in range(setting.directions.shape[1])]
+        flows, events = ([getattr(one, name) for one in found] for name in ("flow", "events"))
+        known = self.n + 2  # the columns that are the same for all directions
+        return Joints(
+            np.concatenate([flows[0], *(more[:, :, known:] for more in flows[1:])], axis=2),
+            np.concatenate([events[0], *(more[:, known:] for more in events[1:])], axis=1),
+        )
 
-        counted: as work (effort.py); False where whoever keeps it counts it at every reading.
+    def linearise(self, u: Array, setting: Setting, *, counted: bool = True) -> Linearisation:
+        """Residual and condensed Jacobian, of one member or of many.
+
+        u: (..., size), with settings to match; counted: as work (effort.py); False where whoever keeps it counts it at
+        every reading.
         Returns linearisation; not finite where the iterate is wild.
         """
         if counted:
-            effort.problem(self.intervals)
+            effort.problem(self.intervals * (1 if u.ndim == 1 else len(u)))
         with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
             return self._linearise(u, setting)
 
     def _linearise(self, u: Array, setting: Setting) -> Linearisation:
-        n = self.n
-        nodes, T = u[self.node_index], self.durations_of(u)
-        maps = np.empty((self.elements, n, n + 3))
-        intervals = self._eliminated(u, nodes, T, setting)
-        maps[self.interval_elements] = intervals.maps
-        joints = self.joints(
-            nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
-        )
-        flow_residual = nodes[self.closed_elements + 1] - joints.flow[:, 0]
-        maps[self.closed_elements, :, 0] = -flow_residual
-        maps[self.closed_elements, :, 1:] = joints.flow[:, 1:].transpose(0, 2, 1)
-        closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
+        nodes, T, scale = self.nodes_of(u), self.durations_of(u), setting.scale
+        intervals, joints = self._eliminated(u, nodes, T, setting), self.joints(nodes, T, setting)
+        maps = np.empty((*nodes.shape[:-2], self.elements, self.n, intervals.maps.shape[-1]))
+        maps[..., self.interval_elements, :, :] = intervals.maps
+        flow_residual = nodes.take(self.closed_elements + 1, axis=-2) - joints.flow[..., 0, :]
+        maps[..., 0][..., self.closed_elements, :] = -flow_residual
+        maps[..., 1:][..., self.closed_elements, :, :] = joints.flow[..., 1:, :].swapaxes(-1, -2)
+        closure = self.cycle.closure * (scale[..., None, :] / scale[..., :, None])
+        back = (closure @ nodes[..., -1, :, None])[..., 0]
         return Linearisation(
             transcription=self,
             interval_residual=intervals.residual,
             flow_residual=flow_residual,
-            closure_residual=nodes[0] - closure @ nodes[-1] + self.shift / setting.scale,
+            closure_residual=nodes[..., 0, :] - back + self.shift / scale,
             events=joints.events,
             maps=maps,
             closure=closure,
@@ -246,41 +284,61 @@ class Transcription:
             return float(np.max([np.abs(part).max(initial=0.0) for part in self._residuals(u, setting)]))
 
     def _residuals(self, u: Array, setting: Setting) -> Iterator[Array]:
-        nodes, T = u[self.node_index], self.durations_of(u)
+        nodes, T = self.nodes_of(u), self.durations_of(u)
         w = self.intervals_of(u).reshape(self.intervals, self.degree + 1, self.n)
-        step = setting.fractions * T[self.phase_of[self.interval_elements]]
-        for field, members in self.groups:
-            X, next_node = w[members, 1:], nodes[self.interval_elements[members] + 1]
-            at = points_map(field, self.n, setting.p.size, self.degree, members.size)
-            f = at(X, self.signs[members], setting.p, setting.scale)
-            ends = np.concatenate([X, next_node[:, None]], axis=1)
-            yield ends - w[members, :1] - step[members, None, None] * (self.scheme.sums @ f)
-        joints = self.joints(
-            nodes[self.closed_elements], nodes[self.phase_end], T, setting.p, setting.dp, setting.scale
-        )
+        step = setting.fractions * T.take(self.phase_of_intervals)
+        ends = np.concatenate([w[:, 1:], nodes.take(self.interval_elements + 1, axis=0)[:, None]], axis=1)
+        yield ends - w[:, :1] - step[:, None, None] * (self.scheme.sums @ self.fields(w[:, 1:], setting))
+        joints = self.joints(nodes, T, setting)
         yield nodes[self.closed_elements + 1] - joints.flow[:, 0]
         yield joints.events[0]
         closure = self.cycle.closure * (setting.scale[None, :] / setting.scale[:, None])
         yield nodes[0] - closure @ nodes[-1] + self.shift / setting.scale
 
-    def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
-        """The stages of all intervals, those of one vector field together."""
-        n, count = self.n, self.intervals
-        w, x_next = self.intervals_of(u), nodes[self.interval_elements + 1]
-        duration = T[self.phase_of[self.interval_elements]]
-        h, signs, p, dp, scale = setting.fractions, self.signs, setting.p, setting.dp, setting.scale
+    def fields(self, x: Array, setting: Setting) -> Array:
+        """The scaled field at points (..., N, k, n) of all intervals."""
+        p, scale, of = setting.p, setting.scale, self._fields_of_one if x.ndim == 3 else fields_at
         if len(self.groups) == 1:
-            return self._elimination(self.groups[0][0], count)(w, x_next, duration, h, signs, p, dp, scale)
-        whole = Eliminated(
-            np.empty((count, self.rows)), np.empty((count, n * self.degree, n + 3)), np.empty((count, n, n + 3))
-        )
+            return of(self.groups[0][0], x, self.signs, p, scale)
+        out = np.empty_like(x)
         for field, i in self.groups:
-            part = self._elimination(field, i.size)(w[i], x_next[i], duration[i], h[i], signs[i], p, dp, scale)
-            whole.residual[i], whole.stages[i], whole.maps[i] = part.residual, part.stages, part.maps
+            out[..., i, :, :] = of(field, x.take(i, axis=-3), self.signs[i], p, scale)
+        return out
+
+    def _fields_of_one(self, field: Field, x: Array, signs: Array, p: Array, scale: Array) -> Array:
+        """The scaled field at points (N, k, n) of some intervals of one member."""
+        return points_map(field, self.n, p.size, x.shape[1], signs.size)(x, signs, p, scale)
+
+    def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
+        """The stages of all intervals, those of one vector field together; of many members over arrays."""
+        w, x_next = self.intervals_of(u), nodes.take(self.interval_elements + 1, axis=-2)
+        rows = w, x_next, T.take(self.phase_of_intervals, axis=-1), setting.fractions
+        of = self._of_one if u.ndim == 1 else self._of_many
+        if len(self.groups) == 1:
+            return of(self.groups[0][0], self.signs, rows, setting)
+        n, d, lead = self.n, self.degree, u.shape[:-1]
+        c = n + 3 if u.ndim == 1 else n + 2 + setting.directions.shape[1]
+        whole = Eliminated(*(np.empty((*lead, self.intervals, *shape)) for shape in ((self.rows,), (n * d, c), (n, c))))
+        for field, i in self.groups:
+            part = of(field, self.signs[i], tuple(row.take(i, axis=len(lead)) for row in rows), setting)
+            for out, found in zip(
+                (whole.residual, whole.stages, whole.maps), (part.residual, part.stages, part.maps), strict=True
+            ):
+                out[(slice(None),) * len(lead) + (i,)] = found
         return whole
 
-    def _elimination(self, field: Field, count: int) -> Elimination:
-        return elimination(field, self.n, len(self.cycle.parameters), self.degree, self.kind, count)
+    def _of_one(self, field: Field, signs: Array, rows: tuple[Array, ...], s: Setting) -> Eliminated:
+        """Some intervals of one member: (N, R), (N, n), (N,), (N,)."""
+        count, parameters = signs.size, len(self.cycle.parameters)
+        w, x_next, duration, h = rows
+        eliminate = elimination(field, self.n, parameters, self.degree, self.kind, count)
+        return eliminate(w, x_next, duration, h, signs, s.p, s.dp, s.scale)
+
+    def _of_many(self, field: Field, signs: Array, rows: tuple[Array, ...], s: Setting) -> Eliminated:
+        """Some intervals of many members: (B, N, R), (B, N, n), (B, N), (B, N)."""
+        w, *others = rows
+        w = w.reshape(len(w), signs.size, self.degree + 1, self.n)
+        return eliminate_many(field, self.kind, signs, (w, *others), (s.p, s.directions, s.scale))
 
 
 @kept(maxsize=48)

@@ -44,6 +44,7 @@ fold_ensemble.py    folds of many problems near one whose fold is known
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
 sheet.py            orbits beside a special one, as a surface over two parameters
 special_charts.py   charts of a curve of special points: its gradient, slope and error
+folds_ahead.py      many places of a fold curve at once
 two_parameters.py   the curve of special points in two parameters
 extremum.py         the largest and the smallest value of a parameter, with what moves it
 """

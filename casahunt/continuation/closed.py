@@ -43,8 +43,9 @@ def came_round(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
     there = cast("AnyOrbit | None", solved_at(problem, unknowns_of(after), run.options))
     if there is None or not _the_same(there, orbits[0], run.options.tol):
         return None
+    run.add(there)
     run.add(passed=run.line.past(there))
-    run.add(there, passed=run.line.rest())
+    run.add(passed=run.line.rest())
     return End("closed", f"at {run.branch.vary} = {first:.8g} the branch comes back to where it began", first)
 
 

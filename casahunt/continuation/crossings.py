@@ -26,10 +26,14 @@ from typing import Generic, NamedTuple
 
 import numpy as np
 
+from .. import effort
+from ..hybrid.roots import hides_a_pair
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
+from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from .bifurcations import BRANCH_POINT
 from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
+from .cut_elsewhere import apart_by_kinks
 from .locating import length_to, locate
 from .phase_change import change_of_phases
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
@@ -39,10 +43,9 @@ Array = np.ndarray
 
 LOOKED_INSIDE = 5
 """A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
-LOOKED_AT = np.linspace(0.0, 1.0, 17)
-"""Parts of a step at which parabolas are compared."""
-DOUBTED = 4.0
-"""So many times what parabolas differ by they may be off: a narrow pair of zeros shows but a part of itself."""
+KINK_PASSED = "kink"
+KINK_LEFT_OUT = "phases come or go that are parts of one mode: the field has but a kink there, which was not sought"
+"""What is said of a change of phases by which the motion hardly changes."""
 LOOSELY = 1e3
 """A fold at which the parameter stands still is where a multiplier is 1 to so many tolerances of that: its parameter
 is second order in them."""
@@ -97,19 +100,49 @@ class Crossings(Generic[AnyOrbit]):
         self._vary, self._monitors, self._options, self._inside = vary, tuple(monitors), options, inside
         self._start: AnyOrbit = start
         self._line: list[_Station[AnyOrbit]] = []
+        self._looked, self._found = 0, list[Passed[AnyOrbit]]()  # the last station before which all is known; what is
+        self._ahead = ORBITS_AHEAD if any(monitor.by_multipliers for monitor in monitors) else 1
         self._signs: _Signs[AnyOrbit] = _Signs()
 
     def past(self, after: AnyOrbit) -> Passed[AnyOrbit]:
-        """What lies in the step before the one that leads to `after`."""
+        """What lies in the steps before the one that leads to `after`; it is looked for in several steps at once."""
         self._arrive(after)
-        found = self._step(len(self._line) - 2) if len(self._line) > 2 else Passed()
-        del self._line[:-3]
-        return found
+        if len(self._line) - 2 - self._looked >= self._ahead:
+            self._look_up_to(len(self._line) - 2)
+            del self._line[: max(self._looked - 1, 0)]
+            self._looked = min(self._looked, 1)
+        return self._so_far()
+
+    def _look_up_to(self, last: int) -> None:
+        """Look at all steps up to a station; the multipliers of all of them are computed side by side."""
+        if self._ahead > 1:
+            know_multipliers([station.orbit for station in self._line])
+        for k in range(self._looked + 1, last + 1):
+            signs = _Signs(dict(self._signs.last), list(self._signs.pending))
+            try:
+                self._found.append(self._step(k))
+            except effort.OutOfTime:
+                self._signs = signs  # as if nobody had begun with this step
+                raise
+            self._looked = k
+
+    def in_haste(self, last: AnyOrbit) -> Passed[AnyOrbit]:
+        """What lies in all steps up to the last orbit, none of which is looked at inside any more; as `rest`."""
+        self._inside = False
+        if last is not (self._line[-1].orbit if self._line else self._start):
+            self._arrive(last)
+        return self.rest()
+
+    def _so_far(self) -> Passed[AnyOrbit]:
+        """What was found and is not yet known to anyone: all of it, wherever the search was interrupted."""
+        found, self._found = self._found, []
+        return Passed(tuple(s for one in found for s in one.special), tuple(m for one in found for m in one.missed))
 
     def seen(self, *orbits: AnyOrbit) -> Passed[AnyOrbit]:
         """What lies in the last step, between orbits of which no other one behind them is known."""
         for orbit in orbits:
             self._arrive(orbit)
+        self._looked = len(self._line) - 2
         return self.rest()
 
     def _arrive(self, after: AnyOrbit) -> None:
@@ -131,9 +164,9 @@ class Crossings(Generic[AnyOrbit]):
 
     def rest(self) -> Passed[AnyOrbit]:
         """What lies in the last step."""
-        found = self._step(len(self._line) - 1) if len(self._line) > 1 else Passed()
-        self._start, self._line = self._line[-1].orbit if self._line else self._start, []
-        return found
+        self._look_up_to(len(self._line) - 1)
+        self._start, self._line, self._looked = self._line[-1].orbit if self._line else self._start, [], 0
+        return self._so_far()
 
     def go_on_from(self, orbit: AnyOrbit, *, same: bool = False) -> None:
         """Go on from another orbit; after `rest`.
@@ -163,7 +196,9 @@ class Crossings(Generic[AnyOrbit]):
         before, after = self._line[k - 1], self._line[k]
         special: list[SpecialPoint[AnyOrbit]] = []
         missed: list[Missed] = []
-        if GRAZING in self._monitors:
+        if GRAZING in self._monitors and apart_by_kinks(before.orbit, after.orbit):
+            missed.append(Missed(KINK_PASSED, f"{self._between(before, after)} {KINK_LEFT_OUT}"))
+        elif GRAZING in self._monitors:
             grazing = change_of_phases(before.orbit, after.orbit, self._vary, self._options)
             if grazing is not None:
                 special.append(special_point(GRAZING, grazing, self._vary))
@@ -189,7 +224,8 @@ class Crossings(Generic[AnyOrbit]):
         """Stations inside a step, where zeros may hide there."""
         if not self._inside or not halvings or x.orbit.signature != y.orbit.signature:
             return
-        alike = [s for s in (earlier, x, y, later) if s is not None and s.orbit.signature == x.orbit.signature]
+        around = [s for s in (earlier, x, y, later) if s is not None]
+        alike = [s for s in around if s.orbit.signature == x.orbit.signature or apart_by_kinks(s.orbit, x.orbit)]
         if not any(self._may_hide(monitor, alike, x, y) for monitor in self._monitors if monitor is not GRAZING):
             return
         middle = self._middle(x, y)
@@ -204,17 +240,20 @@ class Crossings(Generic[AnyOrbit]):
     ) -> bool:
         """Whether a monitor may vanish twice in a step, as far as the stations around it show.
 
-        One that a multiplier shows to be next to zero may do so on both sides of that station.
+        One that a multiplier shows to be next to zero may do so on both sides of that station.  Multipliers go on where
+        the field has a kink and no more; the components of a tangent do not where the first phase is another one.
         """
+        if not monitor.by_multipliers:
+            alike = [s for s in alike if s.orbit.signature == x.orbit.signature]
         places = [(s.at, v) for s in alike if np.isfinite(v := self._value(monitor, s, zero=True))]
         if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
             return False
         at, values = np.array(places).T
         if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
-            return hides(at, values / (1 + np.abs(values)), x.at, y.at)
+            return hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
         # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
         mean = self._mean_slope(x, y)
-        return hides(at, np.arcsin(np.clip(values, -1, 1)), x.at, y.at, float(np.arcsin(np.clip(mean, -1, 1))))
+        return hides_a_pair(at, np.arcsin(np.clip(values, -1, 1)), x.at, y.at, float(np.arcsin(np.clip(mean, -1, 1))))
 
     def _mean_slope(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> float:
         """The mean of d lambda/d s over a step, which its ends know."""
@@ -235,11 +274,16 @@ class Crossings(Generic[AnyOrbit]):
         return _Station(orbit, curve_point(orbit, vary, like=way), (x.at + y.at) / 2)
 
     def _value(self, monitor: Monitor, station: _Station[AnyOrbit], *, zero: bool = False) -> float:
-        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is."""
+        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is.
+
+        They do not where the orbit could be none of what is looked for: of a torus no real pair of multipliers says
+        anything, one large and one too small to be known, and no shorter step would make its product better known.
+        """
         value = monitor.value(station.orbit, station.point)
         if value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point):
             return float(value)
-        return 0.0 if zero and monitor.by_multipliers and station.orbit.multipliers.trusted else float("nan")
+        near = zero and monitor.by_multipliers and station.orbit.multipliers.trusted
+        return 0.0 if near and monitor.confirmed(station.orbit) else float("nan")
 
     def _sign_change(
         self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]
@@ -270,7 +314,8 @@ class Crossings(Generic[AnyOrbit]):
             error = self._error(monitor, orbit, before, after)
             special = (special_point(monitor, orbit, self._vary, error),) if monitor.confirmed(orbit) else ()
             return Passed(special)
-        if before.orbit.signature != after.orbit.signature and GRAZING in self._monitors:
+        jumps = not apart_by_kinks(before.orbit, after.orbit) and before.orbit.signature != after.orbit.signature
+        if jumps and GRAZING in self._monitors:
             return Passed()  # multipliers may jump where the phases change, and that is located
         return Passed((), (self._not_located(monitor.kind, before, after),))
 
@@ -324,34 +369,12 @@ class Crossings(Generic[AnyOrbit]):
         return Passed(special, missed)
 
     def _not_located(self, kind: str, before: _Station[AnyOrbit], after: _Station[AnyOrbit], why: str = "") -> Missed:
-        vary = self._vary
-        bounds = f"{vary} = {parameter_value(before.orbit, vary):.8g} and {parameter_value(after.orbit, vary):.8g}"
         why = why or "the steps towards it did not converge; another tolerance may lead there"
-        return Missed(kind, f"a {kind} between {bounds} was not located: {why}")
+        return Missed(kind, f"a {kind} {self._between(before, after)} was not located: {why}")
 
-
-def hides(at: Array, values: Array, low: float, high: float, mean: float | None = None) -> bool:
-    """Whether a function may have a pair of zeros between two of the places at which it is known.
-
-    at, values: (m,) places, in order, and values; m from 2 to 4; low, high: the two places between which it is asked:
-    neighbours; mean: of the function between them, where it is known: a further parabola. Returns True where the
-    parabolas differ by more than a part of the distance from zero, or cross it; where two places are all that is known.
-    """
-    k = int(np.flatnonzero(at == low)[0])
-    if values[k] * values[k + 1] < 0:
-        return False
-    if at.size < 3:
-        return True
-    s, sign = low + (high - low) * LOOKED_AT, np.sign(values[k])
-    triples = [slice(j, j + 3) for j in range(at.size - 2)]
-    curves = [np.polyval(np.polyfit(at[t] - low, values[t], 2), s - low) for t in triples]
-    line = values[k] + (values[k + 1] - values[k]) * LOOKED_AT
-    if mean is not None:
-        curves.append(line + 6 * (mean - line.mean()) * LOOKED_AT * (1 - LOOKED_AT))
-    others = curves[1:] or [(curves[0] + line) / 2]
-    spread = max(float(np.max(np.abs(curves[0] - other))) for other in others)
-    nearest = min(float(np.min(sign * curve)) for curve in curves)
-    return nearest <= DOUBTED * spread
+    def _between(self, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> str:
+        low, high = (parameter_value(station.orbit, self._vary) for station in (before, after))
+        return f"between {self._vary} = {low:.8g} and {high:.8g}"
 
 
 def crossings(

@@ -54,6 +54,14 @@ def same_events(one: Orbit, other: Orbit) -> bool:
     return len(a) == len(b) and (not a or any(a[k:] + a[:k] == b for k in range(len(a))))
 
 
+def apart_by_kinks(one: Orbit, other: Orbit) -> bool:
+    """Whether two cycles differ in phases, and only in those between which the field has a kink and no more."""
+    a, b = one.cycle.without_kinks, other.cycle.without_kinks
+    if one.signature == other.signature or len(a) == len(one.signature) or len(a) != len(b):
+        return False
+    return not a or any(a[k:] + a[:k] == b for k in range(len(a)))
+
+
 def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     """The same cycle, cut in the middle of its longest phase.
 

@@ -19,9 +19,11 @@ from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from .adjoint import curvature
+from .behind_grazing import from_strongest
 from .crossings import crossings
 from .curve import along, parameter_value
 from .fold import WALK_TOLERANCE, Fold, confirmed
+from .recut import cut_by_planes
 from .sheet import finer
 from .special_points import FOLD, SpecialPoint
 from .walk import walk
@@ -136,6 +138,8 @@ def _met(
     lowest, highest = orbit.problem.range_of(vary)
     low, high = (lowest, min(to, highest)) if sense > 0 else (max(to, lowest), highest)
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    if not cut_by_planes(orbit):
+        orbit, _ = from_strongest(orbit, None, rough)
     steps, before = walk(orbit, vary=vary, low=low, high=high, sense=sense, options=rough, max_points=max_points), orbit
     while True:
         try:

@@ -1,7 +1,7 @@
 """Turning points of many members, confirmed: how well each is known, and how much it moves with parameters.
 
 As `fold.confirmed` for one: the error of value, period and amplitude by the adjoint, with what it overlooks
-(ensemble_error.py), plus what the turning point of the mesh with halved intervals has moved along the curve,
+(error_estimate.py), plus what the turning point of the mesh with halved intervals has moved along the curve,
 and not less than the distance to that turning point:
 
     one Newton step at fixed a, then a step and da = -g/g' along the tangent.
@@ -17,11 +17,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..collocation.ensemble import Settings, linearise_many
-from ..collocation.ensemble_error import errors_of_many, halved_for_many
 from ..collocation.ensemble_judge import admissible_many
-from ..collocation.error_estimate import left_on_halved
-from ..collocation.transcription import Transcription
+from ..collocation.error_estimate import functional_errors, left_on_halved, on_halves
+from ..collocation.transcription import Setting, Transcription
 from ..orbits.amplitude import amplitudes_off, goals_of_many, row_sums
 from ..orbits.ensemble import sizes_of_steps
 from .fold_expansion import Expansion
@@ -33,24 +31,25 @@ FARTHEST_SECOND = 1e-3
 """The fold on the halved mesh lies within this of the one that it confirms, or confirms nothing."""
 
 
-def confirmed_many(known: Expansion, u: Array, settings: Settings, bend: Array) -> Array:
+def confirmed_many(known: Expansion, u: Array, settings: Setting, bend: Array) -> Array:
     """Turning points with their errors; see the module docstring.
 
     u, settings: (B, size) unknowns and settings, at the value that was found; bend: (B,) d2 lambda/d a2.
     Returns (6, B) value, period, amplitude, each followed by its error; infinite where nothing is confirmed.
     """
     t, P = known.t, known.t.phases
-    fine, finer, halves = halved_for_many(t, u, settings)
+    fine, finer, halves, lin = halved = on_halves(t, u, settings)
     goals, period, amplitude = goals_of_many(t, u, settings)
     goals = np.concatenate([np.zeros_like(goals[:, :1]), goals], axis=1)
     goals[:, 0, -1] = 1.0
-    lin = linearise_many(fine, finer, halves)
-    first, better = errors_of_many(t, fine, finer, halves, lin, goals, borders(t, u, known.row))
+    border = borders(t, u, known.row)
+    first, _, better = functional_errors(t, u, settings, goals, border=border, halved=halved)
+    assert better is not None
     motions = admissible_many(*better)
     newton, _ = step_and_tangent(fine, finer, lin, known.row)
     finer = finer + lin.expand(newton, 1.0)
     lam = newton[:, -1]
-    lin = linearise_many(fine, finer, halves.moved(lam))
+    lin = fine.linearise(finer, halves.moved(lam))
     newton, tangent = step_and_tangent(fine, finer, lin, known.row)
     with np.errstate(all="ignore"):
         da = -tangent[:, -1] / bend
@@ -79,7 +78,7 @@ def _on_coarse(t: Transcription, fine: Transcription, y: Array) -> Array:
     return np.concatenate([nodes.reshape(len(y), -1), y[:, (fine.elements + 1) * t.n :]], axis=1)
 
 
-def slopes_of_many(known: Expansion, u: Array, settings: Settings, names: tuple[str, ...]) -> Array:
+def slopes_of_many(known: Expansion, u: Array, settings: Setting, names: tuple[str, ...]) -> Array:
     """How much folds move with parameters, from the adjoint of lambda: a held, which at a fold is the fold.
 
     known, u, settings: as in `confirmed_many`. Returns (B, k) d ln value/d ln q.
@@ -88,11 +87,11 @@ def slopes_of_many(known: Expansion, u: Array, settings: Settings, names: tuple[
     at = [problem.names.index(name) for name in names]
     directions = np.zeros((len(u), len(at), settings.p.shape[1]))
     directions[:, np.arange(len(at)), at] = settings.p[:, at]
-    lin = linearise_many(t, u, replace(settings, directions=np.concatenate([settings.directions, directions], axis=1)))
+    lin = t.linearise(u, replace(settings, others=directions))
     goal = np.zeros((len(u), 1, t.system.size))
     goal[:, 0, -1] = 1.0
-    psi = t.system.solve_many(lin.nonzeros(borders(t, u, known.row)), goal, transposed=True)[:, 0]
-    columns = [np.matmul(psi[:, None], lin.rhs(1 + k)[:, :, None])[:, 0, 0] for k in range(len(at))]
+    psi = t.system.solve_transposed(lin.matrix(borders(t, u, known.row)), goal)[:, 0]
+    columns = [np.matmul(psi[:, None], lin.rhs(direction=1 + k)[:, :, None])[:, 0, 0] for k in range(len(at))]
     place = problem.names.index(known.vary)
-    relative = settings.directions[:, 0, place] / settings.p[:, place]
+    relative = settings.dp[:, place] / settings.p[:, place]
     return np.stack(columns, axis=1) * relative[:, None]

@@ -20,13 +20,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..collocation.ensemble import Settings, settings_of
 from ..collocation.ensemble_judge import admissible_many
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import transfer
 from ..collocation.newton import Solution as Root
 from ..collocation.remesh import better_breaks
-from ..collocation.transcription import Setting, Transcription
+from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
@@ -155,7 +154,7 @@ def _polished(
     row = np.concatenate([y[: t.n], [t.durations_of(du)[0] / t.durations_of(u)[0], 0.0]])
     row /= np.linalg.norm(row)
     bend = _bend(t, u, setting, row) if bend is None else bend
-    many = settings_of(setting, setting.p[None], setting.dp[None, None])
+    many = settings_of(setting, setting.p[None], setting.dp[None])
     found = turning_points(t, u[None], np.zeros(1), many, row, np.array([bend]), tol)
     if found.statuses[0] is not Status.CONVERGED:
         raise NoOrbit(f"the known fold of {problem.title} was not solved again", Status.NOT_CONVERGED)
@@ -214,7 +213,7 @@ def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None
     found, settings = from_expansion(known, p[None], tol)
     if found.statuses[0] is not Status.CONVERGED:
         return None
-    recut = _recut(known, (known.t, found.u[0], settings.one(0)), tol)
+    recut = _recut(known, (known.t, found.u[0], settings.of(0)), tol)
     return None if recut is None else _expanded(replace(recut[0], names=known.names), tol)
 
 
@@ -285,10 +284,10 @@ def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...])
     for i, member in enumerate(there.tolist()):
         out.statuses[member] = _verdict(bool(admissible[i]), confirmed[:, i], tol)
         if out.statuses[member] is Status.CONVERGED:
-            solution = Solution(t, u[i], own.one(i), known.row, float(found.bend[there[i]]))
+            solution = Solution(t, u[i], own.of(i), known.row, float(found.bend[there[i]]))
             out.take(member, confirmed[:, i], slopes[i], "batch", solution)
         else:
-            out.roots[member] = u[i], own.one(i)
+            out.roots[member] = u[i], own.of(i)
     return out
 
 
@@ -325,6 +324,6 @@ def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array
     return None
 
 
-def _settings_of_known(known: Expansion) -> Settings:
+def _settings_of_known(known: Expansion) -> Setting:
     setting = known.setting()
-    return settings_of(setting, setting.p[None], setting.dp[None, None])
+    return settings_of(setting, setting.p[None], setting.dp[None])

@@ -152,6 +152,7 @@ def follow(
     except effort.OutOfTime:
         value = parameter_value(run.branch.orbits[-1], vary)
         end = End("time", f"stopped after {time_limit:g} s at {vary} = {value:.6g}")
+        run.add(passed=line.in_haste(run.last))
     missed = (*run.branch.missed, *line.unresolved())
     return replace(run.branch, missed=(*missed, *unseen_turns(replace(run.branch, missed=missed))), end=end)
 
@@ -317,7 +318,8 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
     """The end that a branch has come to with the next orbit, which it is given; None where it goes on."""
     if (closed := met_itself(run, after) or came_round(run, after)) is not None:
         return closed
-    run.add(after, passed=run.line.past(after))
+    run.add(after)
+    run.add(passed=run.line.past(after))
     return comes_to(run.branch.orbits, run.branch.vary)
 
 

@@ -2,30 +2,30 @@
 
     tangent     (t_s, t_c) along (-phi_c, phi_s), of length 1, oriented forwards
     predictor   h (t_s, t_c) from the last place
-    corrector   the root of phi on the line across the tangent: secant steps, inside a bracket once there is one
+    corrector   the root of phi on the line across the tangent: inverse interpolation, in a bracket once there is one
     turn        t_c changes sign: the curve turns back in c; located in h
 
 Every place of the curve has coordinates of its own with itself at the origin (a chart): phi may be costly, and
 what it starts from is best taken near by.  c is absolute, and runs over a range; the curve ends on its bounds.
-phi is any function of two numbers that is of order one away from the curve; design/fold_curve/ has one whose every
-value is a corrected orbit.
+phi is any function of two numbers that is of order one away from the curve; that of special_charts.py computes an orbit
+for every value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from ..hybrid.roots import CLOSED, Bracket
+from ..hybrid.roots import CLOSED, Bracket, Search, inverse_interpolation
 from .walk import CAUTION, RECOVERY
 
 Array = np.ndarray
 
 LOCATED = 1e-9
-"""|phi| at which a point lies on the curve."""
+"""|phi| at which a point lies on the curve, where a reading does not say another."""
 ACCEPTED = 1e-5
 """|phi| with which a point is accepted where rounding or a change of mesh allows no less."""
 LINE_ROUNDS = 40
@@ -43,10 +43,11 @@ WIDTH = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """phi at a place, with whatever it was computed from."""
+    """phi at a place, with whatever it was computed from; |phi| <= accuracy lies on the curve."""
 
     value: float
     data: Any = None
+    accuracy: float = LOCATED
 
 
 class Chart(Protocol):
@@ -188,57 +189,17 @@ def _stepped(last: Place, step: float, low: float, high: float) -> tuple[Place, 
     return Place(fresh, tangent), reached
 
 
-@dataclass(frozen=True)
-class _Line:
-    """What is known of phi on a line across the curve: asked for the next place, told phi there.
-
-    Attributes
-    ----------
-    slope : of phi.
-    width : places are within this to either side of the first, which is 0.
-    last : (place, phi) told last.
-    bracket : around a root, once there is one.
-    """
-
-    slope: float
-    width: float
-    last: tuple[float, float] | None = None
-    bracket: Bracket | None = None
-
-    def ask(self) -> float | str:
-        """The next place, or a sentence where there is none."""
-        if self.bracket is not None:
-            return self.bracket.illinois
-        if self.last is None:
-            return 0.0
-        if self.slope == 0:
-            return "phi does not change across the curve"
-        n = float(np.clip(self.last[0] - self.last[1] / self.slope, -self.width, self.width))
-        return n if n != self.last[0] else "no root near the predicted place"
-
-    def told(self, n: float, f: float) -> _Line:
-        """The same with phi = f at the place n, which is no root."""
-        if self.bracket is not None:
-            return replace(self, bracket=self.bracket.told(n, f))
-        if self.last is None or f == self.last[1]:
-            return replace(self, last=(n, f))
-        if f * self.last[1] < 0:
-            return replace(self, bracket=Bracket(*self.last, n, f))
-        return replace(self, slope=(f - self.last[1]) / (n - self.last[0]), last=(n, f))
-
-
 def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
     """The root of phi on a line.
 
     at, across: (2,) places at + n across of the line; width: bound of |n|.
     Returns ((s, m), what was read there), or a sentence about why there is none.
     """
-    line = _Line(float(np.dot(chart.gradient, across)), width)
+    n, slope = 0.0, float(np.dot(chart.gradient, across))
+    seen: list[tuple[float, float]] = []
+    search: Search | None = None
     best: tuple[float, Array, Reading] | None = None
     for _ in range(LINE_ROUNDS):
-        n = line.ask()
-        if isinstance(n, str):
-            return n
         place = at + n * across
         reading = chart.value(float(place[0]), float(place[1]))
         if isinstance(reading, str):
@@ -248,9 +209,22 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
             return "phi is not finite"
         if best is None or abs(f) < abs(best[0]):
             best = (f, place, reading)
-        if abs(f) <= LOCATED or (line.bracket and line.bracket.width <= CLOSED * width):
+        if abs(f) <= reading.accuracy or (search and search.bracket.width <= CLOSED * width):
             break
-        line = line.told(n, f)
+        if search is not None:
+            search = search.told(n, f)
+        elif seen and f * seen[-1][1] < 0:
+            search = Search(Bracket(*seen[-1], n, f), (*seen, (n, f)), rounds=1)
+        seen.append((n, f))
+        if search is not None:
+            n = search.ask()
+            continue
+        if slope == 0:
+            return "phi does not change across the curve"
+        further = float(np.clip(inverse_interpolation(seen) if len(seen) > 1 else -f / slope, -width, width))
+        if not abs(further - n) > 0:
+            return "no root near the predicted place"
+        n = further
     if best is None or abs(best[0]) > ACCEPTED:
         return "the root across the curve was not located"
     return best[1], best[2]

@@ -84,7 +84,7 @@ class Axis:
         return self.value(c) * float(np.log(self.end / self.start)) if self.wide else self.end - self.start
 
 
-def _relative(problem: Problem, vary: str) -> bool:
+def relative(problem: Problem, vary: str) -> bool:
     """Whether a parameter is moved relative to its value, which is above zero."""
     return problem.range_of(vary)[0] >= 0
 
@@ -95,7 +95,7 @@ def growth(problem: Problem, vary: str, value: float) -> float:
     problem, vary, value: the problem, the name of the parameter, the other value.
     Returns the logarithm of their ratio, or lambda where the parameter is not moved relative to its value.
     """
-    if _relative(problem, vary):
+    if relative(problem, vary):
         return float(np.log(value / problem.value(vary)))
     return problem.distance(vary, value)
 
@@ -105,7 +105,7 @@ def grown(problem: Problem, vary: str, much: float) -> float:
 
     problem, vary, much: the problem, the name of the parameter, the growth.
     """
-    if _relative(problem, vary):
+    if relative(problem, vary):
         return problem.value(vary) * float(np.exp(np.clip(much, -1.0, 1.0)))
     return problem.moved(vary, float(np.clip(much, -1.0, 1.0)))
 
@@ -204,12 +204,17 @@ class Sheet:
         """
         rise, m = self.growth_to(other.orbit), other.position - self.position
         unit = 1.0
-        if not _relative(self.orbit.problem, self.vary):
+        if not relative(self.orbit.problem, self.vary):
             unit = other.orbit.problem.unit(self.vary) / self.orbit.problem.unit(self.vary)
         first = self.steepness * m + self.point.row[-1] * s
         second = unit * (other.steepness * m + other.point.row[-1] * s)
-        least = ASTRAY * max(abs(rise), abs(first), abs(second)) + SLACK_OF_GROWTH
-        return bool(abs(rise - (first + second) / 2) <= least)
+        return explained(rise, first, second)
+
+
+def explained(rise: float, first: float, second: float) -> bool:
+    """Whether the slopes at both ends of a step, each times its length, explain what has been gained over it."""
+    least = ASTRAY * max(abs(rise), abs(first), abs(second)) + SLACK_OF_GROWTH
+    return bool(abs(rise - (first + second) / 2) <= least)
 
 
 def sheet_of(

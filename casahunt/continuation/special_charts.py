@@ -4,7 +4,9 @@
     slope       d lambda/d m = lambda_m - lambda_s phi_m/phi_s along the curve;  exactly, by the adjoint, at a fold
 
 A place where phi vanishes is confirmed before it is one: a fold as an extremum of the parameter on two meshes
-(fold.py), a flip or a loss of symmetry by its multiplier -1, a torus by a complex pair on the unit circle.
+(fold.py), a flip or a loss of symmetry by its multiplier -1, a torus by a complex pair on the unit circle.  Multipliers
+may jump where the phases of the cycle change, and its touch of an event is one of its phases: their curves end there.
+A fold stands for itself, whatever its phases; the slopes of two tell whether they are of one curve.
 
 Error of the parameter: that of lambda along the branch, and what an error e of phi moves the place by along the branch,
 
@@ -16,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,9 +26,8 @@ from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit
 from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
-from .curve import parameter_value
-from .fold import confirmed
-from .plane_curve import Reading
+from .fold import Fold, confirmed
+from .plane_curve import LOCATED, Reading
 from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
 from .special_points import FOLD, Monitor, SpecialPoint
 
@@ -35,6 +36,8 @@ Array = np.ndarray
 KINK = 1e-6
 """By how much the angles of a pair of multipliers at three places in a row are out of line where it has passed 0 or pi
 between them [rad]."""
+ENOUGH = 0.1
+"""Part of the tolerance that may be left of a monitor: parameter, period and amplitude are off by about as much."""
 CONFIRMED = 1e-5
 """How far from where it should be the multiplier of a special point may be, besides its estimated error."""
 
@@ -48,11 +51,18 @@ class SpecialOrbit:
     orbit : the orbit there.
     error : estimated relative error of the first parameter, in its unit.
     slope : derivative of the first parameter by the second along the curve; infinite where it turns.
+    across : phi_s; at a fold the second derivative of lambda along the branch: < 0 where the parameter is largest, > 0
+        where it is smallest, 0 at a cusp.
+    turns : whether the curve turns back in the second parameter here.
+    how : "followed" step by step, or in a "batch" with others (folds_ahead.py).
     """
 
     orbit: Any
     error: float
     slope: float
+    across: float
+    turns: bool = False
+    how: Literal["followed", "batch"] = "followed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +110,11 @@ class SpecialChart:
         orbit = self.sheet.orbit_at(s, m)
         if isinstance(orbit, str):
             return orbit
-        if orbit.signature != self.sheet.orbit.signature:
+        if orbit.signature != self.sheet.orbit.signature and self.task.monitor is not FOLD:
             return "the phases of the cycle change: it touches an event, or one of them vanishes"
         value = self.task.monitor.value(orbit, self.sheet.point_of(orbit))
-        return Reading(value, orbit) if np.isfinite(value) else "its multipliers are not known well enough"
+        near = max(LOCATED, ENOUGH * self.task.options.tol)
+        return Reading(value, orbit, near) if np.isfinite(value) else "its multipliers are not known well enough"
 
     def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
         """The chart of the special point that was read at a place of the sheet.
@@ -114,7 +125,7 @@ class SpecialChart:
         if isinstance(found, str):
             return found
         if not self.sheet.agrees(found.sheet, s):
-            return "the corrector went to another special point"
+            return f"the corrector went to another {self.task.monitor.kind}"
         return passes_resonance(self, found, s, m) or found
 
 
@@ -128,29 +139,34 @@ def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> Specia
     complaint = not_what_it_is_called(task.monitor, orbit)
     if complaint:
         return complaint
-    sheet = sheet_of(
-        orbit, vary, axis, like.position + m, options=like.options, spacing=like.spacing, like=like
-    )
-    sheet = replace(sheet, steepness=like.steepness)
-    bare = SpecialChart(task, sheet)
+    position = like.position + m
+    sheet = sheet_of(orbit, vary, axis, position, options=like.options, spacing=like.spacing, like=like)
+    bare = SpecialChart(task, replace(sheet, steepness=like.steepness))
     above, below = bare.value(DIFFERENCE, 0.0), bare.value(-DIFFERENCE, 0.0)
-    step = sheet.inwards
-    ahead, behind = bare.value(0.0, step), bare.value(0.0, -step)
-    for read in (above, below, ahead):
-        if isinstance(read, str):
-            return read
-    assert not isinstance(above, str) and not isinstance(below, str) and not isinstance(ahead, str)
-    if isinstance(behind, str):  # the second parameter cannot have a value beyond its range: one side is enough
-        behind, back = reading, 0.0
-    else:
-        back = -step
-    phi_s, phi_m = (above.value - below.value) / (2 * DIFFERENCE), (ahead.value - behind.value) / (step - back)
-    steepness = (sheet.growth_to(ahead.data) - sheet.growth_to(behind.data)) / (step - back)
-    sheet = replace(sheet, steepness=steepness).tilted(ahead.data, step)
+    if isinstance(above, str):
+        return above
+    if isinstance(below, str):
+        return below
+    phi_s = (above.value - below.value) / (2 * DIFFERENCE)
     try:
-        special = _special_orbit(task, sheet, (phi_s, phi_m), reading)
+        fold = _extremum(task, orbit, vary, phi_s)
     except NoOrbit as refusal:
         return str(refusal)
+    if fold is not None:
+        steepness = fold.sensitivities[axis.vary] * axis.rate(position) / orbit.problem.unit(vary)
+        bare = replace(bare, sheet=replace(sheet, steepness=steepness))
+    step = sheet.inwards
+    ahead, behind = bare.value(0.0, step), reading if fold is not None else bare.value(0.0, -step)
+    if isinstance(ahead, str):
+        return ahead
+    back = -step
+    if behind is reading or isinstance(behind, str):  # beyond its range a parameter has no value: one side is enough
+        behind, back = reading, 0.0
+    phi_m = (ahead.value - behind.value) / (step - back)
+    if fold is None:
+        steepness = (sheet.growth_to(ahead.data) - sheet.growth_to(behind.data)) / (step - back)
+    sheet = replace(sheet, steepness=steepness).tilted(ahead.data, step)
+    special = _special_orbit(task, sheet, (phi_s, phi_m), reading, fold)
     if isinstance(special, str):
         return special
     if task.monitor.kind != NEIMARK_SACKER.kind:
@@ -163,26 +179,34 @@ def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> Specia
     return SpecialChart(task, sheet, (phi_s, phi_m), special, angle)
 
 
-def _special_orbit(task: Task, sheet: Sheet, gradient: tuple[float, float], reading: Reading) -> SpecialOrbit | str:
-    """What a user gets of the place at the origin of a sheet; raises NoOrbit where a fold is not confirmed."""
-    phi_s, phi_m = gradient
-    orbit, vary, axis = sheet.orbit, sheet.vary, sheet.axis
-    along_s = float(sheet.point.row[-1])
-    unit, rate = orbit.problem.unit(vary), axis.rate(sheet.position)
-    length = float(np.hypot(phi_s, phi_m))
+def _extremum(task: Task, orbit: Orbit, vary: str, phi_s: float) -> Fold | None:
+    """The fold at an orbit, confirmed as the largest or the smallest value; None next to a cusp, and of other points.
+
+    Raises NoOrbit: it is not confirmed.
+    """
+    if task.monitor is not FOLD or abs(phi_s) <= NEXT_TO_CUSP:
+        return None
+    point = SpecialPoint(FOLD.kind, orbit, "")
+    found: Fold = confirmed(point, vary, task.options, sense=1.0 if phi_s < 0 else -1.0)
+    return found
+
+
+def _special_orbit(
+    task: Task, sheet: Sheet, gradient: tuple[float, float], reading: Reading, fold: Fold | None
+) -> SpecialOrbit | str:
+    """What a user gets of the place at the origin of a sheet."""
+    (phi_s, phi_m), vary, axis = gradient, sheet.vary, sheet.axis
+    if fold is not None:
+        return SpecialOrbit(fold.orbit, fold.error_estimate, fold.sensitivities[axis.vary], phi_s)
+    orbit, along_s = sheet.orbit, float(sheet.point.row[-1])
     noise = abs(reading.value) + _noise(task.monitor, orbit)
-    off = noise / max(abs(phi_s), float(np.sqrt(noise * length))) if noise else 0.0
+    off = noise / max(abs(phi_s), float(np.sqrt(noise * np.hypot(phi_s, phi_m)))) if noise else 0.0
     error = max(orbit.parameter_error, orbit.error_estimate) + abs(along_s) * off
-    if task.monitor is FOLD:
-        slope = unit * sheet.steepness / rate
-        if abs(phi_s) > NEXT_TO_CUSP:
-            point = SpecialPoint(FOLD.kind, orbit, "")
-            fold = confirmed(point, vary, task.options, sense=1.0 if phi_s < 0 else -1.0)
-            orbit, error, slope = fold.orbit, fold.error_estimate, fold.sensitivities[axis.vary]
-    else:
-        slope = unit * (sheet.steepness - along_s * phi_m / phi_s) / rate if phi_s else np.inf
+    slope = orbit.problem.unit(vary) * sheet.steepness / axis.rate(sheet.position)
+    if task.monitor is not FOLD:  # whose parameter changes along the curve as it does along s = 0
+        slope -= orbit.problem.unit(vary) * along_s * phi_m / phi_s / axis.rate(sheet.position) if phi_s else np.inf
     shown = task.reported(orbit)
-    return shown if isinstance(shown, str) else SpecialOrbit(shown, float(error), float(slope))
+    return shown if isinstance(shown, str) else SpecialOrbit(shown, float(error), float(slope), phi_s)
 
 
 def _noise(monitor: Monitor, orbit: Orbit) -> float:
@@ -244,10 +268,3 @@ def _pair(orbit: Orbit) -> tuple[complex, complex]:
 def _angle(orbit: Orbit) -> float:
     """Of that pair, in [0, pi]."""
     return abs(float(np.angle(_pair(orbit)[0])))
-
-
-def where(sheet: Sheet) -> str:
-    """The two parameters at the orbit of a sheet, for a sentence."""
-    orbit = sheet.orbit
-    q = parameter_value(orbit, sheet.axis.vary)
-    return f"{sheet.axis.vary} = {q:.8g}, {sheet.vary} = {parameter_value(orbit, sheet.vary):.8g}"

@@ -91,12 +91,12 @@ class Loose(Cycles):
         strict: Cycles = self.kind(**{each.name: getattr(self, each.name) for each in fields(self.kind)})
         return strict
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
         """None: the phases are those of the cycle that touches.
 
         t, u, setting, phase, soft: as in `Problem`.
         """
-        return []
+        return iter(())
 
 
 @lru_cache(maxsize=16)

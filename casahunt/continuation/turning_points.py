@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..collocation.ensemble import Linearisations, Settings, linearise_many, nodes_of_many, settings_of
+from ..collocation.linearisation import Linearisation
 from ..collocation.newton import LARGEST_MOVE
-from ..collocation.transcription import Transcription
+from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import Status
 from ..orbits.adapt import LEFT_OUT
 from ..orbits.ensemble import sizes_of_steps
@@ -51,7 +51,7 @@ class Found:
     statuses: list[Status]
 
 
-def settings_at(known: Expansion, p: Array, values: Array) -> Settings:
+def settings_at(known: Expansion, p: Array, values: Array) -> Setting:
     """Settings of members, lambda being the parameter in its unit there.
 
     p, values: (B, np) parameters, and (B,) values of the one that is largest.
@@ -59,11 +59,11 @@ def settings_at(known: Expansion, p: Array, values: Array) -> Settings:
     p = p.copy()
     p[:, known.problem.names.index(known.vary)] = values
     units = np.array([known.problem.unit(known.vary, float(value)) for value in values])
-    directions = units[:, None, None] * known.problem.direction(known.vary)
+    directions = units[:, None] * known.problem.direction(known.vary)
     return settings_of(known.setting(), p, directions)
 
 
-def from_expansion(known: Expansion, p: Array, tol: float, stations: int = MOST_STATIONS) -> tuple[Found, Settings]:
+def from_expansion(known: Expansion, p: Array, tol: float, stations: int = MOST_STATIONS) -> tuple[Found, Setting]:
     """The turning points of members, from where they are expected.
 
     What the expansion leaves out goes with the cube of the way: where a member is lost, the turning point halfway tells
@@ -87,13 +87,13 @@ def from_expansion(known: Expansion, p: Array, tol: float, stations: int = MOST_
     again = lost[kept]
     second, there = _from(known, p[again], change[again] + 2**ORDER_LEFT_OUT * left_out, half.bend[kept], tol)
     found.u[again], found.lam[again], found.bend[again] = second.u, second.lam, second.bend
-    settings.p[again], settings.directions[again] = there.p, there.directions
+    settings.p[again], settings.dp[again] = there.p, there.dp
     for i, status in zip(again, second.statuses, strict=True):
         found.statuses[i] = status
     return found, settings
 
 
-def _from(known: Expansion, p: Array, change: Array, bends: Array, tol: float) -> tuple[Found, Settings]:
+def _from(known: Expansion, p: Array, change: Array, bends: Array, tol: float) -> tuple[Found, Setting]:
     """Turning points from changes (B, size + 1) of the known fold and bends (B,); and the settings there."""
     u, values = known.there(change)
     settings = settings_at(known, p, values)
@@ -114,7 +114,7 @@ def borders(t: Transcription, u: Array, row: Array) -> Array:
 
 
 def turning_points(
-    t: Transcription, u: Array, lam: Array, settings: Settings, row: Array, bend: Array, tol: float
+    t: Transcription, u: Array, lam: Array, settings: Setting, row: Array, bend: Array, tol: float
 ) -> Found:
     """The loop of the module docstring.
 
@@ -130,7 +130,7 @@ def turning_points(
     for iteration in range(MOST_TURNS):
         if not active.size:
             break
-        lin = linearise_many(t, u[active], settings.of(active).moved(lam[active]))
+        lin = t.linearise(u[active], settings.of(active).moved(lam[active]))
         newton, tangent = step_and_tangent(t, u[active], lin, row)
         du, along_curve = lin.expand(newton, 1.0), lin.expand(tangent, 0.0)
         with np.errstate(all="ignore"):
@@ -153,7 +153,7 @@ def turning_points(
         done = finite & positive & (size <= BELIEVED_STEP) & (foreseen <= LEFT_OUT * tol)
         grows = (iteration > 2) & (total > 2 * last[active])
         last[active] = total
-        moved = np.abs(nodes_of_many(t, u[active] - start[active])).reshape(active.size, -1).max(axis=1)
+        moved = np.abs(t.nodes_of(u[active] - start[active])).reshape(active.size, -1).max(axis=1)
         for i in np.flatnonzero(done):
             statuses[active[i]] = Status.CONVERGED if moved[i] <= LARGEST_MOVE else Status.FAR_FROM_GUESS
         for i in np.flatnonzero(~finite):
@@ -164,7 +164,7 @@ def turning_points(
     return Found(u, lam, bends, statuses)
 
 
-def step_and_tangent(t: Transcription, u: Array, lin: Linearisations, row: Array) -> tuple[Array, Array]:
+def step_and_tangent(t: Transcription, u: Array, lin: Linearisation, row: Array) -> tuple[Array, Array]:
     """Newton's step at fixed a, and the tangent with da = 1.
 
     t, u, lin, row: the equations linearised at (B, size) unknowns, and (n + 2,) weights of a. Returns both (B, y).
@@ -172,5 +172,5 @@ def step_and_tangent(t: Transcription, u: Array, lin: Linearisations, row: Array
     rhs = np.zeros((len(u), 2, t.system.size))
     rhs[:, 0] = lin.rhs()
     rhs[:, 1, -1] = 1.0
-    y = lin.solve(borders(t, u, row), rhs)
+    y = t.system.solve(lin.matrix(borders(t, u, row)), rhs)
     return y[:, 0], y[:, 1]

@@ -2,14 +2,15 @@
 
     phi(s, c) = 0  (special_charts.py), followed by plane_curve.py from a special point that one parameter has led to
 
-The curve may turn back in the second parameter: at a cusp of folds, or where flips exist on one side only.
+The curve may turn back in the second parameter: at a cusp of folds, or where flips exist on one side only.  Folds go
+ahead in batches (folds_ahead.py) as far as those lead.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,9 +26,10 @@ from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .curve import parameter_value
-from .plane_curve import Place, Reading, follow, root_across
+from .folds_ahead import folds_ahead
+from .plane_curve import Reading, follow, root_across
 from .sheet import DIFFERENCE, Axis, Sheet, finer, sheet_of
-from .special_charts import SpecialChart, Task, special_chart, where
+from .special_charts import SpecialChart, SpecialOrbit, Task, special_chart
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
 from .touching import touch_at
 from .whole import keeps_symmetry
@@ -38,6 +40,8 @@ SPECIAL_PLACES = 12
 """Places over the range of the second parameter where the curve is not steep."""
 FIRST_SEARCH = 0.05
 """How far along the branch the first point of a curve is sought next to the given one."""
+MOST_RESTARTS = 4
+"""How often a curve is taken up again, by a special point found another way, where the steps do not converge."""
 HARDLY = 1e-2
 """A plane is hardly crossed where the rate of what vanishes on it, times the period, is less."""
 MONITORS = {monitor.kind: monitor for monitor in (FOLD, FLIP, SYMMETRY_LOST, NEIMARK_SACKER)}
@@ -176,27 +180,88 @@ def special_curve(
     if isinstance(chart, str):
         sentence = f"the curve of the {special.meaning or special.kind} was not begun: {chart}"
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
-    return _curve(task, *_collected(follow(chart, sense=1.0, most=max_points)), began)
+    found, reason = _collected(special_orbits(chart, sense=1.0, most=max_points))
+    return _curve(task.monitor.kind, (vary, other), found, reason, began)
 
 
-def _curve(task: Task, found: list[Place], reason: str, began: float) -> SpecialCurve:
-    """The places that were found as a result; `reason` says why there are no more, "" at an end of the range."""
-    last = found[-1].chart.sheet
-    reason = reason and (_leaves_its_cut(last.orbit) or reason)
-    at = where(last)
-    specials = [place.chart.special for place in found]
+def _curve(
+    kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason: str, began: float
+) -> SpecialCurve:
+    """What was found as a result; `reason` says why there is no more, "" at an end of the range."""
+    (vary, other), last = names, found[-1].orbit
+    reason = reason and (_leaves_its_cut(last) or reason)
+    at = f"{other} = {parameter_value(last, other):.8g}, {vary} = {parameter_value(last, vary):.8g}"
     return SpecialCurve(
-        kind=task.monitor.kind,
-        vary=last.vary,
-        other=last.axis.vary,
-        orbits=tuple(s.orbit for s in specials),
-        errors=np.array([s.error for s in specials]),
-        slopes=np.array([s.slope for s in specials]),
-        turns=np.array([place.turns for place in found]),
+        kind=kind,
+        vary=vary,
+        other=other,
+        orbits=tuple(s.orbit for s in found),
+        errors=np.array([s.error for s in found]),
+        slopes=np.array([s.slope for s in found]),
+        turns=np.array([s.turns for s in found]),
         ended=f"it was followed to {at}, and no further: {reason}" if reason else f"{at}, the end of the range",
         complete=not reason,
         wall_s=time.perf_counter() - began,
     )
+
+
+def special_orbits(
+    chart: SpecialChart,
+    *,
+    sense: float,
+    most: int = 200,
+    turned: bool = False,
+    again: Callable[[float], Any] = lambda c: None,
+) -> Generator[SpecialOrbit, None, str]:
+    """The special points along a curve, that of the chart first.
+
+    sense: +1 to start towards larger, -1 towards smaller c; most, turned: number of steps after which it ends, whether
+    the curve has turned already; again: c -> the orbit of a special point there, by another way, None where there is
+    none: asked a little further on where the curve was lost.
+    Yields special points.  The generator returns "" at an end of the range, or the sentence that says why it ends.
+    """
+    special, task = chart.special, chart.task
+    assert special is not None
+    yield special
+    if task.monitor is FOLD and not turned:
+        first = special
+        for special in folds_ahead(chart.sheet, first, sense, task.options.tol):
+            yield special
+        if special is not first:
+            axis = chart.sheet.axis
+            position = axis.place(parameter_value(special.orbit, axis.vary))
+            if position in (0.0, 1.0):
+                return ""
+            beyond = special_chart(task, Reading(0.0, special.orbit), chart.sheet, position - chart.position)
+            if isinstance(beyond, str):
+                return beyond
+            chart = beyond
+    for _ in range(MOST_RESTARTS + 1):
+        places = follow(chart, sense=sense, most=most)
+        next(places)
+        try:
+            while True:
+                place = next(places)
+                chart, turned = place.chart, turned or place.turns
+                yield replace(place.chart.special, turns=place.turns)
+        except StopIteration as end:
+            ended = str(end.value)
+        fresh = _beyond(chart, sense, again) if ended and not turned else None
+        if fresh is None or fresh.special is None:
+            break
+        chart = fresh
+        yield fresh.special
+    return ended
+
+
+def _beyond(last: SpecialChart, sense: float, again: Callable[[float], Any]) -> SpecialChart | None:
+    """The special point a step further on, by another way; None where it is not of the same curve."""
+    c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
+    orbit = again(c) if c != last.position else None
+    if orbit is None:
+        return None
+    chart = special_chart(last.task, Reading(0.0, orbit), last.sheet, c - last.position)
+    return chart if isinstance(chart, SpecialChart) and last.sheet.agrees(chart.sheet) else None
 
 
 def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) -> tuple[Axis, float]:
@@ -227,6 +292,11 @@ def _task(
     return Task(monitor, options, lambda orbit: orbit), orbit
 
 
+def chart_at(task: Task, sheet: Sheet) -> SpecialChart | str:
+    """The chart of the special point that the orbit of a sheet is, or a sentence that says why there is none."""
+    return special_chart(task, Reading(0.0, sheet.orbit), sheet, 0.0)
+
+
 def _first(task: Task, sheet: Sheet) -> SpecialChart | str:
     """The chart of the special point next to the orbit of a sheet, at the same value of the second parameter."""
     bare = SpecialChart(task, sheet)
@@ -253,11 +323,11 @@ def _leaves_its_cut(orbit: Orbit) -> str:
     return ""
 
 
-def _collected(places: Generator[Place, None, str]) -> tuple[list[Place], str]:
-    """All places, and the sentence with which they ended."""
-    found: list[Place] = []
+def _collected(specials: Generator[SpecialOrbit, None, str]) -> tuple[list[SpecialOrbit], str]:
+    """All of them, and the sentence with which they ended."""
+    found: list[SpecialOrbit] = []
     while True:
         try:
-            found.append(next(places))
+            found.append(next(specials))
         except StopIteration as end:
             return found, end.value

@@ -147,6 +147,8 @@ def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
     k = may_vanish([arc.duration for arc in after.arcs]) if before.signature == after.signature else None
     if k is None or after.arcs[k].duration > SOON * before.arcs[k].duration:
         return None
+    if after.cycle.at_a_kink(k - 1) and after.cycle.at_a_kink(k):
+        return None  # the motion hardly changes there
     touch = touched(after, vary, options)
     if touch is None:
         return None

@@ -7,7 +7,6 @@ diagram_files.py    a diagram on the disk after every point, and taken up again
 sensitivity.py      the fold gain's derivatives by every parameter, from the adjoint
 fold_curve/         the fold gain against a second parameter
 uncertainty/        the fold gain of uncertain parameters: linear, sampled, worst corner
-fold_chain.py       folds in a row, each predicted from the nearest that is known
 fold_map.py         the fold gain over two parameters
 ensemble.py         the folds of thousands of servos in one call
 tune/               gain and controller times of least cost that do not hunt

@@ -25,7 +25,7 @@ from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoin
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.side_by_side import know_multipliers
+from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST, find_fold
@@ -39,8 +39,6 @@ FIGURES = 3
 """Digits of a gain to start from that nobody asked for."""
 DEEPEST = 20.0
 """Fold gain over the gain to start from, where the linear loop gives none: as for Table 1."""
-ORBITS_AHEAD = 8
-"""Orbits that are known before the first of them is given away: multipliers take half as long for eight at once."""
 DRAWING_STEP = 0.15
 """Largest arclength between points: the solver could take three times as much, the eye could not."""
 

@@ -13,22 +13,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..continuation.special_points import SpecialPoint
-from ..errors import InputError
 from ..files import together, whole_text
 from ..orbits.adapt import Options
 from ..orbits.archive import SIGN, Said
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
-from ..servo.saved import load_branch, load_run, save_branch
+from ..servo.saved import load_run, of_another_run, same_task, save_branch
 from ..servo.servo import Servo
 from ..tables import table
 from .diagram import DiagramPoint
 
 SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": SIGN}
 """What stands in a table and in an archive of a diagram, and in no other file."""
-INTERRUPTED = "interrupted"
-"""Why a branch ends that is not at its end."""
 
 
 @dataclass(frozen=True)
@@ -131,21 +128,12 @@ def begun(task: Task, model: Model, out: Path) -> Left:
     path = out / f"{model}.npz"
     if not path.exists():
         return Left([], "")
-    branch, run = load_branch(path), load_run(path)
+    branch, run = load_run(path)
     before = run.get("special_before", [])
-    asked = {key: value for key, value in task.settings.items() if value is not None}
-    another = [f"{key} = {run.get(key)}, not {value}" for key, value in asked.items() if run.get(key) != value]
-    if branch.servo != task.servo:
-        another.append("another servo")
-    if branch.model != model:
-        another.append("another model")
     if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
-        another = ["it does not say how it was computed"]
-    if another:
-        raise InputError(
-            f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
-            "--resume out for a new start"
-        )
+        raise of_another_run(path, "it does not say how it was computed")
+    asked = {key: value for key, value in task.settings.items() if value is not None}
+    same_task(path, branch, run, task.servo, model, asked)
     special: dict[int, list[SpecialPoint[HuntingOrbit]]] = {}
     for point, i in zip(branch.special, before, strict=True):
         special.setdefault(i, []).append(point)

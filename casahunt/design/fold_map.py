@@ -2,10 +2,16 @@
 
     K(q_i, r_j)    i = 1..m, j = 1..n
 
-The folds of one row, r as the servo has it, are followed from the servo's own outwards, and those of a column from that
-row (fold_chain.py).  A fold depends on its own servo, not on the order.
+    a known fold, expanded -> the next ones around it, in a batch -> the nearest to what is left, expanded -> ...
+                                                                       | nothing reached
+                                                                       v
+                                                         that servo alone (uncertainty/nearby.py)
 
-Units: K in V/rad.  Symbols: m, n values of the first and the second parameter.
+An expansion costs as much as ten folds of a batch: spread over the plane, folds need half as many as row by row.
+
+A fold is solved and confirmed at its own servo: what it was predicted from decides whether it is found, not what it is.
+
+Units: K in V/rad.  Symbols: m, n values of the first and the second parameter, k places of the grid.
 """
 
 from __future__ import annotations
@@ -13,27 +19,31 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..checks import known
-from ..errors import InputError, Status
+from ..continuation.fold_ensemble import expansion_beside, folds_near
+from ..continuation.fold_expansion import Expansion
+from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..orbits.adapt import Options
+from ..orbits.ensemble import MEMBERS_OF_A_PASS
 from ..results import Result
 from ..servo.find_fold import find_fold
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import HuntingFold
 from ..servo.servo import Servo, a_servo
-from .fold_chain import Chain
 from .sensitivity import NAMES
+from .uncertainty.batch import known_fold
+from .uncertainty.nearby import fold_near
 
 Array = np.ndarray
 
 SIDES = (2, 200)
 """Fewest and most values of a parameter."""
 NO_SERVO = "no servo has these two values"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoldMap(Result):
@@ -58,8 +68,8 @@ class FoldMap(Result):
     ((2, 2), True)
     """
 
-    _quantities = ("model", "names", "size = gains.shape", "tolerance", "status")
-    _details = ("servo", "values", "gains", "failures", "wall_s [s]")
+    _quantities = ("model", "parameters = names", "size = gains.shape", "tolerance", "status")
+    _details = ("servo", "values", "gains", "wall_s [s]")
 
     servo: Servo
     model: Model
@@ -96,6 +106,9 @@ class FoldMap(Result):
         """
         gain = self.gains[i, j]
         return "not computed" if np.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
+
+    def _more(self) -> dict[str, Any]:
+        return {"failures": [{"place": place, "sentence": said} for place, said in self.failures.items()]}
 
     def _columns(self) -> Columns:
         i, j = (place.ravel() for place in np.indices(self.gains.shape))
@@ -162,19 +175,110 @@ def fold_map(
     values = _checked(servo, names, (first, second))
     options = options or Options()
     start = fold or find_fold(servo, model, options=options)
-    task = Chain(servo, model, names, options)
     gains = np.full((values[0].size, values[1].size), np.nan)
     failures: dict[tuple[int, int], str] = {}
-    for i, base in enumerate(task.folds_along(values[0], start)):
-        q = float(values[0][i])
-        there = [_is_servo(servo, {names[0]: q, names[1]: float(r)}) for r in values[1]]
-        failures.update({(i, int(j)): NO_SERVO for j in np.flatnonzero(~np.array(there))})
-        kept = np.flatnonzero(there)
-        gains[i, kept], said = task.gains(base, q, values[1][kept])
-        failures.update({(i, int(kept[k])): sentence for k, sentence in said.items()})
+    places = []
+    for i, j in np.ndindex(gains.shape):
+        if _is_servo(servo, {names[0]: float(values[0][i]), names[1]: float(values[1][j])}):
+            places.append((i, j))
+        else:
+            failures[i, j] = NO_SERVO
+    q = np.array([(values[0][i], values[1][j]) for i, j in places]).reshape(-1, 2)
+    spreading = _Spreading(servo, model, names, options, q, np.array([np.ptp(axis) for axis in values]))
+    spreading.begin(start)
+    while True:
         if report is not None:
-            report((i + 1) * values[1].size)
+            report(gains.size - int(spreading.left.sum()))
+        if not spreading.left.any():
+            break
+        spreading.go_on()
+    for place, gain, sentence in zip(places, spreading.gains.tolist(), spreading.sentences, strict=True):
+        gains[place] = gain
+        if sentence:
+            failures[place] = sentence
     return FoldMap(servo, model, names, values, gains, options.tol, failures, time.perf_counter() - began)
+
+
+@dataclass(eq=False)
+class _Spreading:
+    """Folds that spread over k servos, from one to those around it.
+
+    Attributes
+    ----------
+    servo, model, names, options : whose folds they are, but for the two parameters; tolerance of every fold.
+    q, span : (k, 2) values of the two parameters, and (2,) how far they go.
+    """
+
+    servo: Servo
+    model: Model
+    names: tuple[str, str]
+    options: Options
+    q: Array
+    span: Array
+
+    def __post_init__(self) -> None:
+        k, own = len(self.q), self.servo.parameters(1.0)
+        at = [self.servo.names.index(name) for name in self.names]
+        self.p = np.repeat(own[None], k, axis=0)
+        self.p[:, at] = self.q
+        self.where = (self.q - own[at]) / self.span
+        self.gains, self.sentences = np.full(k, np.nan), [""] * k
+        self.left = np.ones(k, dtype=bool)
+        self.bases: dict[int, Expansion] = {}  # those that others were predicted from, by place
+        self.found: dict[int, Expansion] = {}  # from which each was predicted that is found; or that fold itself
+
+    def begin(self, start: HuntingFold) -> None:
+        """Compute the folds around the servo's own."""
+        own = known_fold(self.servo, self.names, start, self.options.tol)
+        if own is not None:
+            self._reach(own, np.zeros(2))
+
+    def go_on(self) -> None:
+        """Compute some of the folds that are left: those around a known one, or one alone.
+
+        Gains are 0 where a proof shows that no gain hunts, nan with a sentence where the fold was not computed.
+        """
+        i = int(min(np.flatnonzero(self.left), key=lambda i: float(np.linalg.norm(self.where[i]))))
+        at = min(self.found, key=lambda j: float(np.linalg.norm(self.where[j] - self.where[i])), default=None)
+        near = None if at is None else self.bases.get(at)
+        if at is not None and near is None:
+            near = expansion_beside(self.found[at], self.p[at], self.options.tol)
+            if near is None:
+                del self.found[at]
+                return
+        else:
+            at, near = i, self._alone(near, i)
+            if near is None:
+                return
+            self.found[i] = near
+        self.bases[at] = near
+        self._reach(near, self.where[at])
+
+    def _reach(self, near: Expansion, where: Array) -> None:
+        """The folds that a known one leads to, of those that are nearest to it."""
+        left = np.flatnonzero(self.left)
+        nearest = left[np.argsort(np.linalg.norm(self.where[left] - where, axis=1), kind="stable")[:MEMBERS_OF_A_PASS]]
+        if not nearest.size:
+            return
+        folds = folds_near(near, self.p[nearest], self.options.tol)
+        for j, i in enumerate(nearest.tolist()):
+            if folds.statuses[j] is Status.CONVERGED:
+                self.gains[i], self.found[i], self.left[i] = folds.values[j], near, False
+
+    def _alone(self, near: Expansion | None, i: int) -> Expansion | None:
+        """Compute one fold; that from which others are predicted, None where there is none."""
+        self.left[i] = False
+        expected = np.nan
+        if near is not None:
+            expected = float(near.there(near.expected(self.p[i : i + 1]))[1][0])
+        servo = self.servo.replace(**dict(zip(self.names, map(float, self.q[i]), strict=True)))
+        try:
+            fold = fold_near(servo, self.model, expected, self.options)
+        except NoOrbit as error:
+            self.sentences[i] = str(error)
+            return None
+        self.gains[i] = 0.0 if fold is None else fold.gain
+        return known_fold(servo, self.names, fold, self.options.tol)
 
 
 def _checked(servo: Servo, names: tuple[str, str], values: tuple[Array, Array]) -> tuple[Array, Array]:

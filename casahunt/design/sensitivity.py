@@ -18,7 +18,8 @@ from ..continuation.adjoint import parameter_slopes
 from ..export import Columns
 from ..results import Result
 from ..servo.problem import HuntingFold
-from ..servo.servo import PARAMETERS, PID_PARAMETERS
+from ..servo.servo import PARAMETERS, PID_PARAMETERS, flatten
+from ..servo.units import GAIN_UNIT, column, unit_of
 
 NAMES = tuple(dict.fromkeys(name for name in (*PARAMETERS, *PID_PARAMETERS) if name != "gain"))
 """Parameters that a fold gain may depend on; the controller's are those of one of its two forms."""
@@ -30,7 +31,7 @@ class Sensitivities(Result):
 
     Attributes
     ----------
-    gain : the fold gain K.
+    fold : the fold.
     derivatives : dK/dq by parameter name, in V/rad per unit of q.
     elasticities : q/K dK/dq by parameter name, dimensionless; 0 where q is 0.
 
@@ -42,21 +43,30 @@ class Sensitivities(Result):
     -1.0
     """
 
-    _quantities = ("gain [V/rad]", "elasticities")
+    _quantities = ("gain = fold.gain [V/rad] ~ fold.gain_error", "elasticities")
     _details = ("derivatives",)
 
-    gain: float
+    fold: HuntingFold
     derivatives: dict[str, float]
     elasticities: dict[str, float]
 
     def linear(self, changes: dict[str, float]) -> float:
         """Fold gain for small absolute changes of parameters, to first order."""
-        return self.gain + sum(self.derivatives[name] * change for name, change in changes.items())
+        return self.fold.gain + sum(self.derivatives[name] * change for name, change in changes.items())
 
     def _columns(self) -> Columns:
-        names = list(self.derivatives)
-        slopes, elasticities = ([by[name] for name in names] for by in (self.derivatives, self.elasticities))
-        return {"parameter": names, "derivative": slopes, "elasticity": elasticities}
+        names, fold = list(self.elasticities), self.fold
+        values = flatten(fold.orbit.servo)
+        return {
+            "model": [fold.orbit.model] * len(names),
+            "parameter": names,
+            "unit": [unit_of(name) for name in names],
+            "value": [values[name] for name in names],
+            column("fold_gain", GAIN_UNIT): [fold.gain] * len(names),
+            column("fold_gain_error", GAIN_UNIT): [fold.gain * fold.gain_error] * len(names),
+            "slope_V_per_rad_per_unit": [self.derivatives[name] for name in names],
+            "elasticity": [self.elasticities[name] for name in names],
+        }
 
 
 def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
@@ -87,4 +97,4 @@ def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     for name, slope in zip(names, parameter_slopes(fold.orbit, fold.multipliers, names), strict=True):
         derivatives[name] = fold.gain * float(slope)
         elasticities[name] = problem.value(name) * float(slope)
-    return Sensitivities(fold.gain, derivatives, elasticities)
+    return Sensitivities(fold, derivatives, elasticities)

@@ -90,6 +90,9 @@ class Mode:
     smooth : the field has no kink along the phase.
     stiff : the field has fast decaying directions.
     feature : (x, p) -> a part of the field, of order one, that changes so suddenly that a mesh may step over it.
+    unsplit : name of a mode with the same field that this one is a part of.  Where an event leads from one part to
+        another the field has a kink, and no more: that a phase comes or goes there hardly changes the motion, and
+        `follow` says between which cycles it does, without a search for the touch.
     sign : a number of the mode's own, p.sign in its functions and in those of its events: modes that differ in it alone
         share their functions, and what is compiled of them.
 
@@ -110,6 +113,7 @@ class Mode:
     stiff: bool = False
     feature: Function | None = None
     sign: float | None = None
+    unsplit: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +256,7 @@ def _engine_mode(mode: Mode, names: Names) -> engine.Mode:
         smooth=mode.smooth,
         stiff=mode.stiff,
         feature=None if mode.feature is None else Bound(Scalar(mode.feature, names, signed), sign),
+        unsplit=mode.unsplit or "",
     )
 
 
@@ -350,6 +355,8 @@ def _check_mode(mode: Mode, modes: list[str]) -> None:
         raise InputError(f"{what}: ends must be a tuple of Events, such as (Event(...),)")
     if mode.sign is not None:
         number(f"{what}: {SIGN}", mode.sign)
+    if mode.unsplit is not None and (mode.unsplit not in modes or mode.unsplit == mode.name):
+        raise InputError(f"{what}: unsplit = {quoted(mode.unsplit)}: must be another of the modes {listed(modes)}")
     if number(f"{what}: slack", mode.slack) < 0:
         raise InputError(f"{what}: slack = {mode.slack:g}: must not be negative")
     for event in mode.ends:

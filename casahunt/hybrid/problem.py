@@ -16,15 +16,14 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
 
 A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
 
-A problem is compared by value: two equal ones have the same cycles.  `FixedSequence` is the simplest of them, one cycle
-whose phases are always in the same order.
+A problem is compared by value: two equal ones have the same cycles.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -165,7 +164,7 @@ class Problem(ABC):
             dp[self.names.index(name)] = 1.0
         return dp
 
-    def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> list[Any]:
+    def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> Iterable[Any]:
         """Starting points for other phase sequences, where one has stopped being a motion.
 
         phase: index of the phase that is none any more; soft: also last resorts that converge everywhere, but slowly.
@@ -187,7 +186,7 @@ class Problem(ABC):
         """
         return None
 
-    def expected(self, t: Any, u: Array, setting: Any) -> list[Any]:
+    def expected(self, t: Any, u: Array, setting: Any) -> Iterable[Any]:
         """Starting points to try from a predicted point of a branch, before any last resort.
 
         Returns starting points, in turn.
@@ -225,66 +224,3 @@ class Problem(ABC):
         Returns relative distance, mode and event; infinite where nobody knows.
         """
         return math.inf, "", ""
-
-
-@dataclass(frozen=True)
-class FixedSequence(Problem):
-    """One cycle at one p: the phases are always these.
-
-    Attributes
-    ----------
-    posed : the cycle.
-    values : the parameters, in the order of its names.
-    followed : the principal parameter.
-    scheme, largest_step : as in `Problem`.
-    """
-
-    system: ClassVar[None] = None  # type: ignore[misc]
-
-    posed: Cycle
-    values: tuple[float, ...]
-    followed: str
-    scheme: tuple[int, Kind] = (7, "radau")
-    largest_step: float = 1.0
-
-    def __post_init__(self) -> None:
-        if len(self.values) != len(self.posed.parameters):
-            raise ValueError(f"{len(self.posed.parameters)} parameters are needed, {len(self.values)} given")
-        if self.followed not in self.posed.parameters:
-            raise ValueError(f"{self.followed!r} is none of the parameters {', '.join(self.posed.parameters)}")
-
-    @property
-    def title(self) -> str:
-        """The name of its cycle."""
-        return self.posed.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Those of its cycle."""
-        return self.posed.parameters
-
-    @property
-    def principal(self) -> str:
-        """As given."""
-        return self.followed
-
-    def vector(self) -> Array:
-        """(np,) the values."""
-        return np.array(self.values, float)
-
-    def with_value(self, name: str, value: float) -> FixedSequence:
-        """The same cycle at another p.
-
-        name, value: a parameter of the cycle, and its value. Raises ValueError: no such parameter.
-        """
-        at = self.names.index(name)
-        return replace(self, values=(*self.values[:at], float(value), *self.values[at + 1 :]))
-
-    def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """Its cycle.
-
-        Raises ValueError: another sequence.
-        """
-        if (signature, repeats) != (self.posed.signature, self.posed.repeats):
-            raise ValueError(f"{self.title} has no cycle with the phases {signature} ({repeats} times)")
-        return self.posed

@@ -5,6 +5,7 @@
     Illinois         the same, with f of an end halved for every time in a row that the other one moved
     Newton           x - f/f' where that is inside, else the middle
     inverse          s(0) of the polynomial s(f) through the three points of smallest |f|
+    parabolas        whether two zeros may hide between neighbouring places, by those through three places each
     secant           x_2 = x_1 - f_1 (x_1 - x_0)/(f_1 - f_0), without a bracket
 
 A simple root costs Illinois steps of order 1.44, Newton's of order 2, inverse interpolation of order 1.84.  At a jump
@@ -25,10 +26,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+Array = np.ndarray
+
 INVERSE_ROUNDS = 8
 """Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
 CLOSED = 1e-13
 """Width of a bracket, in units of that of the search, that is down to rounding."""
+LOOKED_AT = np.linspace(0.0, 1.0, 17)
+"""Parts of a step at which parabolas are compared."""
+DOUBTED = 4.0
+"""So many times what parabolas differ by they may be off: a narrow pair of zeros shows but a part of itself."""
 BESIDE = 0.02
 """Where f cannot be computed, the next place is this part of the bracket further on, then further back, and so on."""
 
@@ -206,3 +213,34 @@ def secant(
         if abs(f1) <= tolerance:
             break
     return x1, f1
+
+
+def hides_a_pair(at: Array, values: Array, low: float, high: float, mean: float | None = None) -> bool:
+    """Whether a function may have a pair of zeros between two of the places at which it is known.
+
+    at, values: (m,) places, in order, and values; m from 2 to 4; low, high: the two places between which it is asked:
+    neighbours; mean: of the function between them, where it is known: a further parabola. Returns True where the
+    parabolas, or a single one and the line, differ by more than a part of the distance from zero, or cross it; where
+    two places are all that is known.
+    """
+    k = int(np.flatnonzero(at == low)[0])
+    if values[k] * values[k + 1] < 0:
+        return False
+    if at.size < 3 and mean is None:
+        return True
+    s, sign = low + (high - low) * LOOKED_AT, np.sign(values[k])
+    curves = [_parabola(at[j : j + 3], values[j : j + 3], s) for j in range(at.size - 2)]
+    line = values[k] + (values[k + 1] - values[k]) * LOOKED_AT
+    if mean is not None:
+        curves.append(line + 6 * (mean - line.mean()) * LOOKED_AT * (1 - LOOKED_AT))
+    others = curves[1:] or [line if at.size < 3 else (curves[0] + line) / 2]
+    spread = max(float(np.max(np.abs(curves[0] - other))) for other in others)
+    nearest = min(float(np.min(sign * curve)) for curve in curves)
+    return nearest <= DOUBTED * spread
+
+
+def _parabola(at: Array, values: Array, s: Array) -> Array:
+    """The parabola through three places, by divided differences."""
+    (a, b, c), (f, g, h) = at, values
+    first, second = (g - f) / (b - a), (h - g) / (c - b)
+    return np.asarray(f + (s - a) * (first + (s - b) * (second - first) / (c - a)))

@@ -59,6 +59,7 @@ class Mode:
     admissible : condition that must be >= -slack all along the phase, or None.
     slack : violation that is still no other motion.
     smooth : the field has no kink along the phase.
+    unsplit : name of the mode that this one is a part of: between its parts the field has a kink, and no more; "".
     stiff : the field has fast decaying directions, for which explicit integrators take tiny steps.
     feature : function (x, p) of the field that can hide between collocation points, of order one, or None;
         works on numpy arrays (n, m).  A mesh on which it jumps by more than a half from one point to the next is
@@ -74,6 +75,7 @@ class Mode:
     smooth: bool = True
     stiff: bool = False
     feature: Feature | None = None
+    unsplit: str = ""
 
 
 @dataclass(frozen=True)
@@ -205,3 +207,17 @@ class Cycle:
     def signature(self) -> Signature:
         """((mode name, event name), ...): what tells two phase sequences of one system apart."""
         return tuple((phase.mode.name, phase.end.name) for phase in self.phases)
+
+    def at_a_kink(self, k: int) -> bool:
+        """Whether phase k ends where the field has a kink and no more: what follows is a part of the same mode."""
+        here, behind = self.phases[k].mode, self.phases[(k + 1) % len(self.phases)].mode
+        whole = {mode.unsplit or mode.name for mode in (here, behind)}
+        return len(whole) == 1 and bool(here.unsplit or behind.unsplit) and self.phases[k].reset is None
+
+    @property
+    def without_kinks(self) -> Signature:
+        """The signature with all parts of a mode as that mode: what changes there changes the motion."""
+        return tuple(
+            (phase.mode.unsplit or phase.mode.name, phase.end.name)
+            for k, phase in enumerate(self.phases) if not self.at_a_kink(k)
+        )  # fmt: skip

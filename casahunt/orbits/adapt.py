@@ -13,6 +13,7 @@ parameter free under a border row (continuation).
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -290,7 +291,7 @@ def _solved_alone(task: _Task, start: Start, parameter: float) -> _Root:
     return _Root(t, setting, found)
 
 
-def _first_converging(task: _Task, starts: list[Start], known: _Root) -> tuple[_Task, _Root] | None:
+def _first_converging(task: _Task, starts: Iterable[Start], known: _Root) -> tuple[_Task, _Root] | None:
     """The root from the first of several starting points from which the solver converges, and the task for them."""
     first = float(known.t.durations_of(known.solution.u)[0])
     for t, u, moved in starts:

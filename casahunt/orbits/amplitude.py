@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..collocation.ensemble import Settings
 from ..collocation.error_estimate import SMALL_AMPLITUDE, Estimate, amplitude_row, estimate
 from ..collocation.transcription import Setting, Transcription
 from .extrema import largest_magnitude
@@ -59,14 +58,14 @@ def row_sums(columns: Array) -> Array:
     return out
 
 
-def _at_phase_ends(t: Transcription, u: Array, settings: Settings, i: int) -> tuple[Array, Array]:
+def _at_phase_ends(t: Transcription, u: Array, settings: Setting, i: int) -> tuple[Array, Array]:
     """(B,) largest magnitudes of state i over the phase ends, physical, and (B,) the nodes where."""
     values = np.abs(u[:, t.node_index[t.phase_ends, i]])
     best = values.argmax(axis=1)
     return values[np.arange(len(u)), best] * settings.scale[:, i], t.phase_ends[best]
 
 
-def goals_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array, Array, Array]:
+def goals_of_many(t: Transcription, u: Array, settings: Setting) -> tuple[Array, Array, Array]:
     """Period and amplitude of many solutions, and what their errors are functionals of.
 
     t, u, settings: transcription, (B, size) unknowns, and settings.
@@ -77,7 +76,7 @@ def goals_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array
     durations = row_sums(u[:, -P:])
     goals[:, 0, (E + 1) * n : (E + 1) * n + P] = 1 / durations[:, None]
     if callable(g):
-        found = [largest_magnitude(t, u[b], settings.one(b), g) for b in range(B)]
+        found = [largest_magnitude(t, u[b], settings.of(b), g) for b in range(B)]
         for b, one in enumerate(found):
             goals[b, 1] = one.row / one.size
         return goals, durations * t.cycle.repeats, np.array([one.value for one in found])
@@ -88,7 +87,7 @@ def goals_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array
     return goals, durations * t.cycle.repeats, amplitude
 
 
-def amplitudes_off(t: Transcription, u: Array, settings: Settings, known: Array) -> Array:
+def amplitudes_off(t: Transcription, u: Array, settings: Setting, known: Array) -> Array:
     """By how much the amplitudes of many solutions differ from known ones: `amplitude_off` of each.
 
     t, u, settings: transcription, (B, size) unknowns, and settings; known: (B,) the other amplitudes.
@@ -96,5 +95,5 @@ def amplitudes_off(t: Transcription, u: Array, settings: Settings, known: Array)
     """
     g = t.cycle.measured
     if callable(g):
-        return np.array([amplitude_off(t, u[b], settings.one(b), float(known[b])) for b in range(len(u))])
+        return np.array([amplitude_off(t, u[b], settings.of(b), float(known[b])) for b in range(len(u))])
     return np.abs(_at_phase_ends(t, u, settings, g)[0] / known - 1)

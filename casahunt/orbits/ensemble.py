@@ -27,11 +27,10 @@ from typing import Any
 import numpy as np
 
 from ..checks import known as one_of
-from ..collocation.ensemble import Settings, linearise_many, nodes_of_many, settings_of
-from ..collocation.ensemble_error import estimates_of_many
 from ..collocation.ensemble_judge import admissible_many
+from ..collocation.error_estimate import functional_errors
 from ..collocation.newton import DIVERGED, LARGEST_MOVE
-from ..collocation.transcription import Transcription
+from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from .adapt import LEFT_OUT, Options, finished, refined, solve_adaptively
@@ -250,14 +249,15 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
     t, u, setting = unknowns_of(task.orbit)
     p = np.repeat(setting.p[None], rows.size, axis=0)
     p[:, [problem.names.index(name) for name in task.names]] = task.rows[rows]
-    settings = settings_of(setting, p, np.zeros((rows.size, 1, p.shape[1])))
+    settings = settings_of(setting, p, np.zeros_like(p))
     start = _expected(task, p)
     u, converged = newton_of_many(t, start, settings, tol, task.side)
     there = np.flatnonzero(converged)
     if there.size:
         own, x = settings.of(there), u[there]
         goals, period, amplitude = goals_of_many(t, x, own)
-        errors, better = estimates_of_many(t, x, own, goals, _fixed(t, there.size))
+        errors, _, better = functional_errors(t, x, own, goals)
+        assert better is not None
         motions = admissible_many(t, x, own) & admissible_many(*better)
         for i in np.flatnonzero((errors.max(axis=1) <= tol) & motions):
             row = rows[there[i]]
@@ -269,7 +269,7 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
     for b, row in enumerate(rows):
         left_over = task.multipliers and np.isnan(done.leading[0, row])
         if done.how[row] == "alone" or left_over:
-            _one(task, row, (t, u[b], settings.one(b)) if converged[b] else None, done)
+            _one(task, row, (t, u[b], settings.of(b)) if converged[b] else None, done)
 
 
 def _one(task: _Task, row: int, root: Any, done: _Done) -> None:
@@ -329,11 +329,12 @@ def _expected(task: _Task, p: Array) -> Array:
     at = [task.orbit.problem.names.index(name) for name in task.names]
     own = setting.p[at]
     units = np.where(own > 0, own, 1.0)
-    directions = np.zeros((1, 1 + len(at), setting.p.size))
-    directions[0, 1 + np.arange(len(at)), at] = units
-    lin = linearise_many(t, u[None], settings_of(setting, setting.p[None], directions))
-    rhs = np.stack([lin.rhs(1 + i) for i in range(len(at))], axis=1)
-    y = lin.solve(_fixed(t, 1), rhs)
+    directions = np.zeros((1, len(at), setting.p.size))
+    directions[0, np.arange(len(at)), at] = units
+    known = settings_of(setting, setting.p[None], np.zeros((1, setting.p.size)))
+    lin = t.linearise(u[None], replace(known, others=directions))
+    rhs = np.stack([lin.rhs(direction=1 + i) for i in range(len(at))], axis=1)
+    y = t.system.solve(lin.matrix(_fixed(t, 1)), rhs)
     logarithmic = (own > 0) & (p[:, at] > 0)
     ratios = np.where(logarithmic, p[:, at], units) / units
     ways = np.where(logarithmic, np.log(ratios), (p[:, at] - own) / units)
@@ -347,7 +348,7 @@ def _expected(task: _Task, p: Array) -> Array:
 
 
 def newton_of_many(
-    t: Transcription, u: Array, settings: Settings, tol: float, side: Side
+    t: Transcription, u: Array, settings: Setting, tol: float, side: Side
 ) -> tuple[Array, Array]:
     """Newton's method for many members at fixed parameters; who is done leaves the batch.
 
@@ -360,9 +361,9 @@ def newton_of_many(
     for iteration in range(MOST_NEWTON_STEPS):
         if not active.size:
             break
-        lin = linearise_many(t, u[active], settings.of(active))
+        lin = t.linearise(u[active], settings.of(active))
         rhs = np.stack([lin.rhs(), np.broadcast_to(side.right, (active.size, t.system.size))], axis=1)
-        y = lin.solve(_fixed(t, active.size), rhs)
+        y = t.system.solve(lin.matrix(_fixed(t, active.size)), rhs)
         du = lin.expand(y[:, 0], 1.0)
         with np.errstate(all="ignore"):
             size = sizes_of_steps(t, u[active], du)
@@ -372,7 +373,7 @@ def newton_of_many(
         done = sound & (foreseen <= LEFT_OUT * tol)
         grows = (iteration > 2) & (size > 2 * last[active])
         last[active] = size
-        near = np.abs(nodes_of_many(t, u[active] - start[active])).reshape(active.size, -1).max(axis=1) <= LARGEST_MOVE
+        near = np.abs(t.nodes_of(u[active] - start[active])).reshape(active.size, -1).max(axis=1) <= LARGEST_MOVE
         converged[active[done & near & side.holds(y[:, 1])]] = True
         active = active[sound & ~done & ~grows]
     return u, converged

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..collocation.ensemble import Settings, linearise_many
-from ..collocation.ensemble_error import halved_for_many
-from ..collocation.transcription import Transcription
+from ..collocation.error_estimate import on_halves
+from ..collocation.transcription import Setting, Transcription
 from . import floquet
 from .map_chain import collocation_chain
 from .multiplier_mesh import LARGE_MULTIPLIER
@@ -21,23 +20,21 @@ from .multiplier_mesh import LARGE_MULTIPLIER
 Array = np.ndarray
 
 
-def leading_of_many(t: Transcription, u: Array, settings: Settings) -> tuple[Array, Array]:
+def leading_of_many(t: Transcription, u: Array, settings: Setting) -> tuple[Array, Array]:
     """The leading nontrivial multipliers of many cycles.
 
     t, u, settings: transcription, (B, size) solutions, and settings.
     Returns (B,) complex, as `Multipliers.leading`, and (B,) errors, as `Multipliers.error`; nan where not trusted here.
     """
     B = len(u)
-    fine, finer, halves = halved_for_many(t, u, settings)
-    lin = linearise_many(fine, finer, halves)
-    fixed = np.repeat(fine.system.border(parameter=1.0)[None], B, axis=0)
-    finer = finer + lin.expand(lin.solve(fixed, lin.rhs()[:, None])[:, 0], 1.0)
-    lin, own = linearise_many(fine, finer, halves), linearise_many(t, u, settings)
+    fine, finer, halves, lin = on_halves(t, u, settings)
+    finer = finer + lin.step(np.repeat(fine.system.border(parameter=1.0)[None], B, axis=0))[0]
+    lin, own = fine.linearise(finer, halves), t.linearise(u, settings)
     leading, errors = np.full(B, complex(np.nan, np.nan)), np.full(B, np.nan)
     for b in np.flatnonzero(np.isfinite(finer).all(axis=1) & lin.finite()).tolist():
-        exact = collocation_chain(fine, finer[b], halves.one(b), lin.one(b))
+        exact = collocation_chain(fine, finer[b], halves.of(b), lin.one(b))
         found = floquet.chain_multipliers(exact, fine.cycle.repeats)
-        rough, _ = floquet.rough_multipliers(collocation_chain(t, u[b], settings.one(b), own.one(b)), found.frame)
+        rough, _ = floquet.rough_multipliers(collocation_chain(t, u[b], settings.of(b), own.one(b)), found.frame)
         found = floquet.compared(found, rough)
         if found.trusted and abs(found.leading) < LARGE_MULTIPLIER:
             leading[b], errors[b] = found.leading, found.error

@@ -8,6 +8,7 @@ A cycle is given by its phases, in the words of the system, and by how it closes
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Self
@@ -78,23 +79,27 @@ class Cycles(Problem):
             raise ValueError(f"a cycle of {self.title} closes {self.closure.repeats} times, not {repeats}")
         return _cycle(self.system, self.sections, self.closure, self.measured, signature)
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
         """Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself.
 
         t, u, setting: a root of the equations that is no motion; phase, soft: number of the phase that is none; whether
-        last resorts are allowed: there are no others. Returns starting points, most promising first.
+        last resorts are allowed: there are no others. Yields starting points, most promising first: to follow the
+        motion takes longer than all else, and is not done where a point before it serves.
         """
         start, posed = (t, u, setting), self.asked()
-        more, fewer = split(posed, start, phase), without(posed, start)
-        return [*([more] if more else []), *([fewer[1]] if fewer else []), *marched(posed, start)]
+        if (more := split(posed, start, phase)) is not None:
+            yield more
+        if (fewer := without(posed, start)) is not None:
+            yield fewer[1]
+        yield from marched(posed, start)
 
     def parted(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
         """Boundaries put in where a phase passes events: see `sequences.split`.
 
         t, u, setting, phase: an orbit: transcription, unknowns, setting; number of the phase.
-        Returns starting point; None where it does not come back.
+        Returns starting point; None where it does not come back, and in a part of a mode, where it may do without.
         """
-        return split(self.asked(), (t, u, setting), phase)
+        return None if t.cycle.phases[phase].mode.unsplit else split(self.asked(), (t, u, setting), phase)
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has.
@@ -103,15 +108,17 @@ class Cycles(Problem):
         """
         return next(iter(marched(self.asked(), (t, u, setting))), None)
 
-    def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
-        """The sequence at hand; then without a phase that is about to vanish.
+    def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
+        """The sequence at hand; then without a phase that is about to vanish, and without its image in the other half.
 
         t, u, setting: a predicted point of a branch: transcription, unknowns, setting.
-        Returns starting points, in turn.
+        Yields starting points, in turn.
         """
-        start = (t, u, setting)
-        fewer = self.vanishing(*start)
-        return [start] if fewer is None else [start, fewer[1]]
+        yield (start := (t, u, setting))
+        for _ in range(2):
+            if (fewer := self.vanishing(*start)) is None:
+                return
+            yield (start := fewer[1])
 
     def vanishing(self, t: Transcription, u: Array, setting: Setting) -> tuple[int, Start] | None:
         """The shortest phase, where it may be about to vanish, and the cycle without it.

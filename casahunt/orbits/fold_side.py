@@ -52,16 +52,16 @@ class Side:
 def side_of(t: Transcription, u: Array, setting: Setting) -> Side:
     """The side on which a cycle lies."""
     lin = t.linearise(u, setting)
-    nonzeros = lin.matrix(t.system.border(parameter=1.0))[None]
+    nonzeros = lin.matrix(t.system.border(parameter=1.0))
     size = t.system.size
     units = np.ones(size)
     units[-1 - t.phases : -1] = t.durations_of(u)
     right = np.append(np.ones(size - 1), 0.0)
     for _ in range(SINGULAR_ROUNDS):
         right /= np.linalg.norm(right)
-        answer = t.system.solve_many(nonzeros, right[None, None])[0, 0]
+        answer = t.system.solve(nonzeros, right)
         left = answer / units**2 / np.linalg.norm(answer / units)
-        following = t.system.solve_many(nonzeros, left[None, None], transposed=True)[0, 0]
+        following = t.system.solve_transposed(nonzeros, left)
         following[-1] = 0.0
         last, right = right, following
     return Side(last, left, odd_beyond_one(t, u, setting, lin))

@@ -11,6 +11,9 @@ from collections.abc import Sequence
 from .multiplier_mesh import multipliers_of_many
 from .orbit import Orbit, linearised, unknowns_of
 
+ORBITS_AHEAD = 8
+"""Orbits of a branch that are waited for: multipliers take half as long for eight at once."""
+
 
 def know_multipliers(orbits: Sequence[Orbit]) -> None:
     """Compute the multipliers of some orbits, to be had when they are read.

@@ -5,6 +5,7 @@
 friction.py       friction records and laws
 controller.py     the controller in its two forms, by times and by gains
 servo.py          the servo record; TOML in and out
+units.py          the units of its numbers
 linear_loop.py    the loop without dry friction: stability, poles, margins
 delayed_loop.py   the same with a delay: margins of phase and gain
 hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events
@@ -18,16 +19,13 @@ saved.py          hunting cycles and branches of them in files
 denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
-refused.py        what is refused before any cycle is sought
+refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs
 strategies.py     ways to one end, tried in turn; what a refusal says of them
-times.py          how far apart the times of a servo may be
-cold_start.py     an orbit at one gain from a motion or a scan, no branch followed
-inner_cycle.py    the unstable cycle inside the stable one at the same gain
+cold_start.py     the cycles at one gain from motions or a scan, no branch followed
 find_fold.py      from a servo to the largest gain at which it hunts
 lopsided.py       the pairs of lopsided cycles that branch off from the symmetric one
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
 basin.py          the amplitude below which a stuck servo settles
 other_end.py      the cycle that a motion which rests has not come to
 stable_range.py   below a fold: up to which gain a stable cycle exists
-attraction.py     many initial states: which stick they reach, which rest and which hunt
 """

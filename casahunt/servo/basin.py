@@ -1,9 +1,9 @@
 """The amplitude below which a stuck servo settles: the unstable hunting cycle, checked by following the motion.
 
-The servo stands at x1 = -a on the verge of breakaway.  The event map a -> |P(a)| (servo/event_map/fixed_points.py for
-Switch, servo/event_map/scan.py for LuGre) follows it from stick to stick.  On the symmetric part of the phase space
-that the map describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it
-they grow.  Where P jumps close above a* the border stays a*: the map is increasing there.
+The servo stands at x1 = -a on the verge of breakaway. The event map a -> |P(a)| (servo/event_map/slopes.py for Switch,
+servo/event_map/half_cycle.py for LuGre) follows it from stick to stick. On the symmetric part of the phase space that
+the map describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it they
+grow. Where P jumps close above a* the border stays a*: the map is increasing there.
 
 What they grow to.  As a rule the stable cycle.  Past a symmetry breaking (half multiplier mu < -1) the symmetric cycle
 is unstable too and the servo hunts next to it, lopsidedly; where the linear loop is unstable and the stable cycle has
@@ -28,12 +28,13 @@ import numpy as np
 
 from ..checks import of_kind, require
 from ..errors import InputError, NoOrbit, Status
+from ..export import Columns, columns_from
 from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
 from ..results import Result
 from .cycles import motor_torque
-from .event_map.fixed_points import map_at
-from .event_map.scan import SECTION, half_cycle
+from .event_map.half_cycle import SECTION, half_cycle
+from .event_map.slopes import map_at
 from .find_orbit import find_orbit
 from .hunting import Model
 from .problem import HuntingOrbit
@@ -51,6 +52,10 @@ ARRIVED = 0.2
 """Part of the way between the two cycles that a motion which has grown to the stable one may be away from it."""
 GROWN = 3.0
 """Times the border at which a motion that no stable cycle bounds has grown beyond doubt."""
+
+
+CSV_COLUMNS = ("from", "swing", "stick_position_rad", "outcome", "border_rad", "border_error_rad")
+"""Columns of the table of a border: the stick positions of the two motions."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,8 +100,15 @@ class Basin(Result):
     ('settles', 'hunts', True)
     """
 
-    _quantities = ("border [rad] ~ error_estimate", "outer_position [rad]", "confirmed")
-    _details = ("unstable", "outer", "why_no_outer", "inside", "outside")
+    _quantities = (
+        "model = unstable.model", "gain = unstable.gain [V/rad]", "border [rad] ~ error_estimate",
+        "outer_position [rad]", "confirmed",
+    )  # fmt: skip
+    _details = (
+        "unstable_amplitude = unstable.amplitude [rad]", "outer_amplitude = outer.amplitude [rad]",
+        "outer_half_multiplier = outer.half_multiplier", "outer_stable = outer.stable", "unstable", "outer",
+        "why_no_outer", "inside", "outside",
+    )  # fmt: skip
 
     unstable: HuntingOrbit
     outer: HuntingOrbit | None
@@ -106,6 +118,15 @@ class Basin(Result):
     error_estimate: float
     inside: Trial
     outside: Trial
+
+    def _columns(self) -> Columns:
+        error = self.border * self.error_estimate
+        rows = [
+            (name, i, position, trial.outcome, self.border, error)
+            for name, trial in (("inside", self.inside), ("outside", self.outside))
+            for i, position in enumerate(trial.positions)
+        ]
+        return columns_from(CSV_COLUMNS, rows)
 
     @property
     def confirmed(self) -> bool:

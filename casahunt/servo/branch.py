@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.special_points import FOLD, Missed, SpecialPoint
-from ..export import Columns
+from ..export import Columns, columns_from
 from ..results import Result
 from .hunting import Model
 from .problem import HuntingOrbit
@@ -59,8 +59,8 @@ class Branch(Result):
     '0.65'
     """
 
-    _quantities = ("model", "number_of_points = orbits.size", "ended")
-    _details = ("servo", "special", "missed", "lopsided")
+    _quantities = ("model", "points = orbits.size", "ended")
+    _details = ("servo", "gain_range [V/rad]", "missed", "lopsided")
 
     model: Model
     servo: Servo
@@ -95,12 +95,23 @@ class Branch(Result):
         """(m,) bool."""
         return np.array([orbit.stable for orbit in self.orbits])
 
+    @property
+    def gain_range(self) -> tuple[float, ...]:
+        """The smallest and the largest gain; empty without orbits."""
+        return (float(self.gains.min()), float(self.gains.max())) if self.orbits else ()
+
     def _columns(self) -> Columns:
         kinds = {id(special.orbit): special.kind for special in self.special}
         rows = [csv_row(orbit, kinds.get(id(orbit), "")) for orbit in self.orbits]
         rows += [row for number, pair in enumerate(self.lopsided, 1) for row in pair_rows(pair, number)]
-        columns = dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False))
-        return columns or {name: () for name in CSV_COLUMNS}
+        return columns_from(CSV_COLUMNS, rows)
+
+    def _more(self) -> dict[str, Any]:
+        special = [
+            {**s.to_dict(table=False), "gain": s.orbit.gain, "amplitude": s.orbit.amplitude, "period": s.orbit.period}
+            for s in self.special
+        ]
+        return {"special": special}
 
 
 def pair_rows(pair: Branch, number: int) -> list[list[Any]]:

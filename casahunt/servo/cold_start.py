@@ -1,19 +1,35 @@
-"""A hunting cycle at one gain from one motion or a scan of the event map, without following any branch.
+"""The hunting cycles at one gain from motions, without following any branch.
 
-    one motion -> mesh from its error estimate -> Newton -> clearly stable? -> Orbit
-    where not     event map -> fixed point -> IPOPT -> orbits/adapt.py -> Orbit
+    stable      one motion -> mesh from its error estimate -> Newton -> clearly stable? -> Orbit
+                a few motions to the fixed point of the event map, or a scan of it -> Newton, or IPOPT -> Orbit
+    unstable    motions between it and the stable one -> closed where they come back -> Newton -> Orbit
 
-The ways stand in three tables: `AT_ONE_GAIN`, to a cycle; `STARTS`, to a motion beside a fixed point of the map;
-`SOLVES`, from there to the cycle.  The first, `_at_once`, settles most questions.  What none of them finds is not
-thereby shown to be absent: just below a fold two fixed points fit between any two motions of a scan.  find_orbit.py has
-the last word, from the fold.
+One motion settles most questions away from a fold, a scan those next to it.  What none of them finds is not thereby
+shown to be absent: just below a fold two fixed points fit between any two motions of a scan.  find_orbit.py has the
+last word, from the fold.
+
+The unstable Switch cycle inside the stable one.
+
+    y(a) = log P(a)/a:    y(a_s) = 0, falling;    y > 0 next inside;    y < 0 far enough inside
+
+Halving on log a comes close to where y changes sign.  P is steep there, with multipliers of 1e5 and more, and a motion
+that comes back to P(a) = a needs as many digits; but one that comes back anywhere differs from the cycle at its end
+alone.  It is closed there,
+
+    x1(stick) := a,    T(stick) := (x3(breakaway) - x3(stop))/a,    x3(breakaway) = (Fs - kp a)/ki,
+
+and Newton's method on the boundary value problem does the rest.  What it leads to counts where it lies between the last
+two motions; which cycle that is, its multipliers tell.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,17 +37,19 @@ from ..collocation.newton import Solver
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import Kind
 from ..errors import NoOrbit, Status
-from ..motion.march import MarchFailure
+from ..motion.march import MarchFailure, Segment
 from ..orbits.adapt import Options, finished, solve_adaptively
 from ..orbits.marched_mesh import remeshed
+from ..orbits.orbit import unknowns_of
 from ..orbits.restart import Start
 from .cycles import SCHEMES
-from .event_map.scan import CLOSER, TYPICAL, HalfCycle, Scan, half_cycle, near_stable, near_typical, scan
+from .event_map.half_cycle import HalfCycle, StickMap
+from .event_map.near import CLOSER, near_stable, near_typical
+from .event_map.scan import SCAN_LOW, Scan, scan
 from .hunting import Model
 from .problem import Hunting, HuntingOrbit, hunting
 from .sequences import from_half_cycle
 from .servo import Servo
-from .strategies import Strategy, first_of
 
 CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
@@ -57,6 +75,18 @@ CAME_TO_REST = 0.1
 """P(a)/a below which a motion has come to rest: what starts from there is none."""
 
 
+ONE_STEP_IN = 2.0
+"""Factor by which stick positions go inwards until the servo comes to rest nearer."""
+CREEPS_AFTER = 4.0
+"""Times that the servo moves in the stable cycle, after which it is creeping to rest."""
+TOO_STEEP = 1e-8
+"""Relative width of the bracket at which the map is too steep, or jumps."""
+CLEARLY_UNSTABLE = (2.0, 1e6)
+"""Half multipliers at a glance between which no closer look is needed."""
+MOST_SOLVED, ACROSS = 3, 4.0
+"""Boundary value problems that may fail; the factor by which P(a)/a of the next motion is nearer to one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Met:
     """What was met at one gain.
@@ -75,22 +105,28 @@ class Met:
 
 @dataclass(frozen=True, eq=False)
 class AtGain:
-    """What the strategies of this module are asked: for the stable cycle at one gain; `start`, for `SOLVES` only;
-    `beside`, a motion of the Switch servo beside its cycle where one is known.
-    """
+    """A search for the stable cycle at one gain; `beside`, a motion of the Switch servo beside its cycle if known."""
 
-    servo: Servo
-    model: Model
-    gain: float
+    P: StickMap
     options: Options
-    start: HalfCycle | None = None
     beside: HalfCycle | None = None
 
     @property
-    def typical(self) -> float:
-        """Stick position of most stable cycles [rad]."""
-        kp, _, _ = self.servo.torque_gains(self.gain)
-        return TYPICAL * self.servo.friction.static / kp
+    def newton(self) -> bool:
+        """Whether Newton's method may be tried: IPOPT is not to work alone."""
+        return self.options.solver != "ipopt"
+
+    @cached_property
+    def problem(self) -> Hunting:
+        """The boundary value problem."""
+        return hunting(self.P.model, self.P.servo, self.P.gain, half=self.options.half)
+
+    @cached_property
+    def rigid_cycle(self) -> HalfCycle | None:
+        """A motion of the Switch servo close to its stable cycle, by a few secant steps, or None."""
+        rigid = self.P.rigid
+        inwards = near_stable(rigid, INWARDS * rigid.typical)
+        return inwards if inwards is not None else near_typical(rigid)
 
 
 def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> Met:
@@ -99,8 +135,16 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
     servo, model, gain, options: the problem, checked by `check_problem`, and the method. Returns met; its orbit is None
     where no motion led to one. Raises NoOrbit: one was met, and could not be computed.
     """
-    where = f"the stable hunting cycle of the {model} servo at gain {gain:g} was not met"
-    return first_of(AT_ONE_GAIN, AtGain(servo, model, gain, options), where)
+    q = AtGain(StickMap(model, servo, gain), options)
+    met = _at_once(q) if q.newton else None
+    if met is None and q.newton and model == "switch" and q.rigid_cycle is not None:
+        # Where Newton's method is lost from there too, a scan costs less than IPOPT.
+        met = _at_once(replace(q, options=replace(options, solver="newton"), beside=q.rigid_cycle))
+    if met is not None:
+        return met
+    start, seen = _beside_a_fixed_point(q)
+    # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
+    return Met(None if start is None else _solved_from(start, q), False, seen)
 
 
 def quickly_at(
@@ -112,27 +156,15 @@ def quickly_at(
     with the slope of the map.
     Returns the cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
     """
+    # Where Newton's method is lost, a lower gain costs less than IPOPT here.
+    q = AtGain(StickMap(model, servo, gain), replace(options, solver="newton"), beside)
     if options.solver == "ipopt":
         return None
-    alone = replace(options, solver="newton")  # where Newton's method is lost, a lower gain costs less than IPOPT here
-    met = _at_once(AtGain(servo, model, gain, alone, beside=beside))
+    met = _at_once(q)
     if met is None and model == "switch":
-        closer = near_stable(model, servo, gain, beside.fixed, close=CLOSER, slope=beside.slope)
-        met = None if closer is None else _at_once(AtGain(servo, model, gain, alone, beside=closer))
+        closer = near_stable(q.P, beside.fixed, close=CLOSER, slope=beside.slope)
+        met = None if closer is None else _at_once(replace(q, beside=closer))
     return None if met is None else met.orbit
-
-
-def unstable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> tuple[HuntingOrbit | None, Scan]:
-    """The hunting cycle next to the inner fixed point of the event map.
-
-    servo, model, gain, options: the problem, checked by `check_problem`, and the method.
-    Returns (the cycle, None where the scan has no inner fixed point; the scan).
-    Raises NoOrbit: the map has the fixed point, but the cycle could not be computed.
-    """
-    seen = scan(model, servo, gain, want_lower=True)
-    if seen.lower is None:
-        return None, seen
-    return _solved_from(seen.lower, servo, model, gain, options, "the unstable hunting cycle"), seen
 
 
 def _at_once(q: AtGain) -> Met | None:
@@ -142,14 +174,14 @@ def _at_once(q: AtGain) -> Met | None:
     does not arrive at a clearly stable cycle, the careful way has to be gone.
     """
     began = time.perf_counter()
-    problem = hunting(q.model, q.servo, q.gain, half=q.options.half)
+    problem = q.problem
     degree, kind = q.options.scheme_of(problem)
     try:
         motion = _first_motion(q, degree, kind)
         if motion is None:
             return None
         first = started(motion, problem, q.options)
-        first = first if q.model == "switch" else remeshed(first, q.options)
+        first = first if q.P.model == "switch" else remeshed(first, q.options)
         solved = solve_adaptively(problem, first, q.options, solver="newton")
         orbit = finished(solved, problem, q.options, began, "")
     except (MarchFailure, NoOrbit):
@@ -159,28 +191,21 @@ def _at_once(q: AtGain) -> Met | None:
     return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
 
 
-def _beside_the_fixed_point(q: AtGain) -> Met | None:
-    """`_at_once` from a motion to which a few secant steps on the event map lead."""
-    rigid = _rigid_cycle(q)
-    alone = replace(q.options, solver="newton")  # where Newton's method is lost, the event map is asked before IPOPT
-    return None if rigid is None else _at_once(replace(q, options=alone, beside=rigid))
-
-
 def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
     """A motion so close to the stable cycle that Newton is tried, or None."""
-    if q.beside is not None and q.model == "switch" and (degree, kind) == SCHEMES["switch"]:
+    if q.beside is not None and q.P.model == "switch" and (degree, kind) == SCHEMES["switch"]:
         return q.beside
-    a = q.typical if q.beside is None else q.beside.fixed
-    if q.model == "lugre":
+    a = q.P.typical if q.beside is None else q.beside.fixed
+    if q.P.model == "lugre":
         if q.beside is not None and 1 + q.beside.slope > SLOW_MAP:
             return _slowly_met(q, q.beside, degree, kind)
         a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a
     for _ in range(FIRST_MOTIONS):
         if a <= 0:
             return None
-        motion = half_cycle(q.model, q.servo, q.gain, a, degree=degree, kind=kind)
+        motion = q.P(a, degree=degree, kind=kind)
         a = motion.position if motion.ratio > CAME_TO_REST else 0.0
-        nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.model]
+        nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.P.model]
         if 1 / nearby < motion.ratio < nearby:
             return motion
     return None
@@ -188,11 +213,10 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
 
 def _beside_the_rigid_cycle(q: AtGain) -> float:
     """A stick position of the Switch servo next to its cycle, from which a LuGre motion starts; 0 where none is met."""
-    motion = half_cycle("switch", q.servo, q.gain, q.typical)
+    motion = q.P.rigid(q.P.typical)
     if 1 / FLAT < motion.ratio < FLAT and not _hardly_moves(q, motion):
         return motion.position
-    rigid = _rigid_cycle(q)
-    return OUTSIDE * rigid.start if rigid is not None else 0.0
+    return OUTSIDE * q.rigid_cycle.start if q.rigid_cycle is not None else 0.0
 
 
 def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
@@ -200,104 +224,43 @@ def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
     excess = abs(math.log(motion.ratio))
     if excess > HARDLY_MOVED:
         return False
-    following = half_cycle("switch", q.servo, q.gain, motion.position)
+    following = q.P.rigid(motion.position)
     return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOW_MAP * excess
 
 
 def _slowly_met(q: AtGain, rigid: HalfCycle, degree: int, kind: Kind) -> HalfCycle | None:
     """A LuGre motion beside a cycle to which motions come slowly, by secants from the Switch servo's, or None."""
-    near = near_stable(q.model, q.servo, q.gain, rigid.fixed, slope=rigid.slope)
-    if near is None or (degree, kind) == SCHEMES[q.model]:
+    near = near_stable(q.P, rigid.fixed, slope=rigid.slope)
+    if near is None or (degree, kind) == SCHEMES[q.P.model]:
         return near
-    return half_cycle(q.model, q.servo, q.gain, near.start, degree=degree, kind=kind)
+    return q.P(near.start, degree=degree, kind=kind)
 
 
-def _rigid_cycle(q: AtGain) -> HalfCycle | None:
-    """A motion of the Switch servo close to its stable cycle, by a few secant steps, or None."""
-    inwards = near_stable("switch", q.servo, q.gain, INWARDS * q.typical)
-    return inwards if inwards is not None else near_typical(q.servo, q.gain)
+def _beside_a_fixed_point(q: AtGain) -> tuple[HalfCycle | None, Scan | None]:
+    """(a motion close to a stable fixed point of the event map or None, the scan where one was made).
 
-
-def _by_the_map(q: AtGain) -> Met:
-    """The cycle next to a stable fixed point of the event map; without one, what was seen."""
-    start, seen = first_of(STARTS, q, "")
-    if start is None:
-        return Met(None, False, seen)
-    # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
-    what = f"the stable hunting cycle of the {q.model} servo at gain {q.gain:g} was not computed"
-    return Met(first_of(SOLVES, replace(q, start=start), what), False, seen)
-
-
-Begun = tuple[HalfCycle | None, Scan | None]
-"""(a half cycle close to the stable orbit or None, the scan where one was made)."""
-
-
-def _a_few_motions(q: AtGain) -> Begun | None:
-    """Most stable cycles have a stick position of about 0.1 Fs/kp, and a few secant steps from there find them."""
-    start = _rigid_cycle(q)
-    return (start, None) if start is not None else None
-
-
-def _beside_the_switch_cycle(q: AtGain) -> Begun | None:
-    """The LuGre cycle lies close to the Switch cycle, whose map costs a tenth."""
-    rigid = _rigid_cycle(q) or scan("switch", q.servo, q.gain).upper
-    start = near_stable(q.model, q.servo, q.gain, rigid.start) if rigid is not None else None
-    return (start, None) if start is not None else None
-
-
-def _whole_range(q: AtGain) -> Begun:
-    seen = scan(q.model, q.servo, q.gain)
+    The LuGre cycle lies close to the Switch cycle, whose map costs a tenth.
+    """
+    start = q.rigid_cycle
+    if q.P.model == "lugre":
+        start = start or scan(q.P.rigid).upper
+        start = near_stable(q.P, start.start) if start is not None else None
+    if start is not None:
+        return start, None
+    seen = scan(q.P)
     return seen.upper, seen
 
 
-def _solved_there(q: AtGain) -> HuntingOrbit:
-    assert q.start is not None
-    return _solved_from(q.start, q.servo, q.model, q.gain, q.options, "the stable hunting cycle")
-
-
-def _solved_closer(q: AtGain) -> HuntingOrbit | None:
-    assert q.start is not None
-    closer = near_stable(q.model, q.servo, q.gain, q.start.start, close=CLOSER)
-    return None if closer is None else _solved_there(replace(q, start=closer))
-
-
-AT_ONE_GAIN = (
-    Strategy(
-        "one motion from where most cycles stick", "IPOPT is not to work alone", "5 ms; LuGre 30 ms",
-        _at_once, lambda q: q.options.solver != "ipopt",
-    ),
-    Strategy(
-        "a few motions to where this one sticks", "Switch, and IPOPT is not to work alone", "8 ms",
-        _beside_the_fixed_point, lambda q: q.model == "switch" and q.options.solver != "ipopt",
-    ),
-    Strategy("the event map", "always", "30 ms, scanned 0.3 s; LuGre 0.2 s, scanned 5 s", _by_the_map),
-)  # fmt: skip
-STARTS = (
-    Strategy("a few motions", "Switch", "5 ms", _a_few_motions, lambda q: q.model == "switch"),
-    Strategy(
-        "a few motions beside the Switch cycle", "LuGre", "0.1 s", _beside_the_switch_cycle,
-        lambda q: q.model == "lugre",
-    ),
-    Strategy("a scan of all stick positions", "always", "0.3 s; LuGre 5 s", _whole_range),
-)  # fmt: skip
-SOLVES = (
-    Strategy("from a motion beside the fixed point", "always", "20 ms; LuGre 0.1 s", _solved_there),
-    Strategy("from a motion still closer to it", "there is one", "30 ms; LuGre 0.2 s", _solved_closer),
-)
-
-
-def _solved_from(
-    start: HalfCycle, servo: Servo, model: Model, gain: float, options: Options, what: str
-) -> HuntingOrbit:
-    began = time.perf_counter()
-    problem = hunting(model, servo, gain, half=options.half)
-    degree, kind = options.scheme_of(problem)
+def _solved_from(start: HalfCycle, q: AtGain) -> HuntingOrbit:
+    """The cycle next to a motion; NoOrbit where it is not computed."""
+    began, problem = time.perf_counter(), q.problem
+    degree, kind = q.options.scheme_of(problem)
     if (degree, kind) != problem.scheme:
-        start = half_cycle(model, servo, gain, start.start, degree=degree, kind=kind)
+        start = q.P(start.start, degree=degree, kind=kind)
     first: Solver = "newton" if _rings(start) else "ipopt"
-    solver = first if options.solver == "auto" else options.solver
-    solved = solve_adaptively(problem, started(start, problem, options), options, solver=solver)
-    return finished(solved, problem, options, began, what)
+    solver = first if q.options.solver == "auto" else q.options.solver
+    solved = solve_adaptively(problem, started(start, problem, q.options), q.options, solver=solver)
+    return finished(solved, problem, q.options, began, "the stable hunting cycle")
 
 
 def _rings(motion: HalfCycle) -> bool:
@@ -319,11 +282,87 @@ def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
         )
     degree, kind = options.scheme_of(problem)
     if _rings(motion):
-        motion = half_cycle(
-            problem.model, problem.servo, problem.gain, motion.start, tol=RINGS_OUT, degree=degree, kind=kind
-        )
+        P = StickMap(problem.model, problem.servo, problem.gain)
+        motion = P(motion.start, tol=RINGS_OUT, degree=degree, kind=kind)
     segments = [segment.meshed(shape_limit(options.tol)) for segment in motion.segments]
     return from_half_cycle(
         problem.model, segments, problem.vector(), problem.direction(problem.principal),
         degree=degree, kind=kind, half=options.half,
     )  # fmt: skip
+
+
+def inner_cycle(P: StickMap, outer: float, moving: float, options: Options) -> HuntingOrbit | None:
+    """The unstable cycle at the first change of sign of y inside the stable one.
+
+    outer, moving: stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
+    Returns the cycle; None where none was met.
+    """
+    problem, failed, needed = hunting("switch", P.servo, P.gain, half=options.half), 0, CAME_TO_REST
+    for inside, outside in _narrowing(P, outer, CREEPS_AFTER * moving):
+        if inside.ratio < needed or inside.segments[-1].mode != "stick":
+            continue
+        orbit = _solved(problem, inside, options)
+        if orbit is not None and inside.start < abs(float(orbit.arcs[0].states[0, 0, 0])) < outside and unstable(orbit):
+            return orbit
+        failed, needed = failed + 1, needed ** (1 / ACROSS)
+        if failed == MOST_SOLVED:
+            break
+    return None
+
+
+def _narrowing(P: StickMap, outer: float, longest: float) -> Iterator[tuple[HalfCycle, float]]:
+    """(motion that comes to rest nearer, stick position of one that does not), ever closer; each motion once."""
+    smallest, high, low = SCAN_LOW * P.unit, outer, 0.0
+    while high - low > TOO_STEEP * high:
+        a = math.sqrt(low * high) if low else high / ONE_STEP_IN
+        if a < smallest:
+            return
+        try:
+            run = P(a, longest=longest)
+        except MarchFailure:
+            return
+        if run.ratio < 1:
+            low = a
+            yield run, high
+        else:
+            high = a
+
+
+def _solved(problem: Hunting, motion: HalfCycle, options: Options) -> HuntingOrbit | None:
+    """The cycle next to a motion that comes to rest elsewhere, by Newton's method; None where that leads to none."""
+    began = time.perf_counter()
+    closed = _closed(problem, motion, options)
+    if closed is None:
+        return None
+    try:
+        solved = solve_adaptively(problem, closed, replace(options, solver="newton"), solver="newton")
+        return finished(solved, problem, options, began, "")
+    except NoOrbit:
+        return None
+
+
+def _closed(problem: Hunting, motion: HalfCycle, options: Options) -> Start | None:
+    """A motion with the stick that would close it; None where that would be over before it begins."""
+    degree, kind = options.scheme_of(problem)
+    if (degree, kind) != problem.scheme:
+        motion = StickMap("switch", problem.servo, problem.gain)(motion.start, degree=degree, kind=kind)
+    *slips, stick = motion.segments
+    a, x3_stop, x3_breakaway = motion.start, float(slips[-1].end[2]), -float(slips[0].start[2])
+    if (duration := (x3_breakaway - x3_stop) / a) <= 0:
+        return None
+    begins, ends = np.array([a, 0.0, x3_stop]), np.array([a, 0.0, x3_breakaway])
+    stick = Segment(stick.mode, stick.event, duration, stick.breaks, begins[None], ends)
+    return started(replace(motion, segments=[*slips, stick]), problem, options)
+
+
+def unstable(orbit: HuntingOrbit) -> bool:
+    """Whether the leading half multiplier is larger than one: at a glance, or computed where that leaves a doubt.
+
+    A glance leaves few digits of a large one, and of one beyond them not even its sign.
+    """
+    with suppress(np.linalg.LinAlgError):
+        t, u, setting = unknowns_of(orbit)
+        leading = float(t.linearise(u, setting).return_map_eigenvalues().real.max())
+        if CLEARLY_UNSTABLE[0] < leading < CLEARLY_UNSTABLE[1]:
+            return True
+    return orbit.multipliers.leading.real > 1

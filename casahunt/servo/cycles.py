@@ -113,8 +113,9 @@ def closed_cycle(model: Model, signature: Signature, repeats: int, parameters: t
     events = {way_out.event.name: way_out.event for mode in form.modes for way_out in form.exits[mode]}
     if any(mode not in form.modes or event not in events for mode, event in signature):
         raise ValueError(f"the {model} servo has no cycle with the phases {signature}")
-    follows = signature[1:] + (signature[:1] if repeats == 1 else mirrored(signature[:1]))
-    for (mode, event), (following, _) in zip(signature, follows, strict=True):
+    for (mode, event), (following, _) in zip(signature, signature[1:] + signature[:1], strict=True):
+        if repeats == 2:
+            break  # a motion that is no cycle may be closed by its mirror image: what comes of it is judged
         leads = [w.successor for w in form.ways_out(mode, event) if isinstance(w.successor, Always)]
         if any(one.name != following and "slide" not in (one.name, following) for one in leads):
             raise ValueError(f"{signature} are not the phases of a cycle of the {model} servo")

@@ -69,6 +69,7 @@ class Margins(Result):
     """
 
     _quantities = ("phase_margin [deg]", "frequency [rad/s]", "lowest_factor", "highest_factor", "stable")
+    _details = ("crossover = frequency [rad/s]",)
 
     frequency: float
     phase_margin: float

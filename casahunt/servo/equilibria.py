@@ -41,14 +41,18 @@ says anything about hunting, which is a cycle away from the equilibria.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..checks import COMPUTED, known, require, sensible
+from ..export import Columns
 from ..results import Result
 from .hunting import MODELS, Model
 from .servo import Servo, a_servo
+from .units import column
 
 Array = np.ndarray
 
@@ -70,12 +74,12 @@ class Equilibria(Result):
     model, servo, gain : the problem.
     integral_limit : Fs/ki: |x3| of the ends of the segment [rad s].
     position_limit : Fs/kp: |x1| of the strip of the stick region where x3 = 0 [rad].
-    bristle_limit : Fs/sigma0 [rad]; 0 for Switch.
+    bristle_limit : Fs/sigma0 [rad]; nan for Switch.
     sharp : (left, right) sides of kd + sigma2 > J/(kp/ki) [N m s/rad].
     simple : (left, right) sides of sigma2/J > 1/(kp/ki) [1/s].
     q, alpha : (Q,), (A,) grid of the generalised Jacobian; empty for Switch.
     largest : (Q, A) largest real part [1/s] of the three eigenvalues of each member that are not the zero.
-    threshold : members with c below it have an eigenvalue in the right half-plane; 0 where none has.
+    threshold : members with c below it have an eigenvalue in the right half-plane; 0 where none has, nan for Switch.
 
     Examples
     --------
@@ -88,7 +92,9 @@ class Equilibria(Result):
     _quantities = (
         "model", "gain [V/rad]", "integral_limit [rad s]", "position_limit [rad]", "sharp_holds", "simple_holds",
     )  # fmt: skip
-    _details = ("servo", "bristle_limit [rad]", "sharp", "simple", "threshold")
+    _details = (
+        "servo", "bristle_limit [rad]", "largest_real_part [1/s]", "members = largest.size", "threshold",
+    )  # fmt: skip
 
     model: Model
     servo: Servo
@@ -102,6 +108,35 @@ class Equilibria(Result):
     alpha: Array
     largest: Array
     threshold: float
+
+    @property
+    def largest_real_part(self) -> float:
+        """Of the eigenvalues of all members but the zeros [1/s]; nan for Switch."""
+        return float(self.largest.max()) if self.largest.size else math.nan
+
+    def _more(self) -> dict[str, Any]:
+        conditions = ("sharp", self.sharp, self.sharp_holds), ("simple", self.simple, self.simple_holds)
+        said = {
+            f"{name}_condition": {"left": left, "right": right, "holds": holds}
+            for name, (left, right), holds in conditions
+        }
+        return {**said, "proves": PROVES}
+
+    def _columns(self) -> Columns:
+        row = {
+            "model": self.model,
+            column("gain"): self.gain,
+            "integral_limit_rad_s": self.integral_limit,
+            "position_limit_rad": self.position_limit,
+            "bristle_limit_rad": self.bristle_limit,
+            "largest_real_part_per_s": self.largest_real_part,
+            "sharp_left_Nms_per_rad": self.sharp[0],
+            "sharp_right_Nms_per_rad": self.sharp[1],
+            "simple_left_per_s": self.simple[0],
+            "simple_right_per_s": self.simple[1],
+            "threshold": self.threshold,
+        }
+        return {name: [value] for name, value in row.items()}
 
     @property
     def sharp_holds(self) -> bool:
@@ -195,7 +230,7 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     f, reset = servo.friction, servo.controller.reset_time
     kp, kd, ki = servo.torque_gains(gain)
     q, alpha, largest = np.zeros(0), np.zeros(0), np.zeros((0, 0))
-    limit = f.static / f.stiffness if model == "lugre" else 0.0
+    limit = f.static / f.stiffness if model == "lugre" else math.nan
     if model == "lugre":
         q, alpha = np.linspace(-limit, limit, POSITIONS), np.linspace(0, 1, SLOPES)
         values = 1 - np.outer(q / limit, 2 * alpha - 1)
@@ -213,5 +248,5 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
         q=q,
         alpha=alpha,
         largest=largest,
-        threshold=threshold(servo, gain) if model == "lugre" else 0.0,
+        threshold=threshold(servo, gain) if model == "lugre" else math.nan,
     )

@@ -2,10 +2,7 @@
 
 The walk needs a gain at which the servo hunts, not far below the fold.  The search starts at the gain below which the
 frictionless linear loop is unstable, J / (cm kd' kp/ki) (Routh-Hurwitz; report, section 2), goes up and down from there
-in factors of two to the first cycle, and then up as far as the event map finds one.  Where motions go farther out at
-one of these gains, and not at the next, cycles are looked for in between.
-The ways stand in the tables `PLACES`, to gains at which there may be a cycle; `WALKS`, from a cycle to the fold; and
-`LOCATING`, once it is between two orbits.
+in factors of two to the first cycle, and then up as far as the event map finds one.
 
 That no gain was found is not shown by looking at some: status None, "there is none", is said with a proof only
 (denial.py).
@@ -15,37 +12,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-
-import numpy as np
 
 from .. import effort
 from ..checks import of_kind
 from ..continuation.fold import WALK_TOLERANCE, confirmed, located, turns_back
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..motion.march import MarchFailure
 from ..orbits.adapt import Options
 from ..orbits.options import TOLERANCE_RANGE
 from .cold_start import quickly_at, stable_at
 from .denial import no_cycle
-from .event_map.climb import BESIDE_A_CYCLE, climbed, lowered
 from .event_map.fixed_points import fixed_points
-from .event_map.scan import GROWING, HalfCycle, Scan, half_cycle, near_typical, scan
+from .event_map.half_cycle import HalfCycle, StickMap
+from .event_map.near import BESIDE_A_CYCLE, climbed, lowered, near_typical
+from .event_map.scan import GROWING, Scan, scan
 from .hunting import Model
 from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
-from .refused import check_hunts, check_problem
+from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo
-from .strategies import Strategy, first_of
-from .times import check_times
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
-GAIN_HALVINGS = 8
-"""Gains searched between one at which motions go farther out and twice that, at which they do not."""
 LUGRE_SEARCHES = 5
 """Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
 MOST_FAILED = 8
@@ -54,8 +44,9 @@ SAME_GAIN = 1.1
 """Ratio of gains within which a careful search is not repeated."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
-SHARP_TOLERANCE = 1e-8
-"""Of the walk to a fold that the rough walk has not led to."""
+LOCATED_TO = (0.1, 1e-3)
+"""Parts of the tolerance to which a fold is located, in turn: its place on the branch takes a finer mesh than its gain,
+period and amplitude being of first order in it."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 
@@ -122,7 +113,6 @@ class _Hunt:
     Attributes
     ----------
     seen : the scans that show no cycle, by gain.
-    farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
     proved : by gain: why the Switch servo has no cycle there (denial.py).
     carefully : the gains at which a cycle was sought by every strategy.
     """
@@ -130,7 +120,6 @@ class _Hunt:
     servo: Servo
     model: Model
     seen: list[tuple[float, Scan]] = field(default_factory=list)
-    farther: dict[float, bool | None] = field(default_factory=dict)
     proved: dict[float, str] = field(default_factory=dict)
     carefully: list[float] = field(default_factory=list)
 
@@ -140,96 +129,39 @@ class _Hunt:
         self.carefully += [] if known else [gain]
         return known
 
-    def rigid_cycle(self, gain: float) -> HalfCycle | None:
-        """The Switch servo's stable cycle; without one, `farther` is found out."""
-        unit = self.servo.friction.static / self.servo.torque_gains(gain)[0]
-        if why := no_cycle(self.servo, "switch", gain):  # nor do swings grow: far out the loop is stable
-            self.farther[gain], self.proved[gain] = False, why
+    def rigid_cycle(self, P: StickMap) -> HalfCycle | None:
+        """The Switch servo's stable cycle."""
+        if why := no_cycle(self.servo, "switch", P.gain):
+            self.proved[P.gain] = why
             return None
-        self.farther[gain] = None
-        near = near_typical(self.servo, gain, close=BESIDE_A_CYCLE)
+        near = near_typical(P, close=BESIDE_A_CYCLE)
         if near is None:
-            scanned = scan("switch", self.servo, gain)
+            scanned = scan(P)
             near = scanned.upper
-            if near is None:
-                self.seen.append((gain, scanned))
-        if near is None:
-            with suppress(MarchFailure):
-                self.farther[gain] = half_cycle("switch", self.servo, gain, unit).ratio >= 1
+            self.seen += [(P.gain, scanned)] if near is None else []
         return near
 
 
 def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
-    """Where there may be a cycle: of every gain, what the first strategy has that knows any; then LuGre's own."""
+    """Where there may be a cycle: at every gain and above it, where the Switch servo has one; then LuGre's own."""
     for gain in gains:
-        for strategy in PLACES:
-            if strategy.applies((hunt, gain)) and isinstance(places := strategy.run((hunt, gain)), Iterator):
-                yield from (place for place in places if place[2] or not hunt.searched(place[0]))
-                break
+        P = StickMap("switch", hunt.servo, gain)
+        rigid = hunt.rigid_cycle(P)
+        if rigid is not None:
+            yield from _downwards(hunt, P, climbed(P, rigid))
     if hunt.model != "switch":
         yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES] if not hunt.searched(gain))
 
 
-def _from_here_up(at: tuple[_Hunt, float]) -> Iterator[Place] | None:
-    hunt, gain = at
-    rigid = hunt.rigid_cycle(gain)
-    return None if rigid is None else _downwards(hunt, climbed(hunt.servo, gain, rigid))
-
-
-def _downwards(hunt: _Hunt, places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
+def _downwards(hunt: _Hunt, P: StickMap, places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
     """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly.
 
     With a bristle the fold lies at a lower gain, where the drop of friction is small at a much lower one.
     """
     yield from ((gain, beside, True) for gain, beside in reversed(places))
-    if places and hunt.model != "switch":
-        yield from ((gain, beside, True) for gain, beside in lowered(hunt.servo, *places[0]))
-    yield from ((gain, beside, False) for gain, beside in reversed(places))
-
-
-def _turns_beside(at: tuple[_Hunt, float]) -> bool:
-    return bool(_turning(*at))
-
-
-def _turning(hunt: _Hunt, gain: float) -> list[float]:
-    """The lower ends of the ranges next to a gain, a factor of two wide, at which motions cease to go farther out."""
-    known = hunt.farther
-    return [low for low in (gain / 2, gain) if known.get(low) is True and known.get(2 * low) is False]
-
-
-def _in_between(at: tuple[_Hunt, float]) -> Iterator[Place]:
-    """Each range is searched when the one before has led to nothing."""
-    hunt, gain = at
-    for low in _turning(hunt, gain):
-        between = _between(hunt, low, 2 * low)
-        yield from _downwards(hunt, climbed(hunt.servo, *between) if between else [])
-
-
-def _between(hunt: _Hunt, low: float, high: float) -> tuple[float, HalfCycle] | None:
-    """(gain, motion beside it) of a cycle between a gain at which motions go farther out and one at which they do not.
-
-    With a loop that is unstable without dry friction, cycles exist from the gain at which large swings stop just short
-    of going on for ever to the fold: that range may be narrow.
-    """
-    for _ in range(GAIN_HALVINGS):
-        gain = float(np.sqrt(low * high))
-        rigid = hunt.rigid_cycle(gain)
-        if rigid is not None:
-            return gain, rigid
-        farther = hunt.farther[gain]
-        if farther is None:
-            return None
-        low, high = (gain, high) if farther else (low, gain)
-    return None
-
-
-PLACES: tuple[Strategy[tuple[_Hunt, float], Iterator[Place]], ...] = (
-    Strategy("a cycle of the Switch servo at this gain, and above", "always", "0.1 s, without one 1 s", _from_here_up),
-    Strategy(
-        "a cycle of the Switch servo between this gain and twice or half of it",
-        "motions go farther out at one of the two, and not at the other", "5 s", _in_between, _turns_beside,
-    ),
-)  # fmt: skip
+    if hunt.model != "switch":
+        yield from ((gain, beside, True) for gain, beside in lowered(P, places[0][1]))
+    yield from ((gain, beside, False) for gain, beside in reversed(places) if not hunt.searched(gain))
 
 
 def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
@@ -301,27 +233,8 @@ def find_fold(
     a_servo(servo)
     options = of_kind("options", options or Options(), Options)
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE), sketched=True)
-    first = start or find_any_orbit(servo, model, options=rough)
-    return first_of(WALKS, _Way(first, options, began), f"the fold of the {model} servo was not found")
-
-
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """From an orbit to the fold; `after` is the one behind the fold, once it is there."""
-
-    first: HuntingOrbit
-    options: Options
-    began: float
-    after: HuntingOrbit | None = None
-
-
-def _walked_to(way: _Way, tol: float) -> HuntingFold:
-    """The confirmed fold at the end of a walk with this tolerance."""
-    first = before = way.first
-    model = first.model
-    options = replace(way.options, tol=tol)
-    sketched = replace(options, sketched=tol >= WALK_TOLERANCE)
-    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=sketched)
+    first = before = start or find_any_orbit(servo, model, options=rough)
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=rough)
     while True:
         effort.at(partial(_on_the_way, before))
         try:
@@ -333,33 +246,20 @@ def _walked_to(way: _Way, tol: float) -> HuntingFold:
                 Status.NOT_CONVERGED,
             ) from None
         if turns_back(before, after, "gain"):
-            return first_of(LOCATING, replace(way, first=before, after=after), f"the fold of the {model} servo")
+            return _located(before, after, options, began)
         before = after
 
 
-def _located_to(way: _Way, part: float) -> HuntingFold:
-    """The fold between two orbits, located to a part of the tolerance and confirmed to the whole of it."""
-    assert way.after is not None
-    sharp = replace(way.options, tol=max(way.options.tol * part, TOLERANCE_RANGE[0]))
-    return confirmed(located(way.first, way.after, "gain", sharp), "gain", way.options, way.began)
-
-
-WALKS: tuple[Strategy[_Way, HuntingFold], ...] = (
-    Strategy(
-        "with rough steps", "always", "15 ms; LuGre 0.1 s",
-        lambda way: _walked_to(way, max(way.options.tol, WALK_TOLERANCE)),
-    ),
-    # Next to a very sharp fold the errors of the rough way are as large as what is left of the branch.
-    Strategy(
-        "with accurate steps", "always", "0.1 s; LuGre 2 s",
-        lambda way: _walked_to(way, min(way.options.tol, SHARP_TOLERANCE)),
-    ),
-)  # fmt: skip
-# The place of a fold on the branch takes a finer mesh than its gain, period and amplitude being first order in it.
-LOCATING: tuple[Strategy[_Way, HuntingFold], ...] = (
-    Strategy("to a tenth of the tolerance", "always", "7 ms; LuGre 40 ms", lambda way: _located_to(way, 0.1)),
-    Strategy("to a thousandth of the tolerance", "always", "10 ms; LuGre 60 ms", lambda way: _located_to(way, 1e-3)),
-)
+def _located(before: HuntingOrbit, after: HuntingOrbit, options: Options, began: float) -> HuntingFold:
+    """The confirmed fold between two orbits, located to a part of the tolerance and confirmed to the whole of it."""
+    for part in LOCATED_TO:
+        sharp = replace(options, tol=max(options.tol * part, TOLERANCE_RANGE[0]))
+        try:
+            return confirmed(located(before, after, "gain", sharp), "gain", options, began)
+        except NoOrbit:
+            if part == LOCATED_TO[-1]:
+                raise
+    raise AssertionError("no part of the tolerance")
 
 
 def _on_the_way(orbit: HuntingOrbit) -> str:

@@ -5,7 +5,7 @@
     otherwise       the fold from nothing (find_fold.py): above it there is none; below it a walk down from there,
                     on the side that was asked for
 
-The ways stand in the tables `STABLE`, `UNSTABLE` and `DOWN`, in the order in which they are tried.
+The ways stand in the tables `STABLE` and `UNSTABLE`, in the order in which they are tried.
 
 "There is none" is said only with the fold below the gain, which continuation/fold.py locates on the branch and confirms
 as an optimum, or with a proof (denial.py).  Where there is neither, the sentence is "not found": what was tried.
@@ -27,26 +27,22 @@ from ..continuation.special_points import FOLD, SpecialPoint
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
-from .cold_start import Met, quickly_at, stable_at, unstable_at
+from .cold_start import Met, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
-from .event_map.climb import BESIDE_A_CYCLE, climbed
-from .event_map.scan import HalfCycle, near_typical
+from .event_map.half_cycle import HalfCycle, StickMap
+from .event_map.near import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import find_fold
 from .hunting import Model
-from .inner_cycle import inner_cycle, unstable
 from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
-from .refused import check_hunts, check_problem
+from .refused import check_hunts, check_problem, check_times, stiff_at
 from .servo import Servo
 from .strategies import Strategy, first_of
-from .times import check_times, stiff_at
 
 BranchName = Literal["stable", "unstable", "lopsided"]
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable", "lopsided")
 TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
-FAR_BELOW = 0.9
-"""Part of the fold gain below which the way down from the fold may be rough, its end being refined."""
 NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
 DOWNWARDS = 0.01
@@ -116,7 +112,6 @@ class _Search:
     gain: float
     branch: BranchName
     options: Options
-    vanished: bool = False
 
     @cached_property
     def met(self) -> Met:
@@ -127,9 +122,14 @@ class _Search:
         return Met(None, False, None)
 
     @cached_property
+    def rigid(self) -> StickMap:
+        """The event map of the Switch servo at this gain."""
+        return StickMap("switch", self.servo, self.gain)
+
+    @cached_property
     def beside(self) -> HalfCycle | None:
         """A motion of the Switch servo beside its stable cycle at this gain, where a few steps lead to one."""
-        return near_typical(self.servo, self.gain, close=BESIDE_A_CYCLE)
+        return near_typical(self.rigid, close=BESIDE_A_CYCLE)
 
     @property
     def rough(self) -> Options:
@@ -142,9 +142,9 @@ class _Search:
         return stiff_at(self.servo, self.gain)
 
     @property
-    def rounds(self) -> bool:
-        """Whether a way from the stable cycle round the fold may lead to the unstable one."""
-        return not self.vanished and self.met.orbit is not None
+    def by_newton(self) -> bool:
+        """Motions can be computed, and IPOPT is not to work alone."""
+        return not self.stiff and self.options.solver != "ipopt"
 
 
 def _from_motions(s: _Search) -> HuntingOrbit | str:
@@ -158,26 +158,15 @@ def _from_motions(s: _Search) -> HuntingOrbit | str:
     return f"they led to a cycle with half multiplier {orbit.half_multiplier:.4g}, which is not the stable one"
 
 
-def _inner_fixed_point(s: _Search) -> HuntingOrbit | str:
-    """The unstable cycle inside the stable one at the same gain, where a scan of the map leads to it."""
-    try:
-        orbit, seen = unstable_at(s.servo, s.model, s.gain, options=s.options)
-    except NoOrbit as error:
-        return str(error)
-    if orbit is None:
-        return f"none inside the stable one; {seen.sentence()}"
-    return orbit if unstable(orbit) else "the solver went from it to the stable cycle"
-
-
 def _inside_the_stable_one(s: _Search) -> HuntingOrbit | None:
     """The unstable cycle from motions inside the stable one; None where they lead to none."""
     if s.beside is not None:
-        return inner_cycle(s.servo, s.gain, s.beside.fixed, s.beside.moving, s.options)
+        return inner_cycle(s.rigid, s.beside.fixed, s.beside.moving, s.options)
     stable = s.met.orbit
     if stable is None:
         return None
     moving = sum(arc.duration for arc in stable.arcs if arc.mode != "stick") * stable.repeats / 2
-    return inner_cycle(s.servo, s.gain, stable.amplitude, moving, s.options)
+    return inner_cycle(s.rigid, stable.amplitude, moving, s.options)
 
 
 def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
@@ -187,28 +176,27 @@ def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
     """
     if s.beside is None:
         return None
-    for gain, motion in reversed(climbed(s.servo, s.gain, s.beside)):
+    for gain, motion in reversed(climbed(s.rigid, s.beside)):
         start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, sketched=True), beside=motion)
         if start is not None:
-            return _round_the_fold(s, s.rough, start, max(start.amplitude, s.beside.fixed))
+            return _round_the_fold(s, start, max(start.amplitude, s.beside.fixed))
     return None
 
 
-def _round_from_here(s: _Search, way: Options) -> HuntingOrbit | str:
-    assert s.met.orbit is not None
-    return _round_the_fold(s, way, s.met.orbit, s.met.orbit.amplitude)
+def _from_here(s: _Search) -> HuntingOrbit | str | None:
+    """`_round_the_fold` from the stable cycle at this gain; None where none was met."""
+    return None if s.met.orbit is None else _round_the_fold(s, s.met.orbit, s.met.orbit.amplitude)
 
 
-def _round_the_fold(s: _Search, way: Options, start: HuntingOrbit, outer: float) -> HuntingOrbit | str:
-    """The unstable cycle from a stable one at this gain or above: up to the fold and down again.
+def _round_the_fold(s: _Search, start: HuntingOrbit, outer: float) -> HuntingOrbit | str:
+    """The unstable cycle from a stable one at this gain or above: up to the fold and down again, with rough steps.
 
     `outer` is the amplitude of the stable cycle at the gain itself.
     """
     last = start
-    sketched = replace(way, sketched=way != s.options)
+    sketched = replace(s.rough, sketched=s.rough != s.options)
     for last in walk(start, low=s.gain, high=start.gain * 1e9, options=sketched):
         if _vanished(last):
-            s.vanished = True
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
     if last is start or last.gain != s.gain or last.amplitude >= outer:
         return f"the way ended at gain {last.gain:.6g} with the half multiplier {last.half_multiplier:.3g}"
@@ -235,24 +223,13 @@ STABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
 UNSTABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
     Strategy(
         "inside the stable one", "Switch; motions can be computed, and IPOPT is not to work alone", "8 ms",
-        _inside_the_stable_one, lambda s: s.model == "switch" and not s.stiff and s.options.solver != "ipopt",
+        _inside_the_stable_one, lambda s: s.model == "switch" and s.by_newton,
     ),
     Strategy(
         "round the fold, from next to it", "motions can be computed, and IPOPT is not to work alone",
-        "20 ms; LuGre 0.2 s", _from_next_to_the_fold, lambda s: not s.stiff and s.options.solver != "ipopt",
+        "20 ms; LuGre 0.2 s", _from_next_to_the_fold, lambda s: s.by_newton,
     ),
-    Strategy(
-        "round the fold, with rough steps", "a cycle was met by motions at this gain", "30 ms; LuGre 0.3 s",
-        lambda s: _round_from_here(s, s.rough), lambda s: s.rounds,
-    ),
-    Strategy(
-        "round the fold, with accurate steps", "the rough ones did not lead to it, nor to one shrunk to nothing",
-        "60 ms; LuGre 2 s", lambda s: _round_from_here(s, s.options), lambda s: s.rounds and s.rough != s.options,
-    ),
-    Strategy(
-        "the inner fixed point of the event map", "a cycle was met by motions at this gain", "0.5 s; LuGre 10 s",
-        _inner_fixed_point, lambda s: s.met.orbit is not None,
-    ),
+    Strategy("round the fold, from this gain", "motions can be computed", "30 ms; LuGre 0.3 s", _from_here),
     Strategy("down from the fold", "always", "0.1 s; LuGre 1 s; next to the sharpest folds minutes", _from_the_fold),
 )  # fmt: skip
 
@@ -303,55 +280,22 @@ def _deny_proved(servo: Servo, model: Model, gain: float, also: str) -> None:
         raise NoOrbit(f"no hunting limit cycle of the {model} servo at gain {gain:g} or above: {why}{also}") from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Descent:
-    """What is sought down from a fold."""
-
-    fold: HuntingFold
-    gain: float
-    branch: BranchName
-    options: Options
-
-    @property
-    def rough(self) -> Options:
-        """Enough for a way whose end is refined."""
-        return replace(self.options, tol=max(self.options.tol, WALK_TOLERANCE))
-
-
 def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Options) -> HuntingOrbit:
     """The cycle at `gain` on one side of the fold above it."""
-    what = (
+    last, ended = _followed_down(fold, gain, branch, options)
+    if last.gain == gain and unstable(last) == (branch == "unstable"):
+        return last
+    how = f"to this gain, where the cycle has the half multiplier {last.half_multiplier:.4g}"
+    raise NoOrbit(
         f"the {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:g} was not found: its cycles, which "
-        f"end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down from there"
+        f"end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down from there "
+        + (how if last.gain == gain else f"to gain {last.gain:.8g} only ({ended})"),
+        Status.NOT_FOUND,
     )
-    return first_of(DOWN, _Descent(fold, gain, branch, options), what)
-
-
-def _down_by(d: _Descent, way: Options) -> HuntingOrbit | str:
-    last, ended = _followed_down(d.fold, d.gain, d.branch, way, d.options)
-    if last.gain != d.gain:
-        return f"to gain {last.gain:.8g} only ({ended})"
-    try:
-        orbit = refined(last, d.options) if way is not d.options else last
-    except NoOrbit as error:
-        return f"to this gain, but not to the tolerance ({error})"
-    if unstable(orbit) == (d.branch == "unstable"):
-        return orbit
-    return f"to this gain, where the cycle has the half multiplier {orbit.half_multiplier:.4g}"
-
-
-DOWN: tuple[Strategy[_Descent, HuntingOrbit], ...] = (
-    Strategy(
-        "with rough steps", f"the gain is below {FAR_BELOW} of the fold's, and the tolerance below {WALK_TOLERANCE:g}",
-        "20 ms; LuGre 0.4 s", lambda d: _down_by(d, d.rough),
-        lambda d: d.gain < FAR_BELOW * d.fold.gain and d.rough != d.options,
-    ),
-    Strategy("with accurate steps", "always", "40 ms; LuGre 1 s", lambda d: _down_by(d, d.options)),
-)  # fmt: skip
 
 
 def _followed_down(
-    fold: HuntingFold, gain: float, branch: BranchName, way: Options, options: Options
+    fold: HuntingFold, gain: float, branch: BranchName, options: Options
 ) -> tuple[HuntingOrbit, str]:
     """(last orbit, why the walk ends with it) down from a fold on the stable or the unstable side.
 
@@ -359,10 +303,7 @@ def _followed_down(
     """
     row = curve_point(fold.orbit, "gain").row
     for heading in (row, -row):
-        steps = walk(
-            fold.orbit, low=gain, high=2 * fold.gain, heading=heading, first_step=DOWNWARDS,
-            options=replace(way, sketched=way is not options),
-        )  # fmt: skip
+        steps = walk(fold.orbit, low=gain, high=2 * fold.gain, heading=heading, first_step=DOWNWARDS, options=options)
         before, last = fold.orbit, next(steps, None)
         if last is None or unstable(last) != (branch == "unstable"):
             continue

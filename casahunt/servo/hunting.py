@@ -10,8 +10,9 @@ Switch friction, states (x1, x2, x3), a Filippov system with eta -> 0:
 
 LuGre friction, states (x1, x2, x3, x4 = z), the kink |x2| split off as a mode:
     slide+, slide-  s x2 >= 0: |x2| = s x2, until x2 = 0 ("reversal")
-    slide           |x2| as it is: once the net torque at a reversal is below `WEAK` Fs, the kink is too
-                    weak to deserve a phase boundary, and tiny reversals come and go along a branch
+    slide           |x2| as it is, the mode that both are parts of: once the net torque at a reversal is below
+                    `WEAK` Fs, the kink is too weak to deserve a phase boundary, and tiny reversals come and go
+                    along a branch
   Half cycle: from x1 = 0 in mid-slip ("centre", always transversal) to the next one: slip, ring-down
   of alternating short slides, then the long stick and the take-off in the last phase.
 
@@ -147,11 +148,13 @@ def _as_it_slides(x: Any, p: Any) -> str:
 
 
 SLIDE_FORWARD = Mode("slide+", _slide, sign=+1, holds=_slides_forward, slack=10 * WEAK, feature=_stribeck_drop,
-                     stiff=True, ends=(Event("reversal", _velocity, -1, to=_after_reversal),
-                                       Event("centre", _position, +1, to="slide+")))  # fmt: skip
+                     stiff=True, unsplit="slide",
+                     ends=(Event("reversal", _velocity, -1, to=_after_reversal),
+                           Event("centre", _position, +1, to="slide+")))  # fmt: skip
 SLIDE_BACK = Mode("slide-", _slide, sign=-1, holds=_slides_forward, slack=10 * WEAK, feature=_stribeck_drop,
-                  stiff=True, ends=(Event("reversal", _velocity, +1, to=_after_reversal),
-                                    Event("centre", _position, -1, to="slide-")))  # fmt: skip
+                  stiff=True, unsplit="slide",
+                  ends=(Event("reversal", _velocity, +1, to=_after_reversal),
+                        Event("centre", _position, -1, to="slide-")))  # fmt: skip
 SLIDE = Mode("slide", _slide, sign=0, smooth=False, feature=_stribeck_drop, stiff=True,
              ends=(Event("centre", _position, 0, to=_as_it_slides),))  # fmt: skip
 

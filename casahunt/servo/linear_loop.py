@@ -30,14 +30,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..checks import COMPUTED, sensible
 from ..errors import InputError
+from ..export import Columns
 from ..results import Result
 from .controller import Pid
 from .servo import Servo, a_servo
+from .units import column
 
 Array = np.ndarray
 
@@ -89,9 +92,7 @@ class LinearLoop(Result):
     """
 
     _quantities = ("gain [V/rad]", "stable", "poles [1/s]", "lowest_factor", "highest_factor")
-    _details = (
-        "kp [N m/rad]", "kd [N m s/rad]", "ki [N m/(rad s)]", "damping_ratio", "gain_crossovers", "phase_crossovers",
-    )  # fmt: skip
+    _details = ("kp [N m/rad]", "kd [N m s/rad]", "ki [N m/(rad s)]", "damping_ratio")
 
     gain: float
     kp: float
@@ -103,6 +104,30 @@ class LinearLoop(Result):
     phase_crossovers: tuple[Crossover, ...]
     lowest_factor: float
     highest_factor: float
+
+    def _columns(self) -> Columns:
+        """A row; of the phase margins the least."""
+        least = min(self.gain_crossovers, key=lambda c: abs(c.margin), default=None)
+        row: dict[str, Any] = {
+            column("gain"): self.gain,
+            "stable": bool(self.stable),
+            "phase_margin_deg": least.margin if least else math.nan,
+            "crossover_rad_per_s": least.frequency if least else math.nan,
+            "lowest_factor": self.lowest_factor,
+            "highest_factor": self.highest_factor,
+            "damping_ratio": self.damping_ratio,
+            "kp_Nm_per_rad": self.kp,
+            "ki_Nm_per_rad_s": self.ki,
+            "kd_Nms_per_rad": self.kd,
+        }
+        for i, pole in enumerate(self.poles, 1):
+            row |= {f"pole_{i}_re_per_s": pole.real, f"pole_{i}_im_per_s": pole.imag}
+        return {name: [value] for name, value in row.items()}
+
+    def _more(self) -> dict[str, Any]:
+        crossings = (self.gain_crossovers, "phase_margin_deg"), (self.phase_crossovers, "gain_factor")
+        gain, phase = ([{"frequency": c.frequency, name: c.margin} for c in items] for items, name in crossings)
+        return {"gain_crossovers": gain, "phase_crossovers": phase}
 
     @property
     def damping_ratio(self) -> float:

@@ -22,7 +22,7 @@ from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..results import Result
 from .basin import stick_position
-from .event_map.scan import SECTION
+from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
 from .problem import HuntingOrbit
 from .simulation.simulate import simulate
@@ -57,7 +57,7 @@ class OtherEnd(Result):
     """
 
     _quantities = ("hunts", "start", "orbit", "none")
-    _details = ("reason",)
+    _details = ("reason", "amplitude = orbit.amplitude [rad]", "period = orbit.period [s]")
 
     orbit: HuntingOrbit | None
     reason: str = ""

@@ -6,6 +6,7 @@ are those of cycles.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` an
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -226,7 +227,7 @@ class Hunting(Cycles):
         """
         return closed_cycle(self.model, signature, repeats, self.names)
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
         """Starting points for other phase sequences: of half cycles see `sequences.next_sequence`.
 
         t, u, setting: an orbit that is no motion any more: transcription, unknowns, setting; soft: also last resorts
@@ -234,7 +235,7 @@ class Hunting(Cycles):
         """
         if t.cycle.repeats == 1 and self.model == "switch":
             return super().next_sequence(t, u, setting, phase, soft=soft)
-        return next_sequence(self.model, t, u, setting, phase, soft=soft)
+        return iter(next_sequence(self.model, t, u, setting, phase, soft=soft))
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has: of half cycles see `sequences.remarch`.
@@ -243,14 +244,14 @@ class Hunting(Cycles):
         """
         return super().remarch(t, u, setting) if t.cycle.repeats == 1 else remarch(self.model, t, u, setting)
 
-    def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
+    def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
         """Starting points at a predicted point of a branch.
 
         Returns the sequence at hand, unsplit phases given their sign again; then without a pair about to vanish.
         """
         start = (t, u, setting)
         starts = [harden(self.model, *start) or start, merge_vanishing(self.model, *start)]
-        return [candidate for candidate in starts if candidate is not None]
+        return (candidate for candidate in starts if candidate is not None)
 
 
 CLOSURES = {model: Closure.of(-np.eye(len(x)), np.zeros(len(x)), 2) for model, x in STATES.items()}

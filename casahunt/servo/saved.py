@@ -11,16 +11,20 @@ import numpy as np
 
 from ..checks import known, require
 from ..continuation.special_points import Missed, SpecialPoint
+from ..errors import InputError
 from ..orbits import archive
 from ..orbits.archive import Said, Text, Writer, checked, orbit_from, read, save_orbit, write
 from .branch import Branch
 from .hunting import MODELS
 from .problem import Hunting, HuntingOrbit
-from .servo import flatten, unflatten
+from .servo import Servo, flatten, unflatten
 
 Array = np.ndarray
 
-__all__ = ["load_branch", "load_orbit", "load_run", "save_branch", "save_orbit"]
+__all__ = ["load_branch", "load_orbit", "load_run", "of_another_run", "same_task", "save_branch", "save_orbit"]
+
+INTERRUPTED = "interrupted"
+"""Why a branch or a curve ends that is not at its end."""
 
 
 def _pose(record: Mapping[str, Any]) -> Hunting:
@@ -105,7 +109,8 @@ def save_branch(
 def _content(branch: Branch, writer: Writer) -> dict[str, Text]:
     """What a branch has of its own, as JSON text."""
     special = [
-        f'{{"kind": {writer.text(s.kind)}, "meaning": {writer.text(s.meaning)}, "orbit": {writer.orbit(s.orbit)}}}'
+        f'{{"kind": {writer.text(s.kind)}, "meaning": {writer.text(s.meaning)}, "at": {writer.text(s.at)}, '
+        f'"vary": {writer.text(s.vary)}, "orbit": {writer.orbit(s.orbit)}}}'
         for s in branch.special
     ]
     missed = [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed]
@@ -150,14 +155,36 @@ def load_branch(path: str | Path) -> Branch:
     >>> again.gains.tolist(), again.ended
     ([0.1], 'one point')
     """
+    return load_run(path)[0]
+
+
+def load_run(path: str | Path) -> tuple[Branch, dict[str, Any]]:
+    """A branch, and what `save_branch` was told about its run; empty where nothing was.  Raises as `load_branch`."""
     metadata, numbers = read(path, "branch")
-    return checked(path, lambda: _branch(metadata, numbers))
+    run = metadata.get("run", {})
+    return checked(path, lambda: _branch(metadata, numbers)), run if isinstance(run, dict) else {}
 
 
-def load_run(path: str | Path) -> dict[str, Any]:
-    """What `save_branch` was told about the run; empty where nothing was.  Raises InputError as `load_branch`."""
-    run = read(path, "branch")[0].get("run", {})
-    return run if isinstance(run, dict) else {}
+def same_task(
+    path: Path, found: Any, said: Mapping[str, Any], servo: Servo, model: str, asked: Mapping[str, Any]
+) -> None:
+    """Refuse to go on with what another run has left.
+
+    found: a branch, or a fold curve; said, asked: the settings that it was computed with, and those asked for, by their
+    names on the command line.
+    """
+    another = [f"{key} = {said.get(key)}, not {value}" for key, value in asked.items() if said.get(key) != value]
+    another += ["another servo"] * (found.servo != servo) + ["another model"] * (found.model != model)
+    if another:
+        raise of_another_run(path, "; ".join(another))
+
+
+def of_another_run(path: Path, why: str) -> InputError:
+    """The refusal of a file that cannot be gone on with."""
+    return InputError(
+        f"resume: {str(path)!r} is of another run ({why}); give what it was computed with, or leave --resume out for "
+        "a new start"
+    )
 
 
 def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
@@ -173,7 +200,13 @@ def _own(metadata: dict[str, Any], content: dict[str, Any], numbers: Array) -> B
         orbits=tuple(orbit_from(record, numbers, _pose) for record in content["orbits"]),
         ended=str(content["ended"]),
         special=tuple(
-            SpecialPoint(str(s["kind"]), orbit_from(s["orbit"], numbers, _pose), str(s["meaning"]))
+            SpecialPoint(
+                kind=str(s["kind"]),
+                orbit=orbit_from(s["orbit"], numbers, _pose),
+                meaning=str(s["meaning"]),
+                at=None if s.get("at") is None else float(s["at"]),  # version 0.2 wrote neither this nor the next
+                vary=str(s.get("vary", "")),
+            )
             for s in content["special"]
         ),
         missed=tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in content.get("missed", [])),

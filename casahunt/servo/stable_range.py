@@ -30,8 +30,8 @@ from ..orbits.adapt import Options
 from ..results import Result
 from .basin import stick_position
 from .cold_start import stable_at
-from .event_map.fixed_points import map_at
-from .event_map.scan import half_cycle
+from .event_map.half_cycle import half_cycle
+from .event_map.slopes import map_at
 from .find_fold import find_any_orbit
 from .problem import HuntingFold, HuntingOrbit
 
@@ -76,7 +76,7 @@ class StableRange(Result):
     """
 
     _quantities = ("gain [V/rad]", "beyond", "ranges")
-    _details = ("fold_gain = fold.gain [V/rad]", "seen [V/rad]", "largest")
+    _details = ("fold_gain = fold.gain [V/rad]", "seen [V/rad]", "largest_log10_half_multiplier = largest")
 
     fold: HuntingFold
     gain: float

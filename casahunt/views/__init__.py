@@ -2,7 +2,6 @@
 
 glossary.py   the words of the trade, each in a sentence
 stability.py  up to which gain a cycle is stable, in words
-units.py      the units of the numbers of a servo
 pictures/     drawn by matplotlib, which only plotting.py imports
 evidence/    a tuning as one JSON object and one page
 commands/     casahunt orbit, diagram, fold, ...: one module each

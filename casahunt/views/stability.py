@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..checks import finite_or_none, to_error
+from ..checks import to_error
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..servo.problem import HuntingFold
@@ -37,14 +37,7 @@ def stability_of(fold: HuntingFold, options: Options) -> dict[str, Any]:
         found = stable_range(fold, options=options)
     except NoOrbit as error:
         return {**UNSEEN, "sentence": f"up to which gain is not known: {error}"}
-    return {
-        "gain": found.gain,
-        "ranges": [list(pair) for pair in found.ranges],
-        "beyond": found.beyond,
-        "seen": found.seen,
-        "largest_log10_half_multiplier": finite_or_none(found.largest),
-        "sentence": _sentence(found, options.tol),
-    }
+    return {**found.to_dict(), "sentence": _sentence(found, options.tol)}
 
 
 def _sentence(found: StableRange, tol: float) -> str:

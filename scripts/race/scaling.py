@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from casahunt import Options, find_fold, find_orbit
-from casahunt.collocation.ensemble import linearise_many, settings_of
 from casahunt.collocation.mesh import transfer
-from casahunt.collocation.transcription import Setting, Transcription, transcribe
+from casahunt.collocation.transcription import Setting, Transcription, settings_of, transcribe
 from casahunt.design.ensemble import fold_ensemble
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
@@ -43,13 +42,12 @@ def scaling_rows() -> list[Row]:
     for against, values in (("intervals", INTERVALS), ("degree", DEGREES)):
         for value in values:
             t, u, setting = _on_mesh(**{against: value})
-            many, tangent = np.repeat(u[None], MEMBERS, axis=0), np.zeros((MEMBERS, 1, setting.p.size))
-            settings = settings_of(setting, np.repeat(setting.p[None], MEMBERS, axis=0), tangent)
+            many, p = (np.repeat(one[None], MEMBERS, axis=0) for one in (u, setting.p))
+            settings = settings_of(setting, p, np.zeros_like(p))
             fixed = np.repeat(t.system.border(parameter=1.0)[None], MEMBERS, axis=0)
 
             def step(t: Transcription = t, many: Any = many, settings: Any = settings, fixed: Any = fixed) -> Any:
-                lin = linearise_many(t, many, settings)
-                return lin.expand(lin.solve(fixed, lin.rhs()[:, None])[:, 0], 1.0)
+                return t.linearise(many, settings).step(fixed)[0]
 
             seconds, _ = best_of(REPEATS, step)
             rows.append(Row(SCENE, "switch", f"a Newton step of {MEMBERS}", against, seconds, None, value))

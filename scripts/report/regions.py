@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import ListedColormap
 
-from casahunt.servo.attraction import WITNESSES, FirstStick
 from casahunt.views.pictures.plotting import SMALL, Figure
+from scripts.report.attraction import WITNESSES, FirstStick
 
 from .drawing import FIXED, Axes, key, line, sheet
 from .state_space import SPEED, bound

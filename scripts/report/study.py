@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from casahunt import Branch, Options, Orbit, Servo, Trajectory, collect, diagram, find_fold, find_orbit, simulate, walk
-from casahunt.servo.attraction import Attraction, attraction
 from casahunt.servo.hunting import Model
 from casahunt.views.pictures.plotting import Figure
 from problems import table1
+from scripts.report.attraction import Attraction, attraction
 
 Array = np.ndarray
 T = TypeVar("T")

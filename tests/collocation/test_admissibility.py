@@ -17,9 +17,8 @@ from casahunt.collocation.admissibility import (
     judged_on_halves,
     unclear_on_halves,
 )
-from casahunt.collocation.ensemble import settings_of
 from casahunt.collocation.ensemble_judge import admissible_many
-from casahunt.collocation.transcription import Setting
+from casahunt.collocation.transcription import Setting, settings_of
 from casahunt.hybrid.system import Event, Exit, Mode
 
 FREE = Mode("free", still)
@@ -46,7 +45,7 @@ def judged(modes, breaks, functions, *, durations=None, degree=4, kind="gauss", 
     t, u, fractions = laid_out(cycle_of(*modes), breaks, motions, durations, degree=degree, kind=kind)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
     found = judge(t, u, setting)
-    many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1, 1)))
+    many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1)))
     admitted = admissible_many(t, np.stack([u, np.full_like(u, np.nan)]), many).tolist()
     within_slack = any(mode.slack for mode in modes) and not admitted[0]
     assert within_slack or admitted == [found.admissible, False]
@@ -225,13 +224,13 @@ def solution(mode, value, count=3):
     t, u, fractions = laid_out(cycle_of(mode), [FOUR], [lambda tau: np.tile([value, 0.0], (tau.size, 1)) / SCALE],
                                [1.0], degree=4)  # fmt: skip
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
-    return t, np.repeat(u[None], count, axis=0), settings_of(setting, np.zeros((count, 1)), np.zeros((count, 1, 1)))
+    return t, np.repeat(u[None], count, axis=0), settings_of(setting, np.zeros((count, 1)), np.zeros((count, 1)))
 
 
 def test_a_member_has_no_slack():
     """Within its slack a condition is another mode's affair, of which no error estimate knows."""
     t, u, settings = solution(replace(POSITIVE, slack=0.01), -0.005)
-    assert judge(t, u[0], settings.one(0)).admissible
+    assert judge(t, u[0], settings.of(0)).admissible
     assert not admissible_many(t, u, settings).any()
 
 
@@ -249,7 +248,7 @@ def test_an_event_of_the_mode_is_not_passed():
     _, u, fractions = laid_out(cycle, [FOUR], [lambda tau: np.stack([one(tau), zero(tau)], axis=1)], [1.0], degree=4)
     crossing = laid_out(cycle, [FOUR], [lambda tau: np.stack([tau - 0.6, zero(tau)], axis=1)], [1.0], degree=4)[1]
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
-    many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1, 1)))
+    many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1)))
     for exits, expected in (((), [True, True]), ((way_out,), [True, False])):
         there = replace(cycle, phases=(replace(cycle.phases[0], exits=exits),))
         known = laid_out(there, [FOUR], [lambda tau: np.stack([one(tau), zero(tau)], axis=1)], [1.0], degree=4)[0]
@@ -269,7 +268,7 @@ def test_how_far_beyond_an_event_it_is_passed(below, above, passed):
     t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
     assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
-    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
     assert admissible_many(t, u[None], many).item() is not passed
 
 
@@ -288,7 +287,7 @@ def test_an_event_is_passed_where_it_leads_elsewhere(successor, mark, jumps, pas
     t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
     assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
-    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
     assert admissible_many(t, u[None], many).item() is not passed
 
 
@@ -300,7 +299,7 @@ def test_an_event_is_met_from_its_own_side(direction):
     falls = [lambda tau: np.stack([1 - tau, zero(tau)], axis=1) / SCALE]
     t, u, fractions = laid_out(replace(cycle, phases=(phase,)), [FOUR], falls, [1.0], degree=4)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
-    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
     assert judge(t, u, setting).admissible is admissible_many(t, u[None], many)[0].item() is (direction <= 0)
 
 
@@ -330,7 +329,7 @@ def test_an_event_that_is_all_but_met_must_be_resolved(top, wiggle, unclear, bar
     verdict = judge(t, u, setting)
     assert not verdict.violated and verdict.barely == barely
     assert verdict.unclear.tolist() == [False, False, unclear, False]
-    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
     assert admissible_many(t, u[None], many).tolist() == [not unclear and barely < 0]
 
 

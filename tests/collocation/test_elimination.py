@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.collocation.elimination import compiled, elimination, kept_states
+from casahunt.collocation.elimination import elimination, jet, kept_states
 from casahunt.collocation.interval import interval_function
 from casahunt.collocation.newton import _Step, _sure, newton
 from casahunt.errors import Status
@@ -51,7 +51,7 @@ FIELDS = {
 def test_the_whole_system_of_an_interval_has_the_same_solution(name, kind):
     """Against the dense block of interval.py, its LU and its own node rows."""
     field, n, kept = FIELDS[name]
-    assert compiled(field, n, 2, 4).F == kept
+    assert jet(field, n, 2).F == kept
     N, d, rng = 3, 4, np.random.default_rng(2)
     w, x_next = rng.standard_normal((N, n * (d + 1))), rng.standard_normal((N, n))
     T, h, sign = rng.uniform(1, 3, N), rng.uniform(0.1, 0.6, N), rng.choice([-1.0, 1.0], N)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from casahunt import Servo, find_orbit
-from casahunt.collocation.ensemble import linearise_many, settings_of
-from casahunt.collocation.ensemble_error import errors_of_many, estimates_of_many, halved_for_many
-from casahunt.collocation.error_estimate import functional_errors
+from casahunt.collocation.error_estimate import functional_errors, on_halves
 from casahunt.collocation.mesh import on_halved_mesh
+from casahunt.collocation.transcription import settings_of
 from casahunt.orbits import find_cycle
 from casahunt.orbits.orbit import unknowns_of
 from problems import bouncing_ball
@@ -45,7 +44,7 @@ def members(request):
     setting = replace(setting, dp=setting.p * random.uniform(-1, 1, setting.p.size))
     p = setting.p * (1 + 1e-3 * random.uniform(-1, 1, (B, setting.p.size)))
     many = u * (1 + 1e-5 * random.uniform(-1, 1, (B, u.size)))
-    settings = settings_of(setting, p, np.repeat(setting.dp[None, None], B, axis=0))
+    settings = settings_of(setting, p, np.repeat(setting.dp[None], B, axis=0))
     fractions = settings.fractions * (1 + 0.01 * random.uniform(-1, 1, settings.fractions.shape))
     return t, many, replace(settings, fractions=fractions)
 
@@ -56,15 +55,14 @@ def off(found, known):
 
 def test_linearised_as_alone(members):
     t, u, settings = members
-    lin = linearise_many(t, u, settings)
+    lin = t.linearise(u, settings)
     border = t.system.border(parameter=1.0)
-    y = lin.solve(np.repeat(border[None], B, axis=0), lin.rhs()[:, None])[:, 0]
-    du = lin.expand(y, 1.0)
+    du, _, _ = lin.step(np.repeat(border[None], B, axis=0))
     for b in range(B):
-        alone = t.linearise(u[b], settings.one(b))
+        alone = t.linearise(u[b], settings.of(b))
         for part in PARTS:
             assert off(getattr(lin, part)[b], getattr(alone, part)) < RATIO, part
-        assert lin.residual_norms()[b] == pytest.approx(alone.residual_norm(), rel=1e-6)
+        assert lin.residual_norm()[b] == pytest.approx(alone.residual_norm(), rel=1e-6)
         assert off(du[b], alone.step(border)[0]) < RATIO
     assert lin.finite().all()
 
@@ -72,10 +70,10 @@ def test_linearised_as_alone(members):
 def test_a_parameter_that_is_held_stays_where_it_is(members):
     """To the last bit, by rows of any size: what rounding leaves of a zero would be a parameter that has moved."""
     t, u, settings = members
-    lin, sizes = linearise_many(t, u, settings), np.random.default_rng(4).uniform(0.1, 9, B)
+    lin, sizes = t.linearise(u, settings), np.random.default_rng(4).uniform(0.1, 9, B)
     held = np.array([t.system.border(parameter=size) for size in sizes])
-    assert (lin.solve(held, lin.rhs()[:, None])[:, 0, -1] == 0).all()
-    alone = t.linearise(u[0], settings.one(0))
+    assert (lin.step(held)[2] == 0).all()
+    alone = t.linearise(u[0], settings.of(0))
     assert alone.step(held[0])[2] == 0
     assert alone.step(held[0], 2.0)[2] == alone.tangent(held[0])[1][-1] * 2 == 2 / sizes[0]
     free = t.system.border(nodes=np.ones((t.phases + 1, t.n)), parameter=1.0)
@@ -87,9 +85,9 @@ def test_several_directions(members):
     t, u, settings = members
     random = np.random.default_rng(5)
     directions = settings.p[:, None] * random.uniform(-1, 1, (B, 3, settings.p.shape[1]))
-    lin = linearise_many(t, u, replace(settings, directions=directions))
+    lin = t.linearise(u, replace(settings, dp=directions[:, 0], others=directions[:, 1:]))
     for k in range(3):
-        alone = t.linearise(u[2], replace(settings.one(2), dp=directions[2, k]))
+        alone = t.linearise(u[2], replace(settings.of(2), dp=directions[2, k]))
         assert off(lin.maps[2][..., t.n + 2 + k], alone.maps[..., t.n + 2]) < RATIO
         assert off(lin.events[2, t.n + 2 + k], alone.events[t.n + 2]) < RATIO
 
@@ -101,14 +99,16 @@ def test_errors_as_alone(members):
     goals[:, 1, 0] = 1.0
     border = t.system.border(parameter=1.0)
     borders = np.repeat(border[None], B, axis=0)
-    errors, _ = estimates_of_many(t, u, settings, goals, borders)
-    fine, finer, halves = halved_for_many(t, u, settings)
-    again, _ = errors_of_many(t, fine, finer, halves, linearise_many(fine, finer, halves), goals, borders)
+    errors, shares, _ = functional_errors(t, u, settings, goals, border=borders)
+    fine, finer, halves, _ = halved = on_halves(t, u, settings)
+    again, _, _ = functional_errors(t, u, settings, goals, halved=halved)
     assert again == pytest.approx(errors)
     for b in range(B):
         alone, x, fractions = on_halved_mesh(t, u[b], settings.fractions[b])
         assert alone == fine and off(finer[b], x) < RATIO and off(halves.fractions[b], fractions) < RATIO
-        assert errors[b] == pytest.approx(functional_errors(t, u[b], settings.one(b), goals[b])[0], rel=1e-5)
+        known, parts, _ = functional_errors(t, u[b], settings.of(b), goals[b])
+        assert errors[b] == pytest.approx(known, rel=1e-5)
+        np.testing.assert_allclose(shares[b], parts, rtol=1e-5, atol=1e-5 * known.max())
 
 
 def test_a_member_knows_nothing_of_the_others(members):
@@ -123,10 +123,10 @@ def test_a_member_knows_nothing_of_the_others(members):
         if spoilt is not None:
             x[spoilt] = np.nan
         own = settings.of(np.array(which))
-        lin = linearise_many(t, x, own)
-        y = lin.solve(border[: len(x)], lin.rhs()[:, None])[:, 0]
-        errors, (_, better, _) = estimates_of_many(t, x, own, goals[which], border[which])
-        return np.concatenate([lin.expand(y, 1.0), errors, better], axis=1)
+        lin = t.linearise(x, own)
+        errors, _, better = functional_errors(t, x, own, goals[which])
+        better = [] if better is None else [better[1]]
+        return np.concatenate([lin.step(border[: len(x)])[0], errors, *better], axis=1)
 
     together = numbers(list(range(B)))
     assert np.array_equal(numbers([4])[0], together[4])
@@ -141,20 +141,17 @@ def test_a_singular_member_is_its_own(members, monkeypatch):
     t, u, settings = members
     if not t.intervals:
         pytest.skip("no interval to eliminate")
-    honest = np.linalg.solve
+    honest, seen = np.linalg.solve, []
 
     def refuses(matrices, known):
-        if matrices.ndim > 3 or matrices.shape[0] != t.intervals or not np.array_equal(matrices, seen[1]):
-            if matrices.ndim > 3:
-                seen[:] = list(matrices)
-                raise np.linalg.LinAlgError
-            return honest(matrices, known)
-        raise np.linalg.LinAlgError
+        seen.extend([] if seen else matrices[:: t.intervals])  # the first interval of every member
+        if any(np.array_equal(one, seen[1]) for one in matrices):
+            raise np.linalg.LinAlgError
+        return honest(matrices, known)
 
-    seen: list = []
-    whole = linearise_many(t, u, settings)
+    whole = t.linearise(u, settings)
     monkeypatch.setattr(np.linalg, "solve", refuses)
-    lin = linearise_many(t, u, settings)
+    lin = t.linearise(u, settings)
     assert lin.finite().tolist() == [b != 1 for b in range(B)]
     assert np.array_equal(lin.maps[2], whole.maps[2])
 

@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from casahunt import effort
 from casahunt.continuation import Branch, End, SpecialPoint, follow, largest, special_curve
 from casahunt.continuation.closed import unseen_turns
-from casahunt.continuation.crossings import hides
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
-from casahunt.hybrid.examples import belt
+from casahunt.hybrid.examples import ball, belt
+from casahunt.hybrid.roots import hides_a_pair
 from casahunt.orbits import Options, find_cycle
 
 RELAY = System(
@@ -51,6 +52,19 @@ def test_a_branch_that_takes_too_long_ends_with_what_it_has(stick_slip):
     assert time.monotonic() - began < 3 and branch.end.kind == "time" and "0.3 s" in branch.ended
     assert len(branch.orbits) > 1 and np.all(np.diff(branch.values) > 0)
     assert follow(stick_slip, "belt", to=0.9, max_points=3).end.kind == "points"
+
+
+def test_what_was_passed_before_the_time_was_up_is_told():
+    """Special points are looked for in several steps at once: also in those that were waiting for more."""
+    orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+
+    def no_longer(orbit):
+        if orbit.problem.value("a") > 0.03:
+            raise effort.OutOfTime
+
+    branch = follow(orbit, "a", to=0.05, progress=no_longer)
+    assert [special.kind for special in branch.special] == ["flip"] and branch.end.kind == "time"
+    assert not branch.orbits[-1].stable
 
 
 def test_a_step_below_the_smallest_one_is_not_tried(stick_slip, monkeypatch):
@@ -122,13 +136,15 @@ def test_largest_of_a_symmetric_start():
         ((0, 1, 2), (2.0, 1.9, -1.0), None, False),  # the first step
         ((0, 1, 2, 3), (2.0, 1.0, -1.0, 2.0), None, False),  # a change of sign is no pair
         ((1, 2), (2.0, 2.0), None, True),  # nothing else is known
+        ((1, 2), (2.0, 2.0), 2.1, False),  # but the mean
+        ((1, 2), (2.0, 2.0), 1.2, True),
         ((0, 1, 2, 3), (1.0, 1.0, 1.0, 1.0), None, False),
         ((0, 1, 2, 3), (1.0, 1.0, 1.0, 1.0), 0.7, True),  # but its mean is less than its ends are
     ],
 )
 def test_what_may_hide_inside_a_step(at, values, mean, found):
     low = 0 if len(at) == 3 else 1
-    assert hides(np.array(at, float), np.array(values), low, low + 1, mean) is found
+    assert hides_a_pair(np.array(at, float), np.array(values), low, low + 1, mean) is found
 
 
 def test_a_parameter_that_turns_round_without_a_fold_is_told(stick_slip):

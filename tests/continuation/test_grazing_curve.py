@@ -15,9 +15,9 @@ from casahunt.continuation import follow, grazing, special_curve
 from casahunt.continuation.special_points import SpecialPoint
 from casahunt.continuation.touching import Loose, touches
 from casahunt.hybrid import Event, Mode, System
-from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits import Options, find_cycle
 from problems import belt, impact_oscillator
+from problems.fixed_sequence import FixedSequence
 
 TIGHT = Options(tol=1e-9)
 

@@ -39,12 +39,12 @@ from casahunt.continuation.special_points import (
 )
 from casahunt.continuation.walk import run, step_along, walk
 from casahunt.errors import InputError, Status
-from casahunt.hybrid.problem import FixedSequence
 from casahunt.hybrid.system import Cycle
 from casahunt.orbits import adapt
 from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from problems import stuart_landau as sl
+from problems.fixed_sequence import FixedSequence
 
 NU, OMEGA, B, SHEAR = 0.6, 1.5, 2.4, 0.6
 LARGEST = B**2 / (4 * (1 - NU))

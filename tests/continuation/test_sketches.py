@@ -20,8 +20,8 @@ from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.cold_start import started
-from casahunt.servo.event_map.half_cycle import half_cycle
-from casahunt.servo.inner_cycle import unstable as is_unstable
+from casahunt.servo.cold_start import unstable as is_unstable
+from casahunt.servo.event_map.half_cycle import StickMap, half_cycle
 from casahunt.servo.problem import Hunting
 from problems import table1, van_der_pol
 
@@ -58,7 +58,7 @@ def test_what_a_motion_does_is_clear_before_it_is_solved():
     servo, options = table1.servo(), Options(tol=1e-8)
     problem = Hunting("lugre", servo, 0.2)
     rigid = half_cycle("switch", servo, 0.2, 0.1 * servo.friction.static / servo.torque_gains(0.2)[0])
-    motion = half_cycle("lugre", servo, 0.2, rigid.position, degree=7, kind="radau")
+    motion = StickMap("lugre", servo, 0.2)(rigid.position, degree=7, kind="radau")
     start = started(motion, problem, options)
     assert not judge(*remeshed(start, options)).unclear.any()
 

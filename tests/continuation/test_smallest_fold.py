@@ -19,10 +19,10 @@ from casahunt.continuation.special_points import FOLD, SpecialPoint
 from casahunt.continuation.turning_point import turning_point
 from casahunt.continuation.walk import walk
 from casahunt.errors import Status
-from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits.adapt import finished, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from problems import stuart_landau as sl
+from problems.fixed_sequence import FixedSequence
 
 OMEGA, B, C = 1.5, 1.2, 0.9
 SMALLEST = 1 - B**2 / (4 * C)

@@ -311,7 +311,7 @@ def test_a_change_of_the_phases_ends_a_curve(ball):
             return replace(fold, arcs=(*fold.arcs, *fold.arcs))
 
     other = Elsewhere(*(getattr(sheet, name) for name in Sheet.__dataclass_fields__))
-    chart = SpecialChart(Task(FOLD, TIGHT, lambda orbit: orbit), other)
+    chart = SpecialChart(Task(FLIP, TIGHT, lambda orbit: orbit), other)
     assert "phases of the cycle change" in chart.value(0.1, 0.0)
     assert isinstance(replace(chart, sheet=sheet).value(0.0, 0.0), Reading)
 
@@ -345,7 +345,7 @@ def test_another_part_of_the_surface_is_seen(ball, monkeypatch):
     chart = SpecialChart(Task(FOLD, TIGHT, lambda orbit: orbit), steep)
     away = SpecialChart(chart.task, moved(0.3))
     monkeypatch.setattr(special_charts, "special_chart", lambda *args: away)
-    assert chart.moved(0.0, 0.1, Reading(0.0, None)) == "the corrector went to another special point"
+    assert chart.moved(0.0, 0.1, Reading(0.0, None)) == "the corrector went to another fold"
 
 
 def test_a_special_point_is_sought_next_to_the_given_one(ball):

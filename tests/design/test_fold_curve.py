@@ -15,13 +15,16 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
+from casahunt.continuation import SpecialPoint, folds_ahead, special_curve, two_parameters
 from casahunt.continuation.plane_curve import Place, Reading, follow
 from casahunt.continuation.sheet import Axis
-from casahunt.design.fold_curve import batches, charts
+from casahunt.continuation.special_charts import SpecialOrbit
+from casahunt.continuation.special_points import FOLD
 from casahunt.design.fold_curve.curve import fold_curve, unfed
-from casahunt.design.fold_curve.files import INTERRUPTED, load_curve, save_curve
+from casahunt.design.fold_curve.files import load_curve, save_curve
 from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found, hermite
 from casahunt.errors import Status
+from casahunt.servo.saved import INTERRUPTED
 
 TOL = 1e-8
 
@@ -244,6 +247,17 @@ def test_it_ends_before_coulomb_friction():
     assert found.points[0].gain == pytest.approx(fresh.gain, rel=2e-6)
 
 
+def test_folds_are_followed_across_changes_of_the_phases(monkeypatch):
+    """A fold of any system stands for itself: with fewer reversals of the velocity in a cycle it is still one."""
+    monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
+    options = Options(tol=1e-6)
+    first = find_fold(Servo().replace(**{"friction.damping": 6.0}), "lugre", options=options)
+    found = special_curve(SpecialPoint("fold", first.orbit, ""), "gain", "friction.damping", to=8.5, options=options)
+    last = find_fold(Servo().replace(**{"friction.damping": 8.5}), "lugre", options=options)
+    assert found.complete and len({len(orbit.signature) for orbit in found.orbits}) > 1
+    assert found.values[[0, -1], 0] == pytest.approx([first.gain, last.gain], rel=2e-6)
+
+
 def static_curve() -> FoldCurve:
     return fold_curve(
         Servo(), "switch", vary="friction.static", start=0.53, end=0.57, points=5, options=Options(tol=1e-6)
@@ -254,14 +268,14 @@ def test_what_batches_do_not_reach_is_followed(monkeypatch):
     """From the third place on nothing is found in a batch; the points, their slopes and curvatures are the same."""
     whole = static_curve()
     assert [point.how for point in whole.points] == ["followed", *["batch"] * 4]
-    honest = batches.folds_near
+    honest = folds_ahead.folds_near
 
     def loses(known, p, tol, *, slopes_by):
         folds = honest(known, p, tol, slopes_by=slopes_by)
         there = p[:, known.problem.names.index("friction.static")] < 0.555
         return replace(folds, solutions=tuple(s if t else None for s, t in zip(folds.solutions, there, strict=True)))
 
-    monkeypatch.setattr(batches, "folds_near", loses)
+    monkeypatch.setattr(folds_ahead, "folds_near", loses)
     parts = static_curve()
     assert [point.how for point in parts.points][1:3] == ["batch"] * 2 and parts.points[-1].how == "followed"
     assert parts.status is Status.CONVERGED and parts.ended == whole.ended
@@ -276,14 +290,14 @@ def test_what_batches_do_not_reach_is_followed(monkeypatch):
 @pytest.mark.parametrize("much", [1.1, 1.6])
 def test_a_batch_does_not_leap(monkeypatch, much):
     """Other gains than the slopes explain, or far greater ones, are not those of the next points of the curve."""
-    honest = batches.folds_near
+    honest = folds_ahead.folds_near
 
     def leaps(known, p, tol, *, slopes_by):
         folds = honest(known, p, tol, slopes_by=slopes_by)
         return replace(folds, values=much * folds.values)
 
     whole = static_curve()
-    monkeypatch.setattr(batches, "folds_near", leaps)
+    monkeypatch.setattr(folds_ahead, "folds_near", leaps)
     alone = static_curve()
     assert all(point.how == "followed" for point in alone.points)
     assert alone.gains[-1] == pytest.approx(whole.gains[-1], rel=2e-6)
@@ -293,7 +307,7 @@ def test_a_fold_that_cannot_be_expanded_is_followed(monkeypatch):
     def fails(*_):
         raise NoOrbit("not today")
 
-    monkeypatch.setattr(batches, "expansion_at", fails)
+    monkeypatch.setattr(folds_ahead, "expansion_at", fails)
     assert {point.how for point in static_curve().points} == {"followed"}
 
 
@@ -354,7 +368,7 @@ def test_command(capsys, tmp_path):
     out, err = capsys.readouterr()
     assert (code, err) == (0, "")
     (record,) = json.loads(out)["curves"]
-    assert {"model", "vary", "points", "special", "ended", "status", "wall_s"} == set(record)
+    assert {"model", "vary", "points", "special", "ended", "status", "wall_s"} <= set(record)
     assert record["special"] == []
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert [float(row["gain"]) for row in rows] == [point["gain"] for point in record["points"]]
@@ -396,20 +410,19 @@ def test_a_curve_round_a_cusp_goes_on_where_it_was_interrupted(monkeypatch, firs
     class Turning(Known):
         """Charts that carry the fold there, as those of a servo do."""
 
-        steepness = 0.0
+        sheet, task = None, SimpleNamespace(monitor=FOLD, options=Options())
 
         @property
-        def fold(self) -> FoldPoint:
-            orbit: Any = SimpleNamespace(s=self.s)
-            return FoldPoint(
-                axis.value(self.position), 1 + self.s / 10, 0.0, orbit, 1e-9, 6 * self.s, Status.CONVERGED
-            )
+        def special(self) -> SpecialOrbit:
+            problem = SimpleNamespace(value=lambda _: axis.value(self.position))
+            orbit = SimpleNamespace(s=self.s, problem=problem, gain=1 + self.s / 10, status=Status.CONVERGED)
+            return SpecialOrbit(orbit, 1e-9, 0.0, 6 * self.s)
 
-    def again(problem: object, orbit: Any, position: float, *, like: object) -> Turning:
+    def again(_: object, orbit: Any, position: float) -> Turning:
         return Turning(orbit.s, position, phi)
 
-    monkeypatch.setattr("casahunt.design.fold_curve.curve.points_in_batches", lambda *_: iter(()))
-    monkeypatch.setattr("casahunt.design.fold_curve.curve.chart_of", again)
+    monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
+    monkeypatch.setattr("casahunt.design.fold_curve.curve._Task.chart", again)
     at_the_end = Turning(-np.sqrt(0.8 / 3), first, phi)
     monkeypatch.setattr("casahunt.design.fold_curve.curve._first_chart", lambda _: at_the_end)
 
@@ -457,13 +470,3 @@ def test_a_cusp_is_kept_in_the_file(tmp_path, orbit):
     curve, _ = load_curve(tmp_path / "curve.npz")
     assert [point.value for point in curve.cusps] == [0.55] and [point.turns for point in curve.points] == [False, True]
     assert as_found(curve.points, 0.54) == [curve.points[0]]
-
-
-@pytest.mark.parametrize("agree", [True, False])
-def test_a_fold_that_slopes_do_not_explain_is_another_one(monkeypatch, agree):
-    """Whether they do the sheet says (tests/continuation/test_special_curve.py)."""
-    there = charts.Chart(None, SimpleNamespace(position=0.6))
-    here = charts.Chart(None, SimpleNamespace(position=0.5, agrees=lambda other: other is there.sheet and agree))
-    monkeypatch.setattr(charts, "chart_of", lambda *_, **__: there)
-    found = here.moved(0.0, 0.1, SimpleNamespace(data=None))
-    assert found is there if agree else found == "the corrector went to another fold"

@@ -191,7 +191,7 @@ def test_what_the_event_map_shows(monkeypatch, servo, positions, others, state):
 )
 def test_what_a_scan_shows(monkeypatch, servo, best, upper, failures, state):
     cycle = SimpleNamespace(start=0.02) if upper else None
-    monkeypatch.setattr(check, "scan", lambda *_: Scan(1e-4, 1.0, best, 0.01, cycle, None, failures, 50))
+    monkeypatch.setattr(check, "scan", lambda *_: Scan(1e-4, 1.0, best, 0.01, cycle, failures, 50))
     assert scanned(servo, "lugre", 0.1)[1] == state
     assert check._no_cycle(servo, "lugre", 0.1) is (state == "clear")
 

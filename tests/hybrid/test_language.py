@@ -85,6 +85,8 @@ BAD: dict[str, tuple[Callable[[], System], str]] = {
     # Modes
     "holds": (lambda: system(Mode("free", van_der_pol, holds=lambda x, p: [x.x])), "mode 'free': holds must return"),
     "feature": (lambda: system(Mode("free", van_der_pol, feature=1)), "mode 'free': feature must be a function, not 1"),
+    "unsplit": (lambda: system(Mode("free", van_der_pol, unsplit="whole")),
+                "mode 'free': unsplit = 'whole': must be another of the modes free"),
     "slack": (lambda: system(Mode("free", van_der_pol, slack=-0.1)), "mode 'free': slack = -0.1: must not be negative"),
     "ends": (lambda: system(Mode("free", van_der_pol, ends=EVENT)), r"mode 'free': ends must be a tuple of Events"),
     "twice": (lambda: system(*2 * (Mode("free", van_der_pol),)), f"{SYSTEM}: more than one mode is called free"),

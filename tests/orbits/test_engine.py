@@ -14,13 +14,13 @@ import pytest
 from casahunt.continuation.natural_walk import walk_naturally
 from casahunt.continuation.walk import walk
 from casahunt.errors import InputError
-from casahunt.hybrid.problem import FixedSequence
 from casahunt.motion.march import march
 from casahunt.orbits import archive
 from casahunt.orbits.adapt import Options, finished, refined, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from casahunt.orbits.restart import from_segments
 from problems import belt
+from problems.fixed_sequence import FixedSequence
 
 ROOT = Path(__file__).resolve().parents[2]
 TOL = 1e-9

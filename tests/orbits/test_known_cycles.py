@@ -13,7 +13,6 @@ from casahunt.collocation.mesh import transfer
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
-from casahunt.hybrid.problem import FixedSequence
 from casahunt.orbits import adapt, floquet, map_chain, multiplier_mesh
 from casahunt.orbits.adapt import finished, refined, solve_adaptively
 from casahunt.orbits.border import curve_border
@@ -23,6 +22,7 @@ from casahunt.orbits.multiplier_mesh import refined_multipliers
 from casahunt.orbits.orbit import Orbit, orbit_of, unknowns_of
 from problems import belt
 from problems import stuart_landau as sl
+from problems.fixed_sequence import FixedSequence
 
 P = (0.6, 1.5, 2.4, 2.0, 0.6)
 LARGEST_C = P[2] ** 2 / (4 * (1 - P[0]))

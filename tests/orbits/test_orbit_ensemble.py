@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, Status, find_orbit
-from casahunt.collocation.ensemble import settings_of
+from casahunt.collocation.transcription import settings_of
 from casahunt.design.ensemble import orbit_ensemble as hunting_ensemble
 from casahunt.orbits import ensemble as module
 from casahunt.orbits import ensemble_multipliers, find_cycle, floquet, orbit_ensemble
@@ -144,9 +144,9 @@ def test_nothing_is_believed_that_is_not_known(bouncing, monkeypatch):
     monkeypatch.setattr(module, "admissible_many", doubts)
     assert orbit_ensemble(bouncing, ["a"], rows).how == ("recut", "batch")
     monkeypatch.undo()
-    estimates = module.estimates_of_many
+    estimates = module.functional_errors
     too_large = np.array([[0.0, 0.0], [0.0, 1.0]])
-    monkeypatch.setattr(module, "estimates_of_many", lambda *how: (too_large, estimates(*how)[1]))
+    monkeypatch.setattr(module, "functional_errors", lambda *how: (too_large, *estimates(*how)[1:]))
     assert orbit_ensemble(bouncing, ["a"], rows).how == ("batch", "recut")
     # Where the cycle that a root leads to is behind a fold, and the one found from the known cycle too.
     monkeypatch.setattr(module, "odd_beyond_one", lambda *_: True)
@@ -171,7 +171,7 @@ def test_a_diverging_member_leaves_the_others(bouncing):
     p = np.repeat(setting.p[None], 3, axis=0)
     start = np.repeat(u[None], 3, axis=0)
     start[1] = np.nan
-    many = settings_of(setting, p, np.zeros((3, 1, p.shape[1])))
+    many = settings_of(setting, p, np.zeros_like(p))
     found, converged = newton_of_many(t, start, many, 1e-9, side_of(t, u, setting))
     assert converged.tolist() == [True, False, True]
     assert np.array_equal(found[0], found[2])
@@ -179,7 +179,7 @@ def test_a_diverging_member_leaves_the_others(bouncing):
 
 def test_a_root_far_from_where_it_was_expected_is_none(bouncing, monkeypatch):
     t, u, setting = unknowns_of(bouncing)
-    many, side = settings_of(setting, setting.p[None], np.zeros((1, 1, setting.p.size))), side_of(t, u, setting)
+    many, side = settings_of(setting, setting.p[None], np.zeros((1, setting.p.size))), side_of(t, u, setting)
     assert newton_of_many(t, 1.01 * u[None], many, 1e-9, side)[1].all()
     monkeypatch.setattr(module, "LARGEST_MOVE", 1e-4)
     assert not newton_of_many(t, 1.01 * u[None], many, 1e-9, side)[1].any()
@@ -210,7 +210,7 @@ def test_the_two_sides_of_a_fold(next_to_the_fold):
     stable, unstable = (unknowns_of(next_to_the_fold[side]) for side in ("stable", "unstable"))
     assert not side_of(*stable).odd and side_of(*unstable).odd
     t, u, setting = stable
-    many = settings_of(setting, setting.p[None], np.zeros((1, 1, setting.p.size)))
+    many = settings_of(setting, setting.p[None], np.zeros((1, setting.p.size)))
     own = side_of(t, u, setting)
     assert newton_of_many(t, u[None], many, 1e-8, own)[1].all()
     assert not newton_of_many(t, u[None], many, 1e-8, replace(own, left=-own.left))[1].any()
@@ -241,7 +241,7 @@ def test_multipliers_as_alone(next_to_the_fold, monkeypatch):
 @pytest.mark.parametrize(("home", "limit"), [(floquet, "TRUSTED"), (ensemble_multipliers, "LARGE_MULTIPLIER")])
 def test_multipliers_that_two_meshes_do_not_settle_go_on_alone(next_to_the_fold, monkeypatch, home, limit):
     t, u, setting = unknowns_of(next_to_the_fold["unstable"])
-    many = settings_of(setting, setting.p[None], np.zeros((1, 1, setting.p.size)))
+    many = settings_of(setting, setting.p[None], np.zeros((1, setting.p.size)))
     ((leading,), (error,)) = ensemble_multipliers.leading_of_many(t, u[None], many)
     assert leading.real > 1 and error < 1e-5
     monkeypatch.setattr(home, limit, 0.0)

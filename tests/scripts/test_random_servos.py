@@ -108,6 +108,20 @@ def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().out == first
 
 
+def test_rows_of_strategies_are_counted(tmp_path, capsys, monkeypatch):
+    """Every question has one answer: of each table that answers questions, the counts add up to those asked."""
+    monkeypatch.setattr(random_servos, "SHARES", (0.5,))
+    out = tmp_path / "servos.jsonl"
+    assert random_servos.main(["--only", "1", "2", "--tol", "1e-6", "--rows", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.endswith("6 questions about 2 servos\n")
+    for line in out.read_text().splitlines():
+        counts = json.loads(line)["strategies"]
+        assert all(tried >= answers for tried, answers in counts.values())
+        for table in ("STABLE", "UNSTABLE"):
+            assert sum(answers for name, (_, answers) in counts.items() if name.startswith(f"{table}:")) == 1
+
+
 def test_a_false_denial_and_a_small_estimate_are_called_so():
     servo, gain = Servo(), 0.61
     engine = SwitchTruth(servo)

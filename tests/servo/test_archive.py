@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 from archived import ORBITS, assert_same, computed, refusal
 
 from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
+from casahunt.design.diagram_files import Task, begun
+from casahunt.design.fold_curve.files import load_curve
+from casahunt.hybrid.examples import belt
+from casahunt.orbits import load_orbit as load_cycle
 from casahunt.orbits.archive import VERSION, read
 from casahunt.servo.saved import load_branch, load_orbit, save_branch, save_orbit
+from problems import table1
+
+OLD = Path(__file__).parent / "version_0_2"
 
 
 @pytest.mark.parametrize("name", ORBITS)
@@ -25,6 +33,31 @@ def test_orbit(tmp_path, name):
     assert np.array_equal(loaded.multipliers.full, computed(name).multipliers.full)
     assert loaded.cycle is computed(name).cycle
     assert [p.name for p in tmp_path.iterdir()] == ["orbit.npz"]
+
+
+def test_files_of_an_earlier_version():
+    """Written by 0.2: an orbit, a diagram and a fold curve to 1e-3, the cycle of a user's system; all are known."""
+    orbit, cycle = load_orbit(OLD / "orbit.npz"), load_cycle(OLD / "cycle.npz", belt)
+    now = find_orbit(Servo(), "switch", 0.1)
+    assert orbit.period == pytest.approx(now.period, rel=3 * orbit.period_error + now.period_error)
+    assert cycle.period == pytest.approx(12.001031294830579, rel=1e-9)  # problems/belt.py
+    points, ended, lopsided = begun(Task(Servo(), None, Options(tol=1e-3), False), "switch", OLD)
+    assert lopsided == ()
+    fold = next(special for point in points for special in point.special if special.kind == "fold")
+    assert len(points) == 3 and "the end of the range" in ended and (fold.at, fold.vary) == (None, "")
+    curve, settings = load_curve(OLD / "curve.npz")
+    assert settings["vary"] == "friction.static" and [point.value for point in curve.points] == [0.53, 0.54]
+    gain = table1.REFERENCE["switch"]["fold"]["K"]
+    for found in (fold.value, curve.points[0].gain):
+        assert found == pytest.approx(gain, rel=1e-3)
+
+
+def test_a_special_point_beside_its_orbit(tmp_path):
+    """Where the orbit is the last one next to the point, the value of the parameter there is not the orbit's."""
+    special = SpecialPoint("grazing", computed("switch"), "met beside it", at=0.123, vary="gain")
+    save_branch(Branch("switch", Servo(), (computed("switch"),), "ended", (special,)), tmp_path / "branch.npz")
+    (again,) = load_branch(tmp_path / "branch.npz").special
+    assert (again.at, again.vary, again.value) == (0.123, "gain", 0.123)
 
 
 def test_a_branch_that_grows(tmp_path):

@@ -10,10 +10,10 @@ import pytest
 
 from casahunt import Options, Servo, find_orbit
 from casahunt.errors import InputError
-from casahunt.servo import attraction as rests_or_hunts
-from casahunt.servo.attraction import attraction, first_stick, swing
 from problems import table1
 from problems.taylor import Flow, _root, _step, _value, switch_half_cycle
+from scripts.report import attraction as rests_or_hunts
+from scripts.report.attraction import attraction, first_stick, swing
 
 SERVO = table1.servo()
 CLOSE = 1e-6

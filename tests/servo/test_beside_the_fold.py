@@ -10,6 +10,7 @@ from peer_support import needs
 from casahunt import Options, find_fold, find_orbit
 from casahunt.servo import cold_start
 from casahunt.servo.denial import no_cycle
+from casahunt.servo.event_map.half_cycle import StickMap
 from problems import table1
 
 FOLD = table1.REFERENCE["lugre"]["fold"]
@@ -20,14 +21,14 @@ MOST_MOTIONS = 2
 @pytest.fixture
 def motions(monkeypatch):
     """The LuGre motions that were computed, as (stick position, P/a)."""
-    seen, original = [], cold_start.half_cycle
+    seen, original = [], StickMap.__call__
 
-    def watched(model, servo, gain, a, **how):
-        run = original(model, servo, gain, a, **how)
-        seen.extend([(a, run.ratio)] if model == "lugre" else [])
+    def watched(P, a, **how):
+        run = original(P, a, **how)
+        seen.extend([(a, run.ratio)] if P.model == "lugre" else [])
         return run
 
-    monkeypatch.setattr(cold_start, "half_cycle", watched)
+    monkeypatch.setattr(StickMap, "__call__", watched)
     return seen
 
 
@@ -46,7 +47,7 @@ def test_one_motion_from_outside_leads_to_the_stable_cycle(gain, motions):
 def test_nothing_is_followed_from_where_a_motion_has_come_to_rest(motions):
     """Above the fold: there is no cycle, and what starts next to x1 = 0 would creep for hundreds of intervals."""
     gain = 1.02 * FOLD["K"]
-    assert cold_start._at_once(cold_start.AtGain(table1.servo(), "lugre", gain, Options())) is None
+    assert cold_start._at_once(cold_start.AtGain(StickMap("lugre", table1.servo(), gain), Options())) is None
     assert len(motions) == 1 and motions[0][1] < cold_start.CAME_TO_REST
 
 
@@ -60,9 +61,9 @@ def test_no_motion_is_followed_where_it_is_proved_that_there_is_no_cycle(monkeyp
     module = importlib.import_module("casahunt.servo.find_fold")
     asked, original = [], module.near_typical
 
-    def watched(servo, gain, **how):
-        asked.append(gain)
-        return original(servo, gain, **how)
+    def watched(P, **how):
+        asked.append(P.gain)
+        return original(P, **how)
 
     monkeypatch.setattr(module, "near_typical", watched)
     fold = find_fold(table1.servo(), "switch")

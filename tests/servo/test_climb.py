@@ -11,23 +11,21 @@ from casahunt.errors import Status
 from casahunt.servo import cold_start, find_fold
 from casahunt.servo import find_orbit as orbits
 from casahunt.servo.cold_start import quickly_at
-from casahunt.servo.event_map import climb, scan
-from casahunt.servo.event_map.climb import BESIDE_A_CYCLE, climbed
+from casahunt.servo.event_map import near
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.half_cycle import half_cycle
-from casahunt.servo.event_map.scan import TYPICAL, near_stable
+from casahunt.servo.event_map.half_cycle import StickMap, half_cycle
+from casahunt.servo.event_map.near import BESIDE_A_CYCLE, climbed, near_stable
 from problems import table1
 
 FOLD = table1.REFERENCE["switch"]["fold"]["K"]
 
 
-def typical(gain: float, servo: Servo | None = None) -> float:
-    servo = servo or Servo()
-    return TYPICAL * servo.friction.static / servo.torque_gains(gain)[0]
+def rigid(gain: float) -> StickMap:
+    return StickMap("switch", Servo(), gain)
 
 
 def beside(gain: float):
-    found = near_stable("switch", Servo(), gain, typical(gain), close=BESIDE_A_CYCLE)
+    found = near_stable(rigid(gain), rigid(gain).typical, close=BESIDE_A_CYCLE)
     assert found is not None
     return found
 
@@ -37,18 +35,20 @@ def motions(monkeypatch):
     """The motions of `near_stable`, as (gain, P/a)."""
     seen = []
 
-    def watched(model, servo, gain, a, **how):
-        run = half_cycle(model, servo, gain, a, **how)
-        seen.append((gain, run.ratio))
+    honest = StickMap.__call__
+
+    def watched(P, a, **how):
+        run = honest(P, a, **how)
+        seen.append((P.gain, run.ratio))
         return run
 
-    monkeypatch.setattr(scan, "half_cycle", watched)
+    monkeypatch.setattr(StickMap, "__call__", watched)
     return seen
 
 
 def test_motions_of_a_climb_lie_beside_stable_cycles():
     """The map to rounding has a stable fixed point where each of them foretells it, to the square of its distance."""
-    places = climbed(Servo(), 0.05, beside(0.05))
+    places = climbed(rigid(0.05), beside(0.05))
     assert [gain for gain, _ in places][-1] > FOLD / 2
     for gain, motion in places:
         assert gain < FOLD and motion.slope < -0.1
@@ -60,14 +60,14 @@ def test_motions_of_a_climb_lie_beside_stable_cycles():
 def test_a_slope_known_from_another_gain_saves_a_motion(motions):
     known = beside(0.1)
     del motions[:]
-    again = near_stable("switch", Servo(), 0.1, known.fixed, close=BESIDE_A_CYCLE, slope=known.slope)
+    again = near_stable(rigid(0.1), known.fixed, close=BESIDE_A_CYCLE, slope=known.slope)
     assert again is not None and len(motions) == 1 and again.slope == known.slope
 
 
 def test_a_motion_that_shrinks_shows_no_cycle_unless_it_hardly_does(motions):
     """Above the fold P < a everywhere: at 0.66 by no more than a tenth, which is beside no cycle."""
     for gain in (0.66, 0.7):
-        assert near_stable("switch", Servo(), gain, 0.0016, close=BESIDE_A_CYCLE, slope=-1.5) is None
+        assert near_stable(rigid(gain), 0.0016, close=BESIDE_A_CYCLE, slope=-1.5) is None
     assert motions and all(ratio < 1 for _, ratio in motions)
     assert any(ratio > math.exp(-BESIDE_A_CYCLE) for _, ratio in motions), "a case in which it matters"
 
@@ -76,23 +76,24 @@ def test_who_creeps_to_rest_is_not_waited_for(monkeypatch):
     """A motion above the fold creeps for 8 s; one beside a cycle moves for 0.2 s."""
     slow = half_cycle("switch", Servo(), 0.7185, 0.001577)
     assert slow.moving > 5
-    assert half_cycle("switch", Servo(), 0.7185, 0.001577, longest=2.0).position == 0
+    assert rigid(0.7185)(0.001577, longest=2.0).position == 0
     waited = []
 
     def watched(*arguments, longest=math.inf, **how):
         waited.append(longest)
         return near_stable(*arguments, longest=longest, **how)
 
-    monkeypatch.setattr(climb, "near_stable", watched)
-    climbed(Servo(), 0.3, beside(0.3))
+    start = beside(0.3)
+    monkeypatch.setattr(near, "near_stable", watched)
+    climbed(rigid(0.3), start)
     assert max(waited) < 5
 
 
 def test_gains_that_are_proved_to_have_no_cycle_are_not_tried(monkeypatch, motions):
     start = beside(0.1)
     del motions[:]
-    monkeypatch.setattr(climb, "no_cycle", lambda servo, model, gain: "proved" if gain > 0.3 else "")
-    assert [gain for gain, _ in climbed(Servo(), 0.1, start)] == [0.1, 0.2, pytest.approx(0.28)]
+    monkeypatch.setattr(near, "no_cycle", lambda servo, model, gain: "proved" if gain > 0.3 else "")
+    assert [gain for gain, _ in climbed(rigid(0.1), start)] == [0.1, 0.2, pytest.approx(0.28)]
     assert all(gain <= 0.3 for gain, _ in motions)
 
 
@@ -107,7 +108,7 @@ def test_newton_is_tried_once_more_from_a_motion_that_is_closer(monkeypatch):
     start = beside(0.3)
     found = quickly_at(Servo(), "switch", 0.3, options=Options(), beside=start)
     assert found is not None and found.half_multiplier < 1
-    assert seen[0] == abs(math.log(start.ratio)) and seen[1] < scan.CLOSER
+    assert seen[0] == abs(math.log(start.ratio)) and seen[1] < near.CLOSER
     assert quickly_at(Servo(), "switch", 0.3, options=Options(solver="ipopt"), beside=start) is None
     assert len(seen) == 2
 

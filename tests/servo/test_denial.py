@@ -14,6 +14,7 @@ from casahunt.servo import cold_start, find_fold
 from casahunt.servo import find_orbit as find
 from casahunt.servo import refused as refusals
 from casahunt.servo.denial import no_cycle
+from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import Scan, scan
 from casahunt.servo.linear_loop import routh_hurwitz_gain
 from problems import table1
@@ -194,7 +195,7 @@ def test_where_the_proof_for_a_bristle_begins():
     assert "takes more energy than it gives" in no_cycle(light, "lugre", gain * (1 + 1e-6))
     for stiffness, proved in ((0.05 / times * (1 - 1e-6), False), (0.05 / times * (1 + 1e-6), True)):
         assert bool(no_cycle(light.replace(**{"friction.stiffness": stiffness}), "lugre", 2 * gain)) == proved
-    seen = scan("lugre", light, 1.01 * gain)
+    seen = scan(StickMap("lugre", light, 1.01 * gain))
     assert seen.upper is None and seen.conclusive and seen.best < 1
     with pytest.raises(NoOrbit, match="no hunting limit cycle of the lugre servo at gain .* or above") as refused:
         find_orbit(light, "lugre", 1.01 * gain)
@@ -206,7 +207,7 @@ def test_the_bristle_of_table1_without_a_drop_is_not_found(monkeypatch, failed):
     """Its damping lies beyond the proof: what is said rests on the limit and on a scan, however little that saw."""
     servo = Servo().replace(**{"friction.static": 0.44})
     if failed:
-        nothing = Scan(1.0, 2.0, math.nan, math.nan, None, None, (1.0,) * 8, 0)
+        nothing = Scan(1.0, 2.0, math.nan, math.nan, None, (1.0,) * 8, 0)
         monkeypatch.setattr(refusals, "scan", lambda *_: nothing)
     saw = "none of 8 motions" if failed else "scanned stick positions"
     for ask in (lambda: find_orbit(servo, "lugre", 0.1), lambda: find_fold.find_fold(servo, "lugre")):
@@ -224,7 +225,7 @@ def test_a_proof_does_without_a_fold(monkeypatch, scanned):
 
     monkeypatch.setattr(find, "find_fold", lost)
     if not scanned:
-        nothing = Scan(1.0, 2.0, math.nan, math.nan, None, None, (1.0,) * 8, 0)
+        nothing = Scan(1.0, 2.0, math.nan, math.nan, None, (1.0,) * 8, 0)
         monkeypatch.setattr(find, "stable_at", lambda *a, **k: cold_start.Met(None, False, nothing))
     with pytest.raises(NoOrbit, match="no hunting limit cycle .* at gain 2 or above: the friction curve") as refused:
         find_orbit(Servo(), "switch", 2.0)

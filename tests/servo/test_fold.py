@@ -299,7 +299,7 @@ def test_gains_at_which_a_proof_denies_are_not_scanned(monkeypatch):
     proved_from = (servo.inertia / c.reset_time + steepest - f.viscous) / (servo.motor_gain * c.lead_time)
     scanned: list[float] = []
     honest = fold.scan
-    monkeypatch.setattr(fold, "scan", lambda model, s, gain: scanned.append(gain) or honest(model, s, gain))
+    monkeypatch.setattr(fold, "scan", lambda P: scanned.append(P.gain) or honest(P))
     monkeypatch.setattr(fold, "SEARCH_FACTORS", 2)
     monkeypatch.setattr(fold, "typical_gain", lambda s: proved_from * 1.1)
     monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
@@ -323,13 +323,14 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     """P(a)/a is next to one over decades of a and crosses it nowhere: no short cut to a fixed point, and no claim."""
     from casahunt.servo import find_fold as fold
     from casahunt.servo.event_map import scan as event_map
-    from casahunt.servo.event_map.scan import near_stable
+    from casahunt.servo.event_map.half_cycle import StickMap
+    from casahunt.servo.event_map.near import near_stable
 
     gain = 5e-6
     unit = NEVER_HUNTS.friction.static / NEVER_HUNTS.torque_gains(gain)[0]
     for a in unit * np.array([0.015, 0.1]):
         assert 0 < taylor.switch_half_cycle(NEVER_HUNTS, gain, a)[0] / a < 0.99
-    assert near_stable("switch", NEVER_HUNTS, gain, 0.1 * unit) is None
+    assert near_stable(StickMap("switch", NEVER_HUNTS, gain), 0.1 * unit) is None
     # Its friction rises so steeply that it is proved to have no cycle; a servo that is not, the search may not deny.
     with pytest.raises(NoOrbit, match="no hunting .* at any gain: the friction curve") as refused:
         find_fold(NEVER_HUNTS, "switch")
@@ -343,7 +344,7 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is Status.NOT_FOUND
     # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
-    monkeypatch.setattr(fold, "near_typical", lambda s, K, **_: _seen_as_stable(s, K, gain))
+    monkeypatch.setattr(fold, "near_typical", lambda P, **_: _seen_as_stable(P, gain))
     monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
     monkeypatch.setattr(fold, "stable_at", _stuck)
     with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
@@ -351,11 +352,8 @@ def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
     assert refused.value.status is Status.NOT_FOUND
 
 
-def _seen_as_stable(servo, gain, where):
-    from casahunt.servo.event_map.scan import half_cycle
-
-    a = 0.1 * servo.friction.static / servo.torque_gains(gain)[0]
-    return replace(half_cycle("switch", servo, gain, a), slope=-1.0) if gain == where else None
+def _seen_as_stable(P, where):
+    return replace(P(P.typical), slope=-1.0) if P.gain == where else None
 
 
 def _stuck(*arguments, **options):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from torque_support import friction_torque, sliding_torque
 
 from casahunt import InputError, Servo, simulate
-from casahunt.servo.simulation.friction_torque import friction_torque, sliding_torque
 
 F = Servo().friction
 

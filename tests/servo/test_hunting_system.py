@@ -10,6 +10,8 @@ import pickle
 import numpy as np
 import pytest
 
+from casahunt import effort
+from casahunt.continuation import follow, largest
 from casahunt.hybrid.system import Exit
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle
@@ -68,6 +70,37 @@ def test_the_stick_band_tends_to_the_exact_stick():
         periods.append(find_cycle(system, "stick", x1=-0.02, x2=0.0, x3=0.0, tol=1e-8).period)
     assert periods[1] == pytest.approx(truth, rel=1e-3)
     assert (10 * periods[1] - periods[0]) / 9 == pytest.approx(truth, rel=2e-5)  # what is left is of order eta^2
+
+
+def lugre_cycle(K: float, x1: float):
+    return find_cycle(
+        hunting_system(TIMES, "lugre", K), "slide+", start={"x1": x1, "x2": 0.0, "x3": 0.0, "x4": 0.0},
+        follow="gain", tol=1e-9,
+    )  # fmt: skip
+
+
+def test_its_branch_goes_over_weak_reversals():
+    """Reversals come and go, and the field has but a kink there: that is said, and nothing is spent on it."""
+    orbit = lugre_cycle(0.1, -0.02)
+    with effort.watched(None, limit=6e4):  # three times as many where every touch is located
+        branch = follow(orbit, "gain", to=2.0, back=0.1, options=Options(tol=1e-6))
+    (fold,) = branch.special
+    assert fold.kind == "fold" and fold.value == pytest.approx(REFERENCE["lugre"]["fold"]["K"], rel=1e-6)
+    changes = np.count_nonzero(np.diff([len(orbit.signature) for orbit in branch.orbits]))
+    assert changes > 0 and {missed.kind for missed in branch.missed} == {"kink"}
+    assert len(branch.missed) >= changes and "phases come or go" in str(branch)
+    truth = next(row["amplitude"] for row in REFERENCE["lugre"]["unstable"] if row["K"] == 0.1)
+    assert branch.end.kind == "range" and branch.amplitudes[-1] == pytest.approx(truth, rel=1e-5)
+
+
+@pytest.mark.parametrize(("K", "x1"), [
+    (0.3, -0.02),  # the last phase vanishes on the way, next to where half a cycle closes
+    pytest.param(0.58, -0.002, marks=pytest.mark.slow),  # a whole cycle, of which both halves lose a pair at once
+    pytest.param(0.04, -0.02, marks=pytest.mark.slow), pytest.param(0.6, -0.0019, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_its_largest_gain_is_that_of_any_cycle_of_the_branch(K, x1):
+    fold = largest(lugre_cycle(K, x1), "gain")
+    assert fold.value == pytest.approx(REFERENCE["lugre"]["fold"]["K"], rel=max(1e-9, 10 * fold.value_error))
 
 
 def test_its_expressions_have_the_same_names():

@@ -12,12 +12,12 @@ from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.collocation.mesh import shape
 from casahunt.collocation.remesh import shape_limit
 from casahunt.motion.march import MarchFailure, Segment
-from casahunt.servo import cold_start, inner_cycle
+from casahunt.servo import cold_start
 from casahunt.servo import find_orbit as orbits
-from casahunt.servo.event_map import scan
+from casahunt.servo.event_map import near as near_by
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.half_cycle import HalfCycle, half_cycle
-from casahunt.servo.event_map.scan import FAR_OFF, MUCH_LONGER, TYPICAL, near_stable, near_typical
+from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap, half_cycle
+from casahunt.servo.event_map.near import FAR_OFF, MUCH_LONGER, near_stable, near_typical
 from casahunt.servo.problem import Hunting
 from problems import table1
 
@@ -33,9 +33,13 @@ ACCURATE = Options(tol=1e-8)
 
 
 def inner(gain: float, servo: Servo | None = None):
-    servo = servo or Servo()
-    outer = near_typical(servo, gain, close=0.3)
-    return inner_cycle.inner_cycle(servo, gain, outer.fixed, outer.moving, ACCURATE)
+    P = StickMap("switch", servo or Servo(), gain)
+    outer = near_typical(P, close=0.3)
+    return cold_start.inner_cycle(P, outer.fixed, outer.moving, ACCURATE)
+
+
+def between(gain: float = 0.4, outer: float = 0.003, moving: float = 0.2):
+    return cold_start.inner_cycle(StickMap("switch", Servo(), gain), outer, moving, ACCURATE)
 
 
 @pytest.mark.parametrize(("part", "vanished"), [(0.9e-6, True), (1.1e-6, False), (1.0, False)])
@@ -62,45 +66,47 @@ def test_without_a_way_along_the_branch(monkeypatch, servo, gain):
 def test_what_lies_elsewhere_or_is_stable_is_none(monkeypatch, orbit):
     """The cycle of another gain, outside of the last two motions; and the stable one, wherever those are."""
     for other in (orbit("switch", 0.3, "unstable"), orbit("switch", 0.4)):
-        monkeypatch.setattr(inner_cycle, "_solved", lambda *_, other=other: other)
+        monkeypatch.setattr(cold_start, "_solved", lambda *_, other=other: other)
         assert inner(0.4) is None
-    monkeypatch.setattr(inner_cycle, "_narrowing", lambda *_: [(half_cycle("switch", Servo(), 0.4, 0.000963), 1.0)])
+    monkeypatch.setattr(cold_start, "_narrowing", lambda *_: [(half_cycle("switch", Servo(), 0.4, 0.000963), 1.0)])
     assert inner(0.4) is None
 
 
 def test_given_up_after_a_few_problems_each_from_nearer(monkeypatch):
     asked = []
-    monkeypatch.setattr(inner_cycle, "_solved", lambda problem, motion, options: asked.append(motion.ratio))
+    monkeypatch.setattr(cold_start, "_solved", lambda problem, motion, options: asked.append(motion.ratio))
     assert inner(0.4) is None
-    assert len(asked) == inner_cycle.MOST_SOLVED and asked == sorted(asked) and asked[-1] > 0.5
+    assert len(asked) == cold_start.MOST_SOLVED and asked == sorted(asked) and asked[-1] > 0.5
 
 
 def test_given_up_where_a_motion_fails_or_the_map_jumps(monkeypatch):
-    def jumping(model, servo, gain, a, **how):
+    def jumping(P, a, **how):
         tried.append(a)
-        return half_cycle(model, servo, gain, 0.002 if a > 0.001 else 0.0001)
+        return honest(P, 0.002 if a > 0.001 else 0.0001)
 
     tried: list[float] = []
-    monkeypatch.setattr(inner_cycle, "half_cycle", jumping)
-    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+    honest = StickMap.__call__
+    monkeypatch.setattr(StickMap, "__call__", jumping)
+    assert between() is None
     assert len(tried) < 40 and min(abs(a - 0.001) for a in tried) < 1e-10
 
     def failing(*_, **__):
         raise MarchFailure
 
-    monkeypatch.setattr(inner_cycle, "half_cycle", failing)
-    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+    monkeypatch.setattr(StickMap, "__call__", failing)
+    assert between() is None
 
 
 def test_where_every_motion_inside_grows_none_is_followed_to_nothing(monkeypatch):
     tried = []
 
-    def growing(model, servo, gain, a, **how):
+    def growing(P, a, **how):
         tried.append(a)
-        return half_cycle(model, servo, gain, 0.002)
+        return honest(P, 0.002)
 
-    monkeypatch.setattr(inner_cycle, "half_cycle", growing)
-    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+    honest = StickMap.__call__
+    monkeypatch.setattr(StickMap, "__call__", growing)
+    assert between() is None
     assert min(tried) > 1e-4 * Servo().friction.static / Servo().torque_gains(0.4)[0] and len(tried) < 12
 
 
@@ -108,29 +114,32 @@ def test_a_servo_that_creeps_to_rest_is_not_waited_for(monkeypatch):
     """Where it sticks at half of the stable cycle's, it would creep on for more than an hour."""
     moved = []
 
+    honest = StickMap.__call__
+
     def watched(*arguments, **how):
-        run = half_cycle(*arguments, **how)
+        run = honest(*arguments, **how)
         moved.append(run.moving)
         return run
 
-    monkeypatch.setattr(inner_cycle, "half_cycle", watched)
-    outer = near_typical(Servo(), 0.64, close=0.3)
-    assert inner(0.64) is not None and max(moved) == pytest.approx(inner_cycle.CREEPS_AFTER * outer.moving)
+    outer = near_typical(StickMap("switch", Servo(), 0.64), close=0.3)
+    monkeypatch.setattr(StickMap, "__call__", watched)
+    assert between(0.64, outer.fixed, outer.moving) is not None
+    assert max(moved) == pytest.approx(cold_start.CREEPS_AFTER * outer.moving)
 
 
 def test_a_motion_that_swings_on_is_not_closed(monkeypatch):
     """One that was followed for so many slips; its last one is no stick."""
     motion = half_cycle("switch", Servo(), 0.4, 0.00096)
     swinging = replace(motion, position=0.9 * motion.start, segments=motion.segments[:1])
-    monkeypatch.setattr(inner_cycle, "half_cycle", lambda *_, **__: swinging)
-    monkeypatch.setattr(inner_cycle, "_solved", lambda *_: pytest.fail("there is no stick"))
-    assert inner_cycle.inner_cycle(Servo(), 0.4, 0.003, 0.2, ACCURATE) is None
+    monkeypatch.setattr(StickMap, "__call__", lambda *_, **__: swinging)
+    monkeypatch.setattr(cold_start, "_solved", lambda *_: pytest.fail("there is no stick"))
+    assert between() is None
 
 
 def test_a_motion_is_closed_by_the_stick_that_its_start_asks_for():
     """The equations of the stick and the closure hold then, and nothing else is moved."""
     motion = half_cycle("switch", Servo(), 0.4, 0.00096)
-    t, u, setting = inner_cycle._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE)
+    t, u, setting = cold_start._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE)
     nodes, (slip, stick) = t.nodes_of(u) * setting.scale, t.durations_of(u)
     assert slip == motion.segments[0].duration and motion.ratio < 0.5
     assert nodes[-1] == pytest.approx(-nodes[0], rel=1e-14)
@@ -142,7 +151,7 @@ def test_a_motion_is_closed_by_the_stick_that_its_start_asks_for():
 def test_a_motion_that_stops_beyond_the_next_breakaway_cannot_be_closed():
     motion = half_cycle("switch", Servo(), 0.4, 0.00096)
     motion.segments[0].end[:] += np.array([0.0, 0.0, 1.0])
-    assert inner_cycle._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE) is None
+    assert cold_start._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE) is None
 
 
 def test_ipopt_alone_is_not_helped(monkeypatch):
@@ -166,18 +175,20 @@ def motions(monkeypatch):
     """The motions of `near_stable`: (a, P/a, longest that they might last)."""
     seen = []
 
-    def watched(model, servo, gain, a, *, longest=np.inf, **how):
-        run = half_cycle(model, servo, gain, a, longest=longest, **how)
+    honest = StickMap.__call__
+
+    def watched(P, a, *, longest=np.inf, **how):
+        run = honest(P, a, longest=longest, **how)
         seen.append((a, run, longest))
         return run
 
-    monkeypatch.setattr(scan, "half_cycle", watched)
+    monkeypatch.setattr(StickMap, "__call__", watched)
     return seen
 
 
 def test_a_step_too_far_inwards_goes_back_half_of_it(motions):
     """At 0.64 the second motion comes to rest, which is not waited for."""
-    found = near_typical(Servo(), 0.64)
+    found = near_typical(StickMap("switch", Servo(), 0.64))
     assert found is not None and found.ratio == pytest.approx(1, abs=0.03)
     (outside, first, _), (inside, lost, longest), (between, _, _) = motions[:3]
     assert inside < between < outside and between == pytest.approx((inside * outside) ** 0.5)
@@ -195,34 +206,37 @@ def test_a_step_too_far_inwards_goes_back_half_of_it(motions):
 def test_only_a_step_too_far_inwards_is_taken_back(monkeypatch, model, ratios, longest):
     told, asked = iter(ratios), []
 
-    def played(model, servo, gain, a, *, longest):
+    def played(P, a, *, longest):
         asked.append(longest)
         return HalfCycle(a, a * next(told), [Segment("slip+", "stop", 1.0, *np.zeros((3, 2)))])
 
-    monkeypatch.setattr(scan, "half_cycle", played)
-    assert near_stable(model, Servo(), 0.4, 0.003) is None and asked == longest
+    monkeypatch.setattr(StickMap, "__call__", played)
+    assert near_stable(StickMap(model, Servo(), 0.4), 0.003) is None and asked == longest
 
 
 @pytest.mark.parametrize(
-    ("model", "solver", "tried"), [("switch", "auto", 3), ("switch", "ipopt", 1), ("lugre", "auto", 2)]
+    ("model", "solver", "tried"), [("switch", "auto", 2), ("switch", "ipopt", 0), ("lugre", "auto", 1)]
 )
-def test_newton_from_the_event_map_is_for_the_switch_servo(model, solver, tried):
-    q = cold_start.AtGain(Servo(), model, 0.4, Options(solver=solver))
-    assert sum(strategy.applies(q) for strategy in cold_start.AT_ONE_GAIN) == tried
+def test_newton_from_the_event_map_is_for_the_switch_servo(monkeypatch, model, solver, tried):
+    asked = []
+    monkeypatch.setattr(cold_start, "_at_once", asked.append)
+    monkeypatch.setattr(cold_start, "_solved_from", lambda *_: None)
+    cold_start.stable_at(Servo(), model, 0.4, options=Options(solver=solver))
+    assert [q.beside is None for q in asked] == [True, False][:tried]
 
 
 def test_a_motion_is_meshed_for_the_tolerance():
     """No other mesh is needed then: last Legendre coefficients fall with the power of the degree."""
-    motion, problem = near_typical(Servo(), 0.2), Hunting("switch", Servo(), 0.2)
+    motion, problem = near_typical(StickMap("switch", Servo(), 0.2)), Hunting("switch", Servo(), 0.2)
     for tol in (1e-4, 1e-8, 1e-12):
         t, u, _ = cold_start.started(motion, problem, Options(tol=tol))
         assert 1e-3 * shape_limit(tol) < shape(t, u).max() <= shape_limit(tol)
 
 
 def test_from_farther_out_where_cycles_stick_there(motions):
-    unit = FAR_STICKS.friction.static / FAR_STICKS.torque_gains(FAR_GAIN)[0]
-    assert near_stable("switch", FAR_STICKS, FAR_GAIN, TYPICAL * unit) is None and len(motions) == 1
-    found = near_typical(FAR_STICKS, FAR_GAIN)
+    P = StickMap("switch", FAR_STICKS, FAR_GAIN)
+    assert near_stable(P, P.typical) is None and len(motions) == 1
+    found = near_typical(P)
     near = fixed_points(FAR_STICKS, FAR_GAIN, 0.7 * found.fixed, 1.4 * found.fixed, points=5).fixed
     assert near and near[-1].multiplier < 1 and found.fixed == pytest.approx(near[-1].amplitude, rel=1e-3)
 
@@ -241,15 +255,15 @@ def test_where_newton_is_lost_the_event_map_is_asked(monkeypatch):
     asked = []
 
     def lost(q):
-        asked.append(q.options.solver)
+        asked.append((q.options.solver, q.beside is not None))
 
     monkeypatch.setattr(cold_start, "_at_once", lost)
-    assert cold_start._beside_the_fixed_point(cold_start.AtGain(Servo(), "switch", 0.64, Options())) is None
-    assert asked == ["newton"]
+    assert cold_start.stable_at(Servo(), "switch", 0.64, options=Options()).orbit.stable
+    assert asked == [("auto", False), ("newton", True)]
 
 
 def test_above_the_fold_a_few_motions_show_none(motions):
-    assert near_typical(Servo(), 1.02 * FOLD) is None
-    assert len(motions) <= 2 * scan.SECANT_ROUNDS
+    assert near_typical(StickMap("switch", Servo(), 1.02 * FOLD)) is None
+    assert len(motions) <= 2 * near_by.SECANT_ROUNDS
     with pytest.raises(NoOrbit):
         find_orbit(Servo(), "switch", 1.02 * FOLD, branch="unstable")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from map_support import map_fold
 
 from casahunt import (
     InputError,
@@ -31,7 +32,6 @@ from casahunt.servo.delayed_loop import crossover, margins
 from casahunt.servo.denial import no_cycle
 from casahunt.servo.equilibria import equilibria
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.fold import map_fold
 from casahunt.servo.event_map.slopes import map_at
 from casahunt.servo.linear_loop import (
     linear_loop,

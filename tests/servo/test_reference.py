@@ -15,7 +15,7 @@ from casahunt.collocation import ipopt, newton, solve
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.orbits import adapt
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.event_map.scan import half_cycle
+from casahunt.servo.event_map.half_cycle import half_cycle
 from problems import table1, taylor
 
 ROWS = [

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from casahunt import Servo, cli, simulate
-from casahunt.servo.attraction import swing
 from casahunt.servo.simulation import prospect, verdict
 from casahunt.servo.simulation.prospect import cycle_near, escapes, settles
 from casahunt.servo.simulation.swings import ABOVE, limit_of, limit_of_sides
 from casahunt.servo.simulation.verdict import SWINGS, judge
 from problems import taylor
 from scripts import verdicts
+from scripts.report.attraction import swing
 
 TABLE_1 = Servo()
 ABOVE_FOLD = 0.6473456  # by 1e-5 of itself: the fold of Table 1 is 0.64733908365 (problems/table1.py)

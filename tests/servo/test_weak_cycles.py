@@ -13,11 +13,16 @@ from casahunt import NoOrbit, Options, Servo, find_fold
 from casahunt.servo import cold_start
 from casahunt.servo import find_fold as fold
 from casahunt.servo.cold_start import AtGain, Met, quickly_at
-from casahunt.servo.event_map import scan as looking
-from casahunt.servo.event_map.climb import BESIDE_A_CYCLE, MOST_LOWERED, lowered
-from casahunt.servo.event_map.half_cycle import HalfCycle, half_cycle
-from casahunt.servo.event_map.peaks import IN_VAIN, _vertex, highest
-from casahunt.servo.event_map.scan import BESIDE_A_WEAK_ONE, CONVERGING, near_stable, scan
+from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap, half_cycle
+from casahunt.servo.event_map.near import (
+    BESIDE_A_CYCLE,
+    BESIDE_A_WEAK_ONE,
+    CONVERGING,
+    MOST_LOWERED,
+    lowered,
+    near_stable,
+)
+from casahunt.servo.event_map.scan import IN_VAIN, _highest, _vertex, scan
 from problems.taylor import switch_fold
 
 
@@ -65,8 +70,8 @@ def test_a_lugre_fold_far_below_that_of_the_rigid_servo(servo):
 
 def test_next_to_a_weak_cycle_is_where_it_sticks_and_not_where_the_ratio_is_next_to_one():
     servo, gain = dropping(0.44065), 1.566e-5
-    rigid = scan("switch", servo, gain).upper
-    found = near_stable("lugre", servo, gain, rigid.fixed, slope=rigid.slope)
+    rigid = scan(StickMap("switch", servo, gain)).upper
+    found = near_stable(StickMap("lugre", servo, gain), rigid.fixed, slope=rigid.slope)
     far = half_cycle("lugre", servo, gain, rigid.fixed)
     assert abs(np.log(far.ratio)) < CONVERGING["lugre"]  # by the ratio alone this one would do
     inner, outer = (half_cycle("lugre", servo, gain, found.start * f, tol=1e-9) for f in (0.97, 1.03))
@@ -80,18 +85,19 @@ def test_next_to_a_weak_cycle_is_where_it_sticks_and_not_where_the_ratio_is_next
 def test_a_motion_that_comes_to_rest_leads_to_no_weak_cycle(monkeypatch):
     servo, gain = dropping(0.4408), 2.5e-4
 
-    def at_rest(model, servo, gain, a, *, tol=None, longest=np.inf):
-        run = half_cycle(model, servo, gain, a)
+    def at_rest(P, a, *, tol=None, longest=np.inf):
+        run = honest(P, a)
         return run if tol is None else HalfCycle(a, 0.0, run.segments)
 
-    monkeypatch.setattr(looking, "half_cycle", at_rest)
-    assert near_stable("switch", servo, gain, 0.066, slope=-0.04) is None
+    honest = StickMap.__call__
+    monkeypatch.setattr(StickMap, "__call__", at_rest)
+    assert near_stable(StickMap("switch", servo, gain), 0.066, slope=-0.04) is None
 
 
 @pytest.mark.parametrize("degree", [None, 6])
 def test_newton_starts_beside_a_weak_cycle_in_any_scheme(degree):
     servo, gain = dropping(0.4408), 2.5e-4
-    rigid = scan("switch", servo, gain).upper
+    rigid = scan(StickMap("switch", servo, gain)).upper
     found = quickly_at(servo, "lugre", gain, options=Options(degree=degree), beside=rigid)
     assert found is not None
     assert found.stable
@@ -101,7 +107,7 @@ def test_newton_starts_beside_a_weak_cycle_in_any_scheme(degree):
 def test_a_motion_that_leads_next_to_its_start_is_not_taken_for_one_next_to_a_cycle():
     """At 0.1 Fs/kp it comes back to 0.95 of that, as everywhere far out; the cycle sticks 100 times nearer."""
     known = [
-        cold_start._beside_the_rigid_cycle(AtGain(servo, "lugre", gain, Options()))
+        cold_start._beside_the_rigid_cycle(AtGain(StickMap("lugre", servo, gain), Options()))
         for servo, gain in ((dropping(0.4408), 2.5e-4), (Servo(), 0.05))
     ]
     assert known[0] == 0
@@ -110,21 +116,17 @@ def test_a_motion_that_leads_next_to_its_start_is_not_taken_for_one_next_to_a_cy
 
 def test_where_the_map_is_flat_one_motion_tells(monkeypatch):
     seen = []
-    monkeypatch.setattr(cold_start, "half_cycle", lambda *where: seen.append(where) or half_cycle(*where))
-    assert cold_start._beside_the_rigid_cycle(AtGain(Servo(), "lugre", 0.05, Options())) > 0
+    honest = StickMap.__call__
+    monkeypatch.setattr(StickMap, "__call__", lambda *where: seen.append(where) or honest(*where))
+    assert cold_start._beside_the_rigid_cycle(AtGain(StickMap("lugre", Servo(), 0.05), Options())) > 0
     assert len(seen) == 1
-
-
-def test_without_a_cycle_of_the_rigid_servo_no_lower_gain_is_tried():
-    assert list(fold._downwards(fold._Hunt(Servo(), "lugre"), [])) == []
 
 
 def test_lower_gains_come_closer_together_only_where_cycles_end():
     def from_there(servo, gain):
-        kp, _, _ = servo.torque_gains(gain)
-        start = near_stable("switch", servo, gain, 0.1 * servo.friction.static / kp, close=BESIDE_A_CYCLE)
-        start = start or scan("switch", servo, gain).upper
-        return [gain / lower for lower, _ in lowered(servo, gain, start)]
+        P = StickMap("switch", servo, gain)
+        start = near_stable(P, P.typical, close=BESIDE_A_CYCLE) or scan(P).upper
+        return [gain / lower for lower, _ in lowered(P, start)]
 
     assert from_there(Servo(), 0.1) == [2.0**k for k in range(1, MOST_LOWERED + 1)]
     assert from_there(ENDS_BELOW, 0.0065)[0] == pytest.approx(1.4)
@@ -158,7 +160,7 @@ class Peak:
 
     def top(self, low=-0.31, middle=0.04, high=0.25):
         inner, best, outer = (HalfCycle(np.exp(x), np.exp(x) * self.ratio(x), []) for x in (low, middle, high))
-        return highest(self, inner, best, outer)
+        return _highest(self, inner, best, outer)
 
 
 def test_a_smooth_peak_is_found_by_a_few_motions():

@@ -1,6 +1,6 @@
 """The fold curve phi = 0 from one end of the range of q to the other.
 
-    phi(s, c) = 0  (charts.py), followed from the end next to the servo's own q; it may turn back: phi_s = 0, a cusp
+    K_f(q), followed by continuation/two_parameters.py from the end next to the servo's own q; it may turn back: a cusp
 
 It ends at an end of the range, or where the gain tends to zero because nothing feeds a cycle any more (`unfed`).
 """
@@ -8,22 +8,25 @@ It ends at an end of the range, or where the gain tends to zero because nothing 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...checks import known, require, shown
-from ...continuation.plane_curve import Place, follow
-from ...continuation.sheet import Axis
+from ...continuation.sheet import Axis, finer, sheet_of
+from ...continuation.special_charts import SpecialChart, SpecialOrbit, Task
+from ...continuation.special_points import FOLD
+from ...continuation.two_parameters import chart_at, special_orbits
 from ...errors import InputError, NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import MODELS, Model
+from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES
-from .batches import points_in_batches
-from .charts import Chart, Problem, chart_of
 from .points import FoldCurve, FoldPoint, as_found
 
 RANGE_POINTS = 17
@@ -34,8 +37,6 @@ GONE = 1e-5
 """The same where it is not known why it should."""
 STEEP_GAIN = 30.0
 """|d ln K/dc| from which on a gain tends to zero: a straight line would get there within 1/30 of the range."""
-MOST_RESTARTS = 4
-"""How often the curve is taken up again, by a fold computed from nothing, where the steps do not converge."""
 
 
 def fold_curve(
@@ -91,99 +92,80 @@ def fold_curve(
     known("model", model, MODELS)
     check_range(servo, vary, start, end)
     require("points", points, at_least=2)
-    axis = Axis(vary, float(start), float(end))
-    problem = Problem(model, servo, axis, options, 1 / (points - 1))
-    chart, c, sense, found = _begin(problem, begun)
-    goal = servo.replace(**{vary: axis.value(1 - c)})
-    reason, gone = _collect(_all_points(problem, chart, sense, found), found, goal, axis, report)
+    task = _Task(servo, model, Axis(vary, float(start), float(end)), options, 1 / (points - 1))
+    chart, c, sense, found = _begin(task, begun)
+    reason, gone = _collect(task, chart, sense, found, c, report)
     last = found[-1]
     if c == 1:
         found = found[::-1]
     cusps = tuple(point for point in found if point.turns)
-    sentence, status = _ending(problem, last, axis.value(1 - c), bool(cusps), reason, gone)
+    sentence, status = _ending(task, last, task.axis.value(1 - c), bool(cusps), reason, gone)
     return FoldCurve(model, servo, vary, tuple(found), cusps, sentence, status, time.perf_counter() - began, gone)
 
 
+@dataclass(frozen=True)
+class _Task:
+    """The curve that is asked for: `spacing` is the largest step in the place c of q in its range."""
+
+    servo: Servo
+    model: Model
+    axis: Axis
+    options: Options
+    spacing: float
+
+    def at(self, c: float) -> Servo:
+        """The servo at a place of the range."""
+        return self.servo.replace(**{self.axis.vary: self.axis.value(c)})
+
+    def fold(self, c: float) -> HuntingOrbit:
+        """The orbit at its fold, from nothing.  Raises NoOrbit."""
+        return find_fold(self.at(c), self.model, options=self.options).orbit
+
+    def chart(self, orbit: HuntingOrbit, c: float) -> SpecialChart | str:
+        """The chart of the orbit at a fold, or a sentence that says why there is none."""
+        followed = Task(FOLD, self.options, lambda orbit: orbit)
+        how: dict[str, Any] = {"options": finer(self.options), "spacing": self.spacing, "like": None}
+        return chart_at(followed, sheet_of(orbit, "gain", self.axis, c, **how))
+
+    def point(self, special: SpecialOrbit) -> FoldPoint:
+        """A place of the curve as a point of the result."""
+        orbit: HuntingOrbit = special.orbit
+        value, status = orbit.problem.value(self.axis.vary), orbit.status
+        return FoldPoint(
+            value, orbit.gain, special.slope, orbit, special.error, special.across, status, special.turns, special.how
+        )
+
+
 def _collect(
-    points: Generator[FoldPoint, None, str],
-    found: list[FoldPoint],
-    goal: Servo,
-    axis: Axis,
+    task: _Task, chart: SpecialChart, sense: float, found: list[FoldPoint], c: float,
     report: Callable[[FoldPoint], None] | None,
-) -> tuple[str, bool]:
-    """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero)."""
-    reason, gone = "", False
-    while not (reason or gone):
+) -> tuple[str, bool]:  # fmt: skip
+    """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero).
+
+    chart, found: that of the last point, and the points up to there; empty where that is the first.
+    """
+
+    def again(c: float) -> HuntingOrbit | None:
+        with suppress(NoOrbit):
+            return task.fold(c)
+        return None
+
+    if chart.position in (0.0, 1.0) and len(found) > 1:
+        return "", False
+    specials = special_orbits(chart, sense=sense, turned=any(point.turns for point in found), again=again)
+    if found:
+        next(specials)  # the last point itself
+    goal = task.at(1 - c)
+    while True:
         try:
-            point = next(points)
+            found.append(task.point(next(specials)))
         except StopIteration as stop:
             return stop.value, False
-        found.append(point)
         if report is not None:
-            report(point)
-        reason, gone = _fading(found, axis, goal)
-    return reason, gone
-
-
-def _all_points(
-    problem: Problem, chart: Chart, sense: float, found: Sequence[FoldPoint]
-) -> Generator[FoldPoint, None, str]:
-    """The points behind those that were found already: in batches as far as those lead, then step by step.
-
-    The generator's return value is that of `_followed`.
-    """
-    known = list(found)
-    if not known:
-        assert chart.fold is not None
-        known.append(chart.fold)
-        yield known[-1]
-    at_an_end = chart.position in (0.0, 1.0) and len(known) > 1
-    if not at_an_end and not any(point.turns for point in known):
-        count = len(known)
-        for point in points_in_batches(problem, known[-1], sense):
-            known.append(point)
-            yield point
-        if len(known) > count:
-            position = problem.axis.place(known[-1].value)
-            if position in (0.0, 1.0):
-                return ""
-            again = chart_of(problem, known[-1].orbit, position, like=None)
-            if isinstance(again, str):
-                return again
-            chart = again
-    followed = _followed(chart, sense, known)
-    while True:
-        try:
-            place = next(followed)
-        except StopIteration as stop:
-            return str(stop.value)
-        yield replace(place.chart.fold, turns=place.turns)
-
-
-def _followed(chart: Chart, sense: float, found: Sequence[FoldPoint]) -> Generator[Place, None, str]:
-    """The places behind the points that were found already, taken up again where the steps do not converge.
-
-    The generator's return value is "" at the end of the range, or the sentence that says why the curve ends before.
-    """
-    turned, restarts = any(point.turns for point in found), 0
-    places = follow(chart, sense=sense)
-    if found:
-        next(places)  # the last point itself
-        if chart.position in (0.0, 1.0) and len(found) > 1:
-            return ""  # it is the end
-    while True:
-        try:
-            place = next(places)
-        except StopIteration as stop:
-            lost = bool(stop.value) and not turned and restarts < MOST_RESTARTS
-            again = _restarted(chart, sense) if lost else None
-            if again is None:
-                return stop.value or ""
-            chart, restarts = again, restarts + 1
-            places = follow(chart, sense=sense)
-            continue
-        chart, turned = place.chart, turned or place.turns
-        yield place
+            report(found[-1])
+        reason, gone = _fading(found, task.axis, goal)
+        if reason or gone:
+            return reason, gone
 
 
 def _fading(found: Sequence[FoldPoint], axis: Axis, goal: Servo) -> tuple[str, bool]:
@@ -209,35 +191,34 @@ def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
         servo.replace(**{vary: bound})
 
 
-def _first_chart(problem: Problem) -> Chart:
+def _first_chart(task: _Task) -> SpecialChart:
     """The fold at an end of the range: the end next to the servo's own value, or else the other."""
-    axis = problem.axis
-    own = flatten(problem.servo)[axis.vary]
+    axis = task.axis
+    own = flatten(task.servo)[axis.vary]
     order = (0.0, 1.0) if abs(own - axis.start) <= abs(own - axis.end) else (1.0, 0.0)
     complaints = []
     for c in order:
-        servo = problem.servo.replace(**{axis.vary: axis.value(c)})
-        chart: Chart | str
+        chart: SpecialChart | str
         try:
-            chart = chart_of(problem, find_fold(servo, problem.model, options=problem.options).orbit, c, like=None)
+            chart = task.chart(task.fold(c), c)
         except NoOrbit as error:
             chart = str(error)
-        if isinstance(chart, Chart):
+        if isinstance(chart, SpecialChart):
             return chart
         complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {chart}")
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints), Status.NOT_FOUND)
 
 
-def _begin(problem: Problem, begun: Sequence[FoldPoint]) -> tuple[Chart, float, float, list[FoldPoint]]:
+def _begin(task: _Task, begun: Sequence[FoldPoint]) -> tuple[SpecialChart, float, float, list[FoldPoint]]:
     """(chart to start from, c of the first point, direction of c, the points up to that chart as they were found)."""
-    axis = problem.axis
+    axis = task.axis
     if not begun:
-        chart = _first_chart(problem)
+        chart = _first_chart(task)
         return chart, chart.position, 1.0 if chart.position == 0 else -1.0, []
     c = 0.0 if begun[0].value == axis.start else 1.0
     found = as_found(begun, axis.start)
     position = axis.place(found[-1].value)
-    again = chart_of(problem, found[-1].orbit, position, like=None)
+    again = task.chart(found[-1].orbit, position)
     if isinstance(again, str):
         where = f"{axis.vary} = {shown(found[-1].value)}"
         raise NoOrbit(f"the curve cannot be taken up at {where}: {again}", Status.NOT_CONVERGED)
@@ -245,26 +226,11 @@ def _begin(problem: Problem, begun: Sequence[FoldPoint]) -> tuple[Chart, float, 
     return again, c, float(np.sign(sense)), found
 
 
-def _restarted(last: Chart, sense: float) -> Chart | None:
-    """A fold computed from nothing a step further on, where the curve was lost; None where it is not the same one."""
-    problem = last.problem
-    c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
-    if c == last.position:
-        return None
-    servo = problem.servo.replace(**{problem.axis.vary: problem.axis.value(c)})
-    try:
-        fold = find_fold(servo, problem.model, options=problem.options)
-        chart = chart_of(problem, fold.orbit, c, like=None)
-    except NoOrbit:
-        return None
-    return chart if isinstance(chart, Chart) and last.agrees(chart) else None
-
-
 def _ending(
-    problem: Problem, last: FoldPoint, goal: float, turned: bool, reason: str, gone: bool
+    task: _Task, last: FoldPoint, goal: float, turned: bool, reason: str, gone: bool
 ) -> tuple[str, Status]:
     """(sentence about where the curve ends, CONVERGED where nothing is missing)."""
-    vary = problem.axis.vary
+    vary = task.axis.vary
     where = f"the fold was followed to {vary} = {last.value:.8g}, K = {last.gain:.6g}"
     if gone:
         return (

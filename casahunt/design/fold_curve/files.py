@@ -12,12 +12,10 @@ from typing import Any
 from ...errors import InputError, Status
 from ...servo.branch import Branch
 from ...servo.hunting import Model
-from ...servo.saved import load_branch, load_run, save_branch
+from ...servo.saved import load_run, same_task, save_branch
 from ...servo.servo import Servo
 from .points import FoldCurve, FoldPoint
 
-INTERRUPTED = "interrupted"
-"""Why a curve ends that is not at its end."""
 _NUMBERS = ("value", "gain", "slope", "error_estimate", "curvature", "turns")
 
 
@@ -41,7 +39,7 @@ def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
 
     Raises InputError: the file is missing or damaged, or holds something else.
     """
-    branch, run = load_branch(path), load_run(path)
+    branch, run = load_run(path)
     try:
         points = tuple(
             FoldPoint(**dict(zip(_NUMBERS, numbers, strict=True)), orbit=orbit, status=Status[status], how=how)
@@ -66,11 +64,5 @@ def begun(path: Path, servo: Servo, model: Model, settings: Mapping[str, Any]) -
     if not path.exists():
         return None
     curve, theirs = load_curve(path)
-    another = [f"{key} = {theirs.get(key)}, not {value}" for key, value in settings.items() if theirs.get(key) != value]
-    another += ["another servo"] * (curve.servo != servo) + ["another model"] * (curve.model != model)
-    if another:
-        raise InputError(
-            f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
-            "--resume out for a new start"
-        )
+    same_task(path, curve, theirs, servo, model, settings)
     return curve

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Status
-from ...export import Columns
+from ...export import Columns, columns_from
 from ...results import Result
 from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
@@ -48,12 +48,15 @@ class FoldPoint(Result):
         it is the smallest, 0 at a cusp.
     status : as everywhere.
     turns : whether the curve turns back in q here: a cusp.
-    how : "batch" where it was computed together with others (batches.py); "followed" where step by step, and
+    how : "batch" where it was computed together with others (folds_ahead.py); "followed" where step by step, and
         confirmed alone.
     """
 
     _quantities = ("value", "gain [V/rad] ~ error_estimate", "slope", "turns", "status")
-    _details = ("elasticity", "curvature", "how", "orbit")
+    _details = (
+        "amplitude = orbit.amplitude [rad]", "period = orbit.period [s]", "elasticity", "curvature", "how",
+        "servo = orbit.servo",
+    )  # fmt: skip
 
     value: float
     gain: float
@@ -96,7 +99,7 @@ class FoldCurve(Result):
     """
 
     _quantities = ("model", "vary", "number_of_points = points.size", "status", "ended")
-    _details = ("servo", "cusps", "vanishes", "wall_s [s]")
+    _details = ("servo", "points", "vanishes", "wall_s [s]")
 
     model: Model
     servo: Servo
@@ -124,21 +127,15 @@ class FoldCurve(Result):
         return np.array([point.slope for point in self.points])
 
     def _columns(self) -> Columns:
-        rows = [row_of(self.vary, point) for point in self.points]
-        columns = dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False))
-        return columns or {name: () for name in CSV_COLUMNS}
+        rows = [
+            (p.orbit.model, self.vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
+             p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "")
+            for p in self.points
+        ]  # fmt: skip
+        return columns_from(CSV_COLUMNS, rows)
 
-
-def row_of(vary: str, point: FoldPoint) -> list[Any]:
-    """One row of the table of a fold curve.
-
-    Returns values in the order of `CSV_COLUMNS`.
-    """
-    orbit = point.orbit
-    return [
-        orbit.model, vary, point.value, point.gain, orbit.amplitude, orbit.period, point.slope, point.elasticity,
-        point.error_estimate, point.status.name.lower(), "cusp" if point.turns else "",
-    ]  # fmt: skip
+    def _more(self) -> dict[str, Any]:
+        return {"special": [{"kind": "cusp", "value": point.value, "gain": point.gain} for point in self.cusps]}
 
 
 def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:

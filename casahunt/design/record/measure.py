@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -91,8 +92,9 @@ class Measurement(Result):
         "whole_periods = periods.size",
     )  # fmt: skip
     _details = (
-        "reason", "amplitude_scatter [rad]", "frequency_scatter [Hz]", "period_scatter [s]", "mean_level [rad]",
-        "drift [rad/s]", "noise [rad]", "quantum [rad]", "above", "rising", "left_out", "missing [s]",
+        "amplitude_scatter [rad]", "frequency_scatter [Hz]", "period_scatter [s]", "mean_level [rad]", "drift [rad/s]",
+        "noise [rad]", "quantum [rad]", "above", "rising", "missing [s]", "amplitudes [rad]",
+        "period_lengths = periods [s]",
     )  # fmt: skip
 
     kind: Kind
@@ -143,6 +145,10 @@ class Measurement(Result):
     def hunting(self) -> bool:
         """The record shows a limit cycle."""
         return self.kind == "hunting"
+
+    def _more(self) -> dict[str, Any]:
+        before, behind = self.left_out
+        return {"reason": self.reason or None, "left_out_before": before, "left_out_behind": behind}
 
     def _columns(self) -> Columns:
         return {"start_s": self.starts, "period_s": self.periods, "amplitude_rad": self.amplitudes}

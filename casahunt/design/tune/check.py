@@ -18,7 +18,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
+from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
@@ -96,8 +97,12 @@ class Verification(Result):
     unverified : what could not be verified, in sentences.
     """
 
-    _quantities = ("ok", "margin", "margin_kept", "loops_kept", "against", "unverified")
-    _details = ("fold", "nominal_fold", "scan_sentence", "loops", "loop_corners", "loops_checked")
+    _quantities = ("ok", "result", "margin", "margin_kept", "loops_kept", "against", "unverified")
+    _details = (
+        "fold_gain = fold.gain [V/rad]", "fold_error = fold.gain_error",
+        "nominal_fold_gain = nominal_fold.gain [V/rad]", "scan = scan_sentence", "scan_clear", "loops", "loops_checked",
+        "loop_corners", "tasks",
+    )  # fmt: skip
 
     fold: HuntingFold | None
     nominal_fold: HuntingFold | None
@@ -115,6 +120,15 @@ class Verification(Result):
     tasks: tuple[Task, ...]
     against: tuple[str, ...]
     unverified: tuple[str, ...]
+
+    def _more(self) -> dict[str, Any]:
+        folds = self.set_check
+        return {"set": None if folds is None else {"folds": folds.computed, "largest_fold_gain": folds.largest}}
+
+    @property
+    def result(self) -> str:
+        """One of "verified", "not everything verified", "speaks against it"."""
+        return "speaks against it" if self.against else "verified" if self.ok else "not everything verified"
 
     @property
     def scan_clear(self) -> bool:
@@ -254,7 +268,7 @@ def _check_set(
 
 def _no_cycle(servo: Servo, model: Model, gain: float) -> bool:
     """The scan of the event map finds neither a cycle at this gain nor a motion that grows."""
-    found = scan(model, servo, gain)
+    found = scan(StickMap(model, servo, gain))
     return found.upper is None and not found.failures and found.best < 1
 
 
@@ -342,7 +356,7 @@ def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None]
         falls = all(abs(point.position) < point.start for point in found.points)  # false for nan: it swings on
         state: Seen = "cycle" if found.fixed or grows else "clear" if found.conclusive and falls else "open"
         return found.sentence(), state
-    seen = scan(model, servo, gain)
+    seen = scan(StickMap(model, servo, gain))
     state = "cycle" if seen.upper is not None or seen.best >= 1 else "open" if seen.failures else "clear"
     cycles = "no cycle" if seen.upper is None else f"a cycle at {seen.upper.start:.6g} rad"
     return (

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import NoOrbit
+from ...results import Result
 from ...servo.hunting import Model
 from ...servo.servo import Servo
 from ...servo.simulation.simulate import simulate
@@ -25,8 +26,8 @@ MOST_TASK_INTERVALS = 20_000
 """Intervals of a motion from which it is not simulated any longer."""
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
+@dataclass(frozen=True, eq=False, repr=False)
+class Task(Result):
     """A simulated task.
 
     Attributes
@@ -35,6 +36,11 @@ class Task:
     start : how it starts, in words.
     motion : the motion.
     """
+
+    _quantities = (
+        "friction", "start", "time = motion.duration [s]", "verdict = motion.verdict.kind",
+        "reason = motion.verdict.sentence", "status = motion.status",
+    )  # fmt: skip
 
     friction: str
     start: str

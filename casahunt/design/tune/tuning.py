@@ -17,9 +17,11 @@ Source of the hunting condition: the fold ends hunting (report DCT 2001.021, sec
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ...checks import known, of_kind
 from ...errors import InputError, Status
@@ -27,6 +29,8 @@ from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, a_servo, flatten
+from ..sensitivity import fold_sensitivities
+from ..uncertainty.linear import linear_range
 from ..uncertainty.set import Uncertainty, check_box
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
@@ -35,6 +39,18 @@ from .search import Search
 
 REPAIRS = 3
 """Most times that the check may find servos worse than the worst."""
+PROVES_NOT = (
+    "The fold ends the symmetric hunting cycle that was found; the scan of the event map speaks against all cycles "
+    "with sticking, lopsided ones too, but not against cycles without.",
+    "The scan and the simulated tasks are samples: they find what is there to be found, and prove no absence.",
+    "Optimum and worst friction are local; a better tuning, or a worse friction inside the set, may exist.",
+    "Friction outside the set, flexibility, noise, backlash and saturation are not in the model.",
+)
+INSIDE_SENTENCE = (
+    "Inside of the uncertainty set the worst servo is searched for, from its corners and from samples; a worse one "
+    "that is not near any of them may exist."
+)
+DELAY_SENTENCE = "The delay is in the margins of the linear loop only; fold, scan and simulation are without it."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,8 +86,8 @@ class Tuning(Result):
         "model", "gain [V/rad]", "cost", "cost_value", "fold_gain [V/rad]", "binding", "status",
     )  # fmt: skip
     _details = (
-        "servo", "before", "gain_only", "demands", "free", "bounds", "corner", "worst", "verification", "rounds",
-        "evaluations", "wall_s [s]",
+        "cost_gain_only = gain_only", "demands", "free", "bounds", "verification", "rounds", "evaluations",
+        "wall_s [s]",
     )  # fmt: skip
 
     model: Model
@@ -93,6 +109,32 @@ class Tuning(Result):
     rounds: int
     evaluations: int
     wall_s: float
+
+    def _more(self) -> dict[str, Any]:
+        what, _, unit = COSTS[self.cost].rpartition(" [")
+        fold, nominal = self.verification.fold, self.verification.nominal_fold
+        linear = self.uncertainty is not None and nominal is not None
+        low, high = linear_range(nominal, self.uncertainty) if linear else (None, None)  # type: ignore[arg-type]
+        return {
+            **dataclasses.asdict(self.servo.controller),
+            "cost_meaning": what,
+            "cost_unit": unit.rstrip("]"),
+            "margin": self.demands.margin,
+            "worst": {"corner": self.corner, "fold_gain": self.fold_gain, "evaluations": self.evaluations},
+            "fold": {
+                "nominal": nominal.gain if nominal is not None else None,
+                "error": nominal.gain_error if nominal is not None else None,
+                "amplitude": nominal.orbit.amplitude if nominal is not None else None,
+                "period": nominal.orbit.period if nominal is not None else None,
+                "linear_low": low,
+                "linear_high": high,
+            },
+            "elasticities": fold_sensitivities(fold).elasticities if fold is not None else {},
+            "proves_not": [
+                *PROVES_NOT, *[INSIDE_SENTENCE] * bool(self.corner), *[DELAY_SENTENCE] * bool(self.demands.lag),
+            ],
+            "servo": flatten(self.before),
+        }  # fmt: skip
 
     @property
     def status(self) -> Status:

@@ -20,6 +20,7 @@ from ...continuation.fold import WALK_TOLERANCE
 from ...errors import NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.cold_start import stable_at
+from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import scan
 from ...servo.find_fold import find_fold
 from ...servo.hunting import Model
@@ -53,7 +54,7 @@ def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> 
         if error.status is not None:
             raise
         # A proof says that it hunts at no gain; the map at the expected gain is asked all the same.
-        if np.isfinite(expected) and scan("switch", servo, BELOW * expected).upper is not None:
+        if np.isfinite(expected) and scan(StickMap("switch", servo, BELOW * expected)).upper is not None:
             sentence = f"{error}, but the event map has one near gain {expected:.4g}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
         return None

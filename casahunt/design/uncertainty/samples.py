@@ -21,6 +21,7 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
+from ...servo.units import GAIN_UNIT, column
 from .batch import folds_of
 from .nearby import nominal_fold
 from .set import Array, Uncertainty, check_box, servo_at, values_of
@@ -41,6 +42,7 @@ class Samples(Result):
     parameters : (n, k) their values.
     gains : (n,) fold gains; 0 where a proof shows that no gain hunts, nan where the fold was not computed.
     failures : (index, sentence) of every sample that was not computed.
+    tolerance : bound on the estimated relative error of every gain.
 
     Examples
     --------
@@ -57,6 +59,7 @@ class Samples(Result):
     parameters: Array
     gains: Array
     failures: tuple[tuple[int, str], ...]
+    tolerance: float
 
     @property
     def computed(self) -> Array:
@@ -74,7 +77,17 @@ class Samples(Result):
         return {key: float(np.quantile(gains, level)) for key, level in QUANTILES.items()} if gains.size else {}
 
     def _columns(self) -> Columns:
-        return {**dict(zip(self.names, self.parameters.T, strict=True)), "gain": self.gains}
+        sentences, gains = dict(self.failures), self.gains.tolist()
+        parameters = zip(self.names, self.parameters.T, strict=True)
+        return {
+            "sample": [i + 1 for i in range(len(gains))],
+            **{column(name): values for name, values in parameters},
+            column("fold_gain", GAIN_UNIT): gains,
+            column("fold_gain_error", GAIN_UNIT): [self.tolerance * gain for gain in gains],
+            "status": [
+                sentences.get(i, "converged" if gain else "hunts at no gain") for i, gain in enumerate(gains)
+            ],
+        }
 
 
 def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
@@ -169,4 +182,4 @@ def sample(
         report=report,
     )  # fmt: skip
     failures = tuple((i, sentence) for i, sentence in enumerate(done.sentences) if sentence)
-    return Samples(names, rows, done.numbers[0], failures)
+    return Samples(names, rows, done.numbers[0], failures, options.tol)

@@ -19,14 +19,12 @@ import numpy as np
 
 from ...checks import COMPUTED, sensible
 from ...errors import InputError
-from ...export import Columns
 from ...hybrid.roots import Bracket
 from ...motion.march import MarchFailure
-from ...results import Result, columns_of
 from ..servo import Servo, a_servo
-from .cubics import STEEP, cubic_is_good, nothing_between
+from .points import FixedPoint, FixedPoints, Jump
 from .scan import SCAN_HIGH, SCAN_LOW
-from .slopes import EPS, MapPoint, map_at, map_error, rounding
+from .slopes import EPS, STEEP, MapPoint, cubic_is_good, map_at, nothing_between, rounding
 
 MAP_POINTS = 121
 MOST_POINTS, MOST_SLIPS_IN_ALL = 4000, 3000
@@ -42,116 +40,6 @@ ROUGH_MARCH, CLOSE = 1e-7, 1e-2
 """March of a scan, where P/a is not within CLOSE of one."""
 MOST_BRACKET_STEPS = 400
 """Newton steps and halvings after which a bracket is left as it is."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FixedPoint(Result):
-    """P(a) = a: a symmetric hunting cycle.
-
-    Attributes
-    ----------
-    amplitude : a [rad].
-    multiplier : mu = P'(a).
-    period : [s].
-    error : estimated relative error of the amplitude.
-    period_error : of the period: |dT/da| times the rounding of a, many times that of a on steep pieces.
-    """
-
-    _quantities = ("amplitude [rad] ~ error", "multiplier", "period [s] ~ period_error", "stable")
-
-    amplitude: float
-    multiplier: float
-    period: float
-    error: float
-    period_error: float
-
-    @property
-    def stable(self) -> bool:
-        """|mu| < 1."""
-        return abs(self.multiplier) < 1
-
-
-@dataclass(frozen=True)
-class Jump:
-    """A discontinuity of P between two neighbouring stick positions.
-
-    Attributes
-    ----------
-    start : a [rad].
-    below, above : P just below and just above a [rad]; nan where the servo swings on without stick.
-    crosses : P - a has different signs on the two sides: no fixed point, although a scan sees a change of sign.
-    """
-
-    start: float
-    below: float
-    above: float
-    crosses: bool
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FixedPoints(Result):
-    """Everything that a scan of the event map saw.
-
-    Attributes
-    ----------
-    servo, gain, low, high : the problem, and the range of stick positions [rad].
-    points : the motions computed, by increasing a.
-    fixed : the fixed points, by increasing amplitude.
-    jumps : the discontinuities met, by increasing a.
-    unresolved : (a, b) intervals [rad] in which the subdivision ended without telling.
-    failures : stick positions [rad] at which the motion could not be computed.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, fixed_points
-    >>> seen = fixed_points(Servo(), 0.6, 1e-3, 3e-3, points=10)  # stick positions [rad]
-    >>> [point.stable for point in seen.fixed], seen.conclusive
-    ([False, True], True)
-    """
-
-    _quantities = ("gain [V/rad]", "low [rad]", "high [rad]", "found = fixed.size", "conclusive")
-    _details = ("jumps", "unresolved", "failures", "evidence = sentence", "motions = points.size", "servo")
-
-    servo: Servo
-    gain: float
-    low: float
-    high: float
-    points: tuple[MapPoint, ...]
-    fixed: tuple[FixedPoint, ...]
-    jumps: tuple[Jump, ...]
-    unresolved: tuple[tuple[float, float], ...]
-    failures: tuple[float, ...]
-
-    @property
-    def conclusive(self) -> bool:
-        """The scan met nothing that it could not resolve."""
-        return not self.unresolved and not self.failures
-
-    def sentence(self) -> str:
-        """What was found, and what supports it."""
-        count = len(self.fixed)
-        known = [p for p in self.points if math.isfinite(p.position)]
-        found = {0: "no fixed point", 1: "1 fixed point"}.get(count, f"{count} fixed points")
-        text = f"{found} of the event map between {self.low:.4g} and {self.high:.4g} rad: {len(self.points)} motions"
-        if count == 0 and known:
-            best = max(known, key=lambda p: p.excess)
-            text += f", the largest P(a)/a is {1 + best.excess:.8g} at a = {best.start:.8g} rad"
-        text += ", computed more closely until interpolation between neighbours agreed with the motion half-way"
-        crossing = sum(jump.crosses for jump in self.jumps)
-        if self.jumps:
-            jumps = "1 jump" if len(self.jumps) == 1 else f"{len(self.jumps)} jumps"
-            text += f"; {jumps} of P (or pieces too steep to resolve), {crossing} of them across P = a"
-        swinging = len(self.points) - len(known)
-        if swinging:
-            text += f"; {swinging} motions that do not come to stick"
-        if not self.conclusive:
-            text += (
-                f"; not conclusive: {len(self.unresolved)} intervals unresolved, {len(self.failures)} motions failed"
-            )
-        return text
-
-    def _columns(self) -> Columns:
-        return columns_of(FixedPoint, self.fixed)
 
 
 def default_range(servo: Servo, gain: float) -> tuple[float, float]:
@@ -391,15 +279,4 @@ def _verdict(state: _Scan, left: MapPoint, right: MapPoint, crossing: bool) -> N
     state.jumps.append(Jump(right.start, left.position, right.position, crossing))
 
 
-__all__ = [
-    "MAP_POINTS",
-    "FixedPoint",
-    "FixedPoints",
-    "Jump",
-    "MapPoint",
-    "default_range",
-    "fixed_points",
-    "map_at",
-    "map_error",
-    "rounding",
-]
+__all__ = ["MAP_POINTS", "FixedPoint", "FixedPoints", "Jump", "MapPoint", "default_range", "fixed_points", "map_at"]

@@ -10,7 +10,8 @@ the elastic bristle and is read off when m has come down to -0.9 Fs on the other
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from ..servo import Servo
 
 Array = np.ndarray
 
+TYPICAL = 0.1
+"""Stick position of most stable cycles, in units of Fs/kp, where the proportional torque equals static friction."""
 SECTION = 0.9
 """LuGre: part of Fs that the motor torque has where the map starts and ends."""
 MOST_INTERVALS = {"switch": 1000, "lugre": 4000}
@@ -70,49 +73,81 @@ class HalfCycle:
         return float(sum(s.duration for s in self.segments if s.mode != "stick"))
 
 
-def half_cycle(
-    model: Model,
-    servo: Servo,
-    gain: float,
-    a: float,
-    *,
-    tol: float | None = None,
-    degree: int = 0,
-    kind: Kind = "gauss",
-    longest: float = math.inf,
-) -> HalfCycle:
-    """Let the servo go from the stick position -a < 0 until it is stuck again.
+@dataclass(frozen=True)
+class StickMap:
+    """The map P of one servo at one gain: from a stick position to the half cycle that begins there."""
 
-    model, servo, gain: the problem; gain K > 0 [V/rad]; a: stick position [rad], > 0; tol, degree, kind: of the march;
-    defaults per model; longest: time after which the servo counts as being at rest, if that is less than its `patience`
-    [s]. Raises MarchFailure: the motion could not be computed.
-    """
-    if degree == 0:
-        degree, kind = SCHEMES[model]
-    run = _switch if model == "switch" else _lugre
-    return run(servo, gain, a, tol or MARCH_TOLERANCE[model], degree, kind, min(longest, patience(servo)))
+    model: Model
+    servo: Servo
+    gain: float
+
+    @cached_property
+    def gains(self) -> tuple[float, float, float]:
+        """Torque gains kp, kd, ki."""
+        return self.servo.torque_gains(self.gain)
+
+    @cached_property
+    def p(self) -> Array:
+        """The parameters of the fields."""
+        return self.servo.parameters(self.gain)
+
+    @cached_property
+    def patience(self) -> float:
+        """Time [s] after which a servo that has not moved across counts as being at rest."""
+        return PATIENCE * self.servo.controller.reset_time
+
+    @property
+    def unit(self) -> float:
+        """Stick position at which the proportional torque equals static friction [rad]."""
+        return self.servo.friction.static / self.gains[0]
+
+    @property
+    def typical(self) -> float:
+        """Stick position of most stable cycles [rad]."""
+        return TYPICAL * self.unit
+
+    @property
+    def rigid(self) -> StickMap:
+        """That of the same servo without a bristle."""
+        return replace(self, model="switch")
+
+    def at_gain(self, gain: float) -> StickMap:
+        """That of the same servo at another gain."""
+        return replace(self, gain=gain)
+
+    def scale(self, a: float) -> Array:
+        """(n,) expected size of the states in a motion with an amplitude a > 0 [rad]."""
+        (kp, kd, ki), f, inertia = self.gains, self.servo.friction, self.servo.inertia
+        rate = min(np.sqrt(kp / inertia), kp / max(kd + f.viscous, 1e-300))
+        scale = [a, max(a * rate, 1e-300), max(abs(kp * a - f.static), f.static) / ki]
+        return np.array(scale + ([f.static / f.stiffness] if self.model == "lugre" else []))
+
+    def breakaway(self, a: float) -> Array:
+        """(3,) state of the Switch servo that breaks away from the stick position -a [rad]."""
+        kp, _, ki = self.gains
+        return np.array([-a, 0.0, (kp * a - self.servo.friction.static) / ki])
+
+    def __call__(
+        self, a: float, *, tol: float | None = None, degree: int = 0, kind: Kind = "gauss", longest: float = math.inf
+    ) -> HalfCycle:
+        """Let the servo go from the stick position -a < 0 until it is stuck again.
+
+        a: stick position [rad], > 0; tol, degree, kind: of the march; defaults per model; longest: time after which the
+        servo counts as being at rest, if that is less than its `patience` [s]. Raises MarchFailure: the motion could
+        not be computed.
+        """
+        if degree == 0:
+            degree, kind = SCHEMES[self.model]
+        run = _switch if self.model == "switch" else _lugre
+        return run(self, a, tol or MARCH_TOLERANCE[self.model], degree, kind, min(longest, self.patience))
 
 
-def state_scale(model: Model, servo: Servo, gain: float, a: float) -> Array:
-    """Expected size of the states in a motion.
-
-    model, servo, gain: the problem; gain K > 0 [V/rad]; a: amplitude of the motion [rad], > 0.
-    Returns (n,) in the units of the states.
-    """
-    kp, kd, ki = servo.torque_gains(gain)
-    f = servo.friction
-    rate = min(np.sqrt(kp / servo.inertia), kp / max(kd + f.viscous, 1e-300))
-    scale = [a, max(a * rate, 1e-300), max(abs(kp * a - f.static), f.static) / ki]
-    return np.array(scale + ([f.static / f.stiffness] if model == "lugre" else []))
+def half_cycle(model: Model, servo: Servo, gain: float, a: float, *, tol: float | None = None) -> HalfCycle:
+    """One motion of a servo at a gain K > 0 [V/rad] from the stick position a > 0 [rad]: `StickMap`."""
+    return StickMap(model, servo, gain)(a, tol=tol)
 
 
-def patience(servo: Servo) -> float:
-    """Time [s] after which a servo that has not moved across counts as being at rest."""
-    return PATIENCE * servo.controller.reset_time
-
-
-def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
-    kp, _, ki = servo.torque_gains(gain)
+def _switch(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
     slips = 0
 
     def stuck_or_tired(segment: Segment) -> bool:
@@ -121,30 +156,20 @@ def _switch(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: 
         thrown_out = abs(float(segment.end[0])) > FAR_OUT * a
         return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
 
-    p = servo.parameters(gain)
     segments = march(
-        automaton("switch", p.size),
-        "slip+",
-        np.array([-a, 0.0, (kp * a - servo.friction.static) / ki]),
-        p,
-        scale=state_scale("switch", servo, gain, a),
-        until=stuck_or_tired,
-        tol=tol,
-        degree=degree,
-        kind=kind,
-        max_time=longest,
-        max_intervals=MOST_INTERVALS["switch"],
-    )
+        automaton("switch", P.p.size), "slip+", P.breakaway(a), P.p,
+        scale=P.scale(a), until=stuck_or_tired, tol=tol, degree=degree, kind=kind,
+        max_time=longest, max_intervals=MOST_INTERVALS["switch"],
+    )  # fmt: skip
     if segments[-1].event == "":
         return HalfCycle(a, 0.0, segments)
     position = float(segments[-1].end[0])
     return HalfCycle(a, position if segments[-1].mode == "stick" else abs(position), segments)
 
 
-def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
+def _lugre(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
     """Two centre crossings: the second half cycle is the one that is kept, free of the artificial start."""
-    kp, _, ki = servo.torque_gains(gain)
-    f = servo.friction
+    (kp, _, ki), f, p = P.gains, P.servo.friction, P.p
     torque = SECTION * f.static
     x = np.array([-a, ki * a / f.stiffness, (kp * a - torque) / ki, torque / f.stiffness])
     crossings = 0
@@ -154,10 +179,9 @@ def _lugre(servo: Servo, gain: float, a: float, tol: float, degree: int, kind: K
         crossings += segment.event == "centre"
         return crossings == 2
 
-    p = servo.parameters(gain)
     segments = march(
         automaton("lugre", p.size), "slide+", x, p,
-        scale=state_scale("lugre", servo, gain, a), until=second_centre, tol=tol, degree=degree, kind=kind,
+        scale=P.scale(a), until=second_centre, tol=tol, degree=degree, kind=kind,
         max_time=longest, max_intervals=MOST_INTERVALS["lugre"],
     )  # fmt: skip
     if crossings < 2:

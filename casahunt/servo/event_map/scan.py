@@ -13,17 +13,14 @@ linear loop throws the servo out further, and the peak that counts lies below th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...hybrid.roots import Bracket
 from ...motion.march import MarchFailure
-from ..hunting import Model
-from ..servo import Servo
-from .half_cycle import SECTION, HalfCycle, half_cycle, patience, state_scale
-from .peaks import Try, highest
+from .half_cycle import HalfCycle, StickMap
 
 SCAN_POINTS = 44
 SCAN_LOW, SCAN_HIGH = 1e-4, 20.0
@@ -38,27 +35,28 @@ NEAR_FOLD = 0.4
 """Ratios P(a)/a above this at the best grid point are worth a search for the maximum between points."""
 GROWING = 1.001
 """P(a)/a above which a motion grows beyond doubt."""
-FAR_OFF, SECANT_ROUNDS, LARGEST_SECANT = 10.0, 7, 1.0
-"""Short cut to the stable fixed point: largest ratio P(a)/a or a/P(a) met, steps, and their length in log a."""
-CONVERGING = {"switch": 0.03, "lugre": 0.005}
-"""|log P(a)/a| from which the boundary value problem mostly converges."""
-CLOSER = 1e-4
-"""The same where it has not."""
-WEAK_SLOPE, BESIDE_A_WEAK_ONE, WEAK_MARCH = -0.1, 0.01, 1e-8
-"""Slope of log P/a against log a from which up a cycle attracts so weakly that P/a is next to one far from it, too;
-part of its stick position within which a motion is beside such a cycle; tolerance to which P/a is computed there."""
 NOT_A_JUMP = 0.1
 """|log P(a)/a| of the motion at the end of a bracket, above which P jumps across a there: no fixed point."""
 FEW_STEPS, MOST_STEPS = 8, 60
 """Regula falsi steps before every second one halves the bracket, and all of them."""
-TYPICAL, FARTHER_OUT = 0.1, 3.0
-"""Stick position of most stable cycles, in units of Fs/kp; the same of others, in units of that."""
-MUCH_LONGER = 10.0
-"""Times that a servo moves, of which it comes to rest."""
-TIGHT, ROUGH = 1e-14, 1e-3
-"""|P/a - 1| at which a fixed point is located: the unstable one, and the stable one."""
+CLOSE_ENOUGH = 1e-3
+"""|P/a - 1| at which a fixed point is located."""
 EDGE, SMALLEST_RATIO = 0.02, 1e-3
 """Part of a bracket that false position keeps off its ends; P/a below which smaller does not count."""
+MOST_CLIMBING, NARROW = 30, 1e-5
+"""Motions in search of a peak of P/a, and width in log a at which it is found."""
+GOLDEN = (3 - math.sqrt(5)) / 2
+LEFT_OPEN, FORETOLD, IN_VAIN = 0.01, 2, 12
+"""Part of what a peak lacks to one that does not count; times in a row that parabolas foretell P/a to that part, or
+that no motion gains as much (at the edge of a jump), after which it stays below one."""
+KEPT_OFF = 0.02
+"""Part of the range that a motion keeps off those that are there."""
+
+
+Try = Callable[[float], HalfCycle | None]
+"""The motion from a stick position; None where it cannot be computed."""
+Point = tuple[float, float]
+"""(log a, P(a)/a)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,7 @@ class Scan:
     ----------
     low, high : scanned range of stick positions [rad].
     best : largest ratio P(a)/a found, and `best_at` where.
-    upper, lower : half cycles next to the outer (stable) and the inner (unstable) fixed point, or None.
+    upper : half cycle next to the outermost stable fixed point, or None.
     failures : stick positions at which the motion could not be computed.
     motions : motions computed.
     """
@@ -79,7 +77,6 @@ class Scan:
     best: float
     best_at: float
     upper: HalfCycle | None
-    lower: HalfCycle | None
     failures: tuple[float, ...]
     motions: int
 
@@ -111,48 +108,36 @@ class Scan:
         return text
 
 
-def scan(model: Model, servo: Servo, gain: float, *, want_lower: bool = False) -> Scan:
-    """Find the fixed points of the map, the outer one first, without a guess.
+def scan(P: StickMap) -> Scan:
+    """Find the stable fixed point of the map without a guess, the outermost one.
 
-    model, servo, gain: the problem; gain K > 0 [V/rad]; want_lower: look for the unstable fixed point too: the one next
-    inside the stable one, or where there is no stable one the outermost.
-    Returns scan: the fixed points that were met, None for those that were not, and the largest |P(a)|/a.
+    Returns scan: a half cycle next to the fixed point, None where none was met, and the largest |P(a)|/a.
     """
-    kp, _, _ = servo.torque_gains(gain)
-    unit = servo.friction.static / kp
-    grid = [float(a) for a in unit * np.geomspace(SCAN_HIGH, SCAN_LOW, SCAN_POINTS)]
+    grid = [float(a) for a in P.unit * np.geomspace(SCAN_HIGH, SCAN_LOW, SCAN_POINTS)]
     failures: list[float] = []
 
     def at(a: float) -> HalfCycle | None:
         try:
-            return half_cycle(model, servo, gain, a)
+            return P(a)
         except MarchFailure:
             failures.append(a)
             return None
 
-    seen, upper, lower = _inwards(at, grid, want_lower)
+    seen, upper = _inwards(at, grid)
     if upper is None:
         found = _highest_peak(at, seen)
         if found is not None:
-            inside, peak, beyond = found
+            peak, beyond = found
             seen.append(peak)
             upper = _fixed_point(at, peak, beyond) if peak.ratio >= 1 else None
-            lower = _fixed_point(at, peak, inside, tight=True) if want_lower and upper is not None else lower
     best = max(seen, key=lambda r: r.ratio, default=None)
-    return Scan(
-        grid[-1], grid[0],
-        best.ratio if best else float("nan"), best.start if best else float("nan"),
-        upper, lower, tuple(failures), len(seen),
-    )  # fmt: skip
+    at_best = (best.ratio, best.start) if best else (float("nan"), float("nan"))
+    return Scan(grid[-1], grid[0], *at_best, upper, tuple(failures), len(seen))
 
 
-def _inwards(
-    at: Try, grid: Iterable[float], want_lower: bool
-) -> tuple[list[HalfCycle], HalfCycle | None, HalfCycle | None]:
-    """(motions, outer and inner fixed point) seen from the outside inwards, until those wanted are found."""
+def _inwards(at: Try, grid: Iterable[float]) -> tuple[list[HalfCycle], HalfCycle | None]:
+    """(motions, stable fixed point) seen from the outside inwards, until one is found."""
     seen: list[HalfCycle] = []
-    upper: HalfCycle | None = None
-    lower: HalfCycle | None = None
     for k, a in enumerate(grid, 1):
         run = at(a)
         if run is None:
@@ -161,128 +146,99 @@ def _inwards(
             continue
         outside = seen[-1] if seen else None
         seen.append(run)
-        if outside is None or (outside.ratio < 1) == (run.ratio < 1):
-            continue
-        if outside.ratio < 1 and upper is None:
+        if outside is not None and outside.ratio < 1 <= run.ratio:
             upper = _fixed_point(at, run, outside)
-            lower = None if upper is not None else lower
-        elif outside.ratio >= 1 and lower is None and want_lower:
-            lower = _fixed_point(at, outside, run, tight=True)
-        if upper is not None and (lower is not None or not want_lower):
-            break
-    return seen, upper, lower
+            if upper is not None:
+                return seen, upper
+    return seen, None
 
 
-def near_stable(
-    model: Model, servo: Servo, gain: float, a: float, *, close: float | None = None, slope: float = math.nan,
-    longest: float = math.inf,
-) -> HalfCycle | None:  # fmt: skip
-    """A half cycle close to a stable fixed point; a short cut that replaces no scan.
-
-    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py): given up as soon as it is no quick case.
-    Only a step of the Switch servo too far inwards, where it creeps to rest, is taken back by half.  The fixed point is
-    taken for the stable one only where the ratio falls with a, as it does at P'(a) < 1, and falls so steeply that the
-    next step would reach the fixed point: at tiny gains P(a)/a is next to one over decades of a and crosses it nowhere.
-
-    model, servo, gain: the problem; gain K > 0 [V/rad]; a: stick position next to it [rad], > 0; close: |log P/a| at
-    which it is close enough, default per model; where P < a, no larger than that: P > a alone shows that there is a
-    fixed point, farther out; slope: of log P/a where it is known from another gain; one motion may then be enough;
-    longest: of a motion [s]: `half_cycle`. Returns HalfCycle with the slope of log P/a; None where it is no quick case.
-    """
-    close = close or CONVERGING[model]
-    x, previous, known = float(np.log(a)), None, math.isfinite(slope)
-    slope = slope if known else -1.5
-    for _ in range(SECANT_ROUNDS):
-        try:
-            run = half_cycle(model, servo, gain, float(np.exp(x)), longest=longest)
-        except MarchFailure:
-            return None
-        if not 1 / FAR_OFF < run.ratio < FAR_OFF:
-            if model != "switch" or previous is None or not x < previous[0] or run.ratio > 1:
-                return None
-            x = (x + previous[0]) / 2  # too far inwards, where it comes to rest
-            continue
-        if model == "switch":
-            longest = min(longest, MUCH_LONGER * run.moving)
-        y = float(np.log(run.ratio))
-        if previous is not None and previous[0] != x:
-            slope, known = (y - previous[1]) / (x - previous[0]), True
-        if known and slope >= WEAK_SLOPE:
-            return _near_weak(model, servo, gain, (x, y), slope, close, longest)
-        enough = abs(y) < (close if y > 0 else min(close, CONVERGING[model]))
-        if enough and known:
-            if abs(y) < -slope * LARGEST_SECANT:
-                return replace(run, slope=slope)
-            if abs(y) < CONVERGING[model]:
-                return None
-        previous = (x, y)
-        x = x - max(-LARGEST_SECANT, min(LARGEST_SECANT, y / slope)) if known or not enough else x + 0.02
-    return None
-
-
-def near_typical(servo: Servo, gain: float, *, close: float | None = None) -> HalfCycle | None:
-    """`near_stable` of the Switch servo from where most stable cycles stick, and else from farther out.
-
-    Next to their folds cycles stick there: a motion from nearer may start inside the unstable one.
-
-    Returns HalfCycle with the slope of log P/a; None where neither is a quick case.
-    """
-    kp, _, _ = servo.torque_gains(gain)
-    a = TYPICAL * (servo.friction.static / kp)
-    found = near_stable("switch", servo, gain, a, close=close)
-    return found if found is not None else near_stable("switch", servo, gain, FARTHER_OUT * a, close=close)
-
-
-def _near_weak(
-    model: Model, servo: Servo, gain: float, at: tuple[float, float], slope: float, close: float, longest: float
-) -> HalfCycle | None:
-    """`near_stable` where log P/a hardly falls with log a, from (log a, log P/a): the distance decides."""
-    x, y = at
-    previous = None
-    for _ in range(SECANT_ROUNDS):
-        if not abs(y) < -slope * LARGEST_SECANT:
-            return None
-        x -= y / slope
-        try:
-            run = half_cycle(model, servo, gain, float(np.exp(x)), tol=WEAK_MARCH, longest=longest)
-        except MarchFailure:
-            return None
-        if not run.ratio > 0:
-            return None
-        y = float(np.log(run.ratio))
-        if previous is not None and previous[0] != x:
-            slope = (y - previous[1]) / (x - previous[0])
-            if abs(y) < min(close, -slope * BESIDE_A_WEAK_ONE):
-                return replace(run, slope=slope)
-        previous = (x, y)
-    return None
-
-
-def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle, HalfCycle] | None:
-    """(inner neighbour, peak, outer neighbour) where P(a)/a, below one on the grid, exceeds one or is largest."""
+def _highest_peak(at: Try, seen: list[HalfCycle]) -> tuple[HalfCycle, HalfCycle] | None:
+    """(peak, outer neighbour) where P(a)/a, below one on the grid, exceeds one or is largest."""
     ordered = sorted(seen, key=lambda r: r.start)
     peaks = [
         (inner, middle, outer)
         for inner, middle, outer in zip(ordered, ordered[1:], ordered[2:], strict=False)
         if inner.ratio <= middle.ratio >= outer.ratio and NEAR_FOLD < middle.ratio < 1
     ]
-    best: tuple[HalfCycle, HalfCycle, HalfCycle] | None = None
+    best: tuple[HalfCycle, HalfCycle] | None = None
     for inner, middle, outer in sorted(peaks, key=lambda peak: -peak[1].ratio):
-        top = highest(at, inner, middle, outer)
-        if best is None or top.ratio > best[1].ratio:
-            best = (inner, top, outer)
+        top = _highest(at, inner, middle, outer)
+        if best is None or top.ratio > best[0].ratio:
+            best = (top, outer)
         if top.ratio >= 1:
             break
     return best
 
 
-def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = False) -> HalfCycle | None:
-    """A half cycle close to the fixed point between `above` (P >= a) and `below` (P < a).
+def _highest(at: Try, inner: HalfCycle, best: HalfCycle, outer: HalfCycle) -> HalfCycle:
+    """The motion with the largest ratio between two others.
 
-    Close for the stable one, where the boundary value problem needs no more; to rounding for the unstable one
-    (`tight`), whose slope P' may be 1e5.  None where P jumps across a.
+    With y = P(a)/a over x = log a, known at x1 < x2 < x3, y2 the largest, the next motion starts at the top of the
+    parabola through the three, or where the golden section looks if the last one was not where a parabola expected it.
+    The climb ends as soon as y > 1, and where what is left open cannot lead there: parabolas have foretold y, or many
+    motions in a row have gained nothing, measured by what the peak lacks to one.
+
+    inner, best, outer: three motions by increasing stick position; the middle one leads farthest out.
+    Returns one whose ratio exceeds one as soon as there is one; else the one with the largest ratio.
     """
-    best = _narrowed(at, above, below, tight=tight)
+    low, top, high = ((float(np.log(run.start)), run.ratio) for run in (inner, best, outer))
+    foretold, golden, in_vain = 0, False, 0
+    for _ in range(MOST_CLIMBING):
+        if best.ratio >= 1 or high[0] - low[0] < NARROW or foretold == FORETOLD or in_vain == IN_VAIN:
+            break
+        x, expected = _golden(low, top, high) if golden else _vertex(low, top, high)
+        run = at(float(np.exp(x)))
+        ratio = -math.inf if run is None else run.ratio
+        open_to_it = LEFT_OPEN * (1 - best.ratio)
+        golden = not abs(ratio - expected) < open_to_it
+        foretold = 0 if golden else foretold + 1
+        in_vain = 0 if ratio > best.ratio + open_to_it else in_vain + 1
+        if run is not None and ratio > best.ratio:
+            best = run
+            low, top, high = (low, (x, ratio), top) if x < top[0] else (top, (x, ratio), high)
+        else:
+            low, high = ((x, ratio), high) if x < top[0] else (low, (x, ratio))
+    return best
+
+
+def _golden(low: Point, top: Point, high: Point) -> Point:
+    """Where the golden section looks next, and what the parabola expects there."""
+    side = low if top[0] - low[0] > high[0] - top[0] else high
+    x = top[0] + GOLDEN * (side[0] - top[0])
+    return x, _parabola(low, top, high, x)
+
+
+def _vertex(low: Point, top: Point, high: Point) -> Point:
+    """The top of the parabola through three points, kept off them, and its height."""
+    left, right = top[0] - low[0], high[0] - top[0]
+    falls = (top[1] - low[1]) / left, (top[1] - high[1]) / right
+    curved = falls[0] + falls[1]
+    if not 0 < curved < math.inf:
+        return _golden(low, top, high)
+    x = top[0] + (falls[0] * right - falls[1] * left) / (2 * curved)
+    aside = KEPT_OFF * (high[0] - low[0])
+    if abs(x - top[0]) < aside:
+        x = top[0] + math.copysign(aside, right - left)
+    x = min(max(x, low[0] + aside), high[0] - aside)
+    return x, _parabola(low, top, high, x)
+
+
+def _parabola(low: Point, top: Point, high: Point, x: float) -> float:
+    """The parabola through three points at x; no number where a motion has failed."""
+    if not math.isfinite(low[1] + high[1]):
+        return math.nan
+    first = (top[1] - low[1]) / (top[0] - low[0])
+    second = ((high[1] - top[1]) / (high[0] - top[0]) - first) / (high[0] - low[0])
+    return top[1] + (x - top[0]) * (first + second * (x - low[0]))
+
+
+def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle) -> HalfCycle | None:
+    """A half cycle close to the fixed point between `above` (P >= a) and `below` (P < a); None where P jumps across a.
+
+    Close enough for the boundary value problem, which needs no more.
+    """
+    best = _narrowed(at, above, below)
     if abs(np.log(max(best.ratio, 1e-300))) > NOT_A_JUMP:
         return None
     beside = at(best.start * (1 + LOCAL))
@@ -291,23 +247,20 @@ def _fixed_point(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool = F
     return replace(best, slope=float(np.log(beside.ratio / best.ratio) / np.log1p(LOCAL)))
 
 
-def _narrowed(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool) -> HalfCycle:
+def _narrowed(at: Try, above: HalfCycle, below: HalfCycle) -> HalfCycle:
     """The motion whose P/a is closest to one, by false position in (log a, log P/a) and by halving in turn."""
-    goal = TIGHT if tight else ROUGH
     best = min(above, below, key=lambda r: abs(r.ratio - 1))
-    if abs(best.ratio - 1) < goal:
+    if abs(best.ratio - 1) < CLOSE_ENOUGH:
         return best
     bracket = Bracket(*_place(above), *_place(below))
     for k in range(MOST_STEPS):
         if not bracket.holds(bracket.middle):
             break
-        share = 0.5 if k % 2 and (tight or k > FEW_STEPS) else bracket.share(EDGE)
-        run = at(float(np.exp(bracket.at(share))))
+        run = at(float(np.exp(bracket.at(0.5 if k % 2 and k > FEW_STEPS else bracket.share(EDGE)))))
         if run is None:
             break
-        if abs(run.ratio - 1) < abs(best.ratio - 1):
-            best = run
-        if abs(best.ratio - 1) < goal:
+        best = min(best, run, key=lambda r: abs(r.ratio - 1))
+        if abs(best.ratio - 1) < CLOSE_ENOUGH:
             break
         bracket = bracket.told(*_place(run))
     return best
@@ -316,15 +269,3 @@ def _narrowed(at: Try, above: HalfCycle, below: HalfCycle, *, tight: bool) -> Ha
 def _place(run: HalfCycle) -> tuple[float, float]:
     """(log a, log P/a); the latter not below what a servo that comes to rest would make of it."""
     return float(np.log(run.start)), float(np.log(max(run.ratio, SMALLEST_RATIO)))
-
-
-__all__ = [
-    "SECTION",
-    "HalfCycle",
-    "Scan",
-    "half_cycle",
-    "near_stable",
-    "patience",
-    "scan",
-    "state_scale",
-]

@@ -18,6 +18,13 @@ Precision.  The state holds a inside x3 = (kp a - Fs)/ki, so that P is known to 
 and a fixed point to eps Fs/(kp a) whatever its slope, up to |P'| of about 1e-3/eps: beyond, one rounding error of a
 moves P(a) by a thousandth, and a steep crossing cannot be told from a jump.
 
+Between two motions the cubic through y(t) = P/a - 1 along log a, with dy/d log a = P' - P/a, foretells the others.
+Three motions whose cubics agree, and keep off y = 0, have no fixed point between them; a pair that fits between two
+motions without disturbing them is what every scan can miss.
+
+It is not the map of half_cycle.py with a tighter tolerance: that one serves both models and wants a guess (0.5 ms),
+this one digits and slopes (2 ms), and a scan with slopes takes ten times as long as one without.
+
 Source: DCT 2001.021, section 3.2 for the modes; the event map is the classical one of stick-slip oscillators.
 Symbols: n states, d stages, R = n (d + 1).
 """
@@ -36,7 +43,7 @@ from ...hybrid.system import Mode
 from ...motion.march import MarchFailure, Segment, march
 from ..cycles import SCHEMES, automaton, slips_back
 from ..servo import Servo
-from .half_cycle import patience, state_scale
+from .half_cycle import StickMap
 
 Array = np.ndarray
 
@@ -57,6 +64,14 @@ GROWS = 3.0
 AT_SET_POINT = 1e-9
 """A servo that creeps to this part of a, or ever closer, is at the set point: P = 0."""
 EPS = float(np.finfo(float).eps)
+SMOOTH, DISTANCE = 0.01, 0.25
+"""A motion half-way may miss the cubic through its neighbours by SMOOTH + DISTANCE times the distance from P = a."""
+NEAR = 1e-3
+"""A cubic that comes this close to P = a is looked at more closely."""
+STEEP = 0.5
+"""Part of a step of P between two motions at rounding distance that their slopes must explain; else it is a jump."""
+CUBIC_PLACES = 33
+"""Places at which a cubic is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,16 +115,13 @@ def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, deg
     InputError: gain or a not a finite number > 0.; MarchFailure: the motion could not be computed.
     """
     require("a", a, above=0)
-    p = servo.parameters(gain)
-    kp, _, ki = servo.torque_gains(gain)
-    x = np.array([-a, 0.0, (kp * a - servo.friction.static) / ki])
-    scheme_degree = degree or SCHEMES["switch"][0]
-    scale = state_scale("switch", servo, gain, a)
-    segments = _motion(servo, p, x, scale, tol, scheme_degree)
+    stick_map, scheme_degree = StickMap("switch", servo, gain), degree or SCHEMES["switch"][0]
+    p, (kp, _, ki), scale = stick_map.p, stick_map.gains, stick_map.scale(a)
+    segments = _motion(stick_map, a, scale, tol, scheme_degree)
     reached = max(float(np.max(np.abs(s.w.reshape(-1, 3)[:, 0]))) for s in segments)
     if GROWS * a < reached and not reached > SWINGING_ON * a:
-        scale = np.maximum(scale, state_scale("switch", servo, gain, reached))
-        segments = _motion(servo, p, x, scale, tol, scheme_degree)
+        scale = np.maximum(scale, stick_map.scale(reached))
+        segments = _motion(stick_map, a, scale, tol, scheme_degree)
     last = segments[-1]
     duration = float(sum(s.duration for s in segments))
     slips = sum(s.mode != "stick" for s in segments)
@@ -130,13 +142,13 @@ def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, deg
     return MapPoint(a, P, slope, gain_slope, duration, slip_slope + stick_slope, turning, slips)
 
 
-def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, degree: int) -> list[Segment]:
-    slips = 0
+def _motion(stick_map: StickMap, a: float, scale: Array, tol: float | None, degree: int) -> list[Segment]:
+    slips, p = 0, stick_map.p
 
     def stuck_or_tired(segment: Segment) -> bool:
         nonlocal slips
         slips += segment.event == "stop"
-        thrown_out = abs(float(segment.end[0])) > SWINGING_ON * abs(float(x[0])) and slips_back(segment.end, p)
+        thrown_out = abs(float(segment.end[0])) > SWINGING_ON * a and slips_back(segment.end, p)
         return segment.mode == "stick" or slips == SWINGING_SLIPS or thrown_out
 
     tolerances = (tol,) if tol else TOLERANCES
@@ -144,8 +156,9 @@ def _motion(servo: Servo, p: Array, x: Array, scale: Array, tol: float | None, d
         slips = 0
         try:
             return march(
-                automaton("switch", p.size), "slip+", x, p, scale=scale, until=stuck_or_tired, tol=tolerance,
-                degree=degree, kind="gauss", max_time=patience(servo), max_intervals=MOST_SLIP_INTERVALS,
+                automaton("switch", p.size), "slip+", stick_map.breakaway(a), p,
+                scale=scale, until=stuck_or_tired, tol=tolerance, degree=degree, kind="gauss",
+                max_time=stick_map.patience, max_intervals=MOST_SLIP_INTERVALS,
             )  # fmt: skip
         except MarchFailure:
             if k == len(tolerances) - 1:
@@ -217,3 +230,65 @@ def rounding(servo: Servo, gain: float, a: float) -> float:
     """
     kp, _, _ = servo.torque_gains(gain)
     return EPS * max(1.0, servo.friction.static / (kp * a))
+
+
+def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
+    """Whether the motion half-way is where the cubic has it, and the cubics keep off P = a.
+
+    Returns False also where the motion half-way was not computed, or P - a changes sign.
+    """
+    if not math.isfinite(middle.position) or not middle.excess * left.excess > 0:
+        return False
+    expected, nearest = foretold(left, right)
+    if abs(middle.excess - expected) > SMOOTH + DISTANCE * nearest:
+        return False
+    return nearest > NEAR or one_sided(left, middle, right)
+
+
+def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
+    """The cubic through P/a - 1 and its slopes at two stick positions.
+
+    Returns (4,) coefficients, highest power first, in t from 0 to 1 along log a.
+    """
+    width = math.log(right.start / left.start)
+    y0, y1 = left.excess, right.excess
+    s0 = width * (left.slope - 1 - y0)  # d(P/a)/d log a = P' - P/a
+    s1 = width * (right.slope - 1 - y1)
+    return np.array([2 * y0 - 2 * y1 + s0 + s1, -3 * y0 + 3 * y1 - 2 * s0 - s1, s0, y0])
+
+
+def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
+    """What the cubic says of the stick positions between two.
+
+    Returns P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
+    """
+    c = hermite(left, right)
+    t = np.linspace(0, 1, CUBIC_PLACES)
+    values = np.polyval(c, t)
+    smallest = 0.0 if np.any(values * values[0] <= 0) else float(np.min(np.abs(values)))
+    return float(np.polyval(c, 0.5)), smallest
+
+
+def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
+    """Whether P keeps to one side of a narrow interval close to P = a, with room to spare.
+
+    left, middle, right: the event map at the ends and half-way.
+    Returns True where the cubics of both halves stay off P = a by a tenth of what they vary.
+    """
+    for a, b in ((left, middle), (middle, right)):
+        c = hermite(a, b)
+        values = np.polyval(c, np.linspace(0, 1, CUBIC_PLACES))
+        spread = float(np.ptp(values))
+        if np.any(values * values[0] <= 0) or float(np.min(np.abs(values))) < 0.1 * spread:
+            return False
+    return True
+
+
+def cubic_is_good(left: MapPoint, right: MapPoint) -> bool:
+    """Both slopes are of the size of the step, so that P is no jump here.
+
+    Returns False where the step of P is much larger than the slopes explain.
+    """
+    step = abs(right.position - left.position)
+    by_slope = max(abs(left.slope), abs(right.slope)) * (right.start - left.start)
+    return by_slope > STEEP * step

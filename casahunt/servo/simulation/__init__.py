@@ -5,6 +5,5 @@ prospect.py         what lies ahead of a stuck servo: rest, a cycle, or growth
 swings.py           do the swings of a motion converge, and where to
 verdict.py          what the end of a motion shows, and from which swings
 trajectory.py       a simulated motion as data
-friction_torque.py  the friction torque along a simulated motion
 simulate.py         the motion, with an error estimate
 """

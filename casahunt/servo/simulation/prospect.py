@@ -1,7 +1,7 @@
 """What lies ahead of a servo that is stuck beside its set point: nothing but rest, a cycle, or no end of growth.
 
 Stuck at distance a, the servo breaks away sooner or later (m = m(0) - ki x1 t) and is stuck next at |P(a)|, whatever
-its integral was before: one number decides the whole future of a Switch servo (servo/event_map/scan.py).  Hence
+its integral was before: one number decides the whole future of a Switch servo (servo/event_map/half_cycle.py).  Hence
 
     rest      |P(b)| < b for all b in (0, a]: every stick position is followed by a smaller one, and the only limit
               is zero.  For b -> 0 the slip is linear, J v' = -kp x1 - (kd + sigma2) v - ki x3 with a constant
@@ -34,8 +34,8 @@ import numpy as np
 from ...motion.march import MarchFailure, march
 from .. import stick_band as band
 from ..cycles import SCHEMES, automaton
-from ..event_map.fixed_points import map_at
-from ..event_map.scan import half_cycle, patience, state_scale
+from ..event_map.half_cycle import StickMap, half_cycle
+from ..event_map.slopes import map_at
 from ..hunting import Model
 from ..servo import Servo
 from .small_swings import creeps, linear_range
@@ -141,12 +141,10 @@ def _swing(servo: Servo, model: Model, gain: float, regularised: bool) -> Swing:
 
 def _band_position(servo: Servo, gain: float, b: float) -> float:
     """|x1| where the servo with a stick band breaks away next; 0 where it never does."""
-    kp, _, ki = servo.torque_gains(gain)
-    x = np.array([-b, 0.0, (kp * b - servo.friction.static) / ki])
-    p = band.parameters(servo, gain)
+    P, p = StickMap("switch", servo, gain), band.parameters(servo, gain)
     segments = march(
-        automaton("switch", p.size), "transition+", x, p, scale=state_scale("switch", servo, gain, b),
-        until=lambda segment: segment.mode == "stick", tol=1e-6, degree=8, max_time=patience(servo),
+        automaton("switch", p.size), "transition+", P.breakaway(b), p, scale=P.scale(b),
+        until=lambda segment: segment.mode == "stick", tol=1e-6, degree=8, max_time=P.patience,
         max_intervals=3000,
     )  # fmt: skip
     return abs(float(segments[-1].end[0])) if segments[-1].event else 0.0
@@ -235,7 +233,7 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
     cycle [s]. Returns largest |x1| [rad] of each swing, the first two left out; none where the march fails.
     """
     size = float(np.abs(x[0]))
-    scale = np.maximum(state_scale("lugre", servo, gain, max(size, 1e-3 * servo.friction.static)), np.abs(x))
+    scale = np.maximum(StickMap("lugre", servo, gain).scale(max(size, 1e-3 * servo.friction.static)), np.abs(x))
     degree, kind = SCHEMES["lugre"]
     p = servo.parameters(gain)
     pushed = x * np.array([1 + NUDGE, 1 + NUDGE, 1 + NUDGE, 1.0])

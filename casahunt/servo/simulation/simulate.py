@@ -36,7 +36,7 @@ from ...motion.march import MarchFailure, Segment, march
 from ...orbits.options import TOLERANCE_RANGE
 from .. import stick_band as band
 from ..cycles import SCHEMES, automaton, names_of
-from ..event_map.scan import state_scale
+from ..event_map.half_cycle import StickMap
 from ..hunting import MODELS, Model
 from ..servo import Servo, a_servo
 from .prospect import escapes
@@ -202,10 +202,9 @@ class _Run:
         self.regularised = regularised
         self.p = band.parameters(servo, gain) if regularised else servo.parameters(gain)
         self.system: System = automaton(model, self.p.size)
-        kp = servo.torque_gains(gain)[0]
-        self.unit = servo.friction.static / kp
-        self.scale = state_scale(model, servo, gain, UNIT * self.unit)
-        self.scale = np.maximum(self.scale, np.abs(start) / SPAN)
+        stick_map = StickMap(model, servo, gain)
+        self.unit = stick_map.unit
+        self.scale = np.maximum(stick_map.scale(UNIT * self.unit), np.abs(start) / SPAN)
 
     def first_mode(self) -> str:
         """The mode of the initial state."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,11 @@ class Trajectory(Result):
         "model", "gain [V/rad]", "set_point [rad]", "duration [s]", "number_of_events = events.size", "time_error [s]",
         "end_error", "status",
     )  # fmt: skip
-    _details = ("servo", "regularised", "tol", "events", "end", "state_errors", "verdict", "ended", "wall_s [s]")
+    _details = (
+        "servo", "time = duration [s]", "regularised", "tol", "verdict = verdict.kind", "reason = verdict.sentence",
+        "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]", "swings = verdict.swings", "end",
+        "state_errors", "intervals = modes.size", "wall_s [s]",
+    )  # fmt: skip
 
     model: Model
     servo: Servo
@@ -215,3 +220,23 @@ class Trajectory(Result):
 
     def _columns(self) -> Columns:
         return self.table()
+
+    def _more(self) -> dict[str, Any]:
+        x, verdict = self.end, self.verdict
+        return {
+            "judged": {
+                "swings": verdict.judged,
+                "since": verdict.since,
+                "ratios": verdict.ratios,
+                "limit": verdict.limit,
+                "multiplier": verdict.multiplier,
+                "floor": verdict.floor,
+                "map_motions": verdict.motions,
+            },
+            "position": self.set_point + x[0],
+            "velocity": x[1],
+            "integral": x[2],
+            "bristle": x[3] if x.size > 3 else None,
+            "events": [(e.time, e.name, e.before, e.after, e.error) for e in self.events],
+            "ended": self.ended or None,
+        }

@@ -29,8 +29,8 @@ import numpy as np
 from ...motion.march import MarchFailure, march
 from ...results import Result
 from ..cycles import SCHEMES, automaton, motor_torque
-from ..event_map.fixed_points import map_at
-from ..event_map.scan import patience, state_scale
+from ..event_map.half_cycle import StickMap
+from ..event_map.slopes import map_at
 from ..hunting import Model
 from ..servo import Servo
 from ..stick_band import parameters as band_parameters
@@ -355,12 +355,13 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
         return bool(segment.event == "centre" or segment.end[0] * side <= 0 or slips > 200)
 
     size = max(abs(float(x[0])), REST * unit_of(motion))
-    scale = np.maximum(state_scale(model, servo, motion.gain, size), np.abs(x) / SPAN)
+    stick_map = StickMap(model, servo, motion.gain)
+    scale = np.maximum(stick_map.scale(size), np.abs(x) / SPAN)
     degree, kind = SCHEMES[model]
     try:
         segments = march(
             system, motion.modes[-1], x, p, scale=scale, until=over, tol=1e-6, degree=degree, kind=kind,
-            max_time=patience(servo), max_intervals=4000,
+            max_time=stick_map.patience, max_intervals=4000,
         )  # fmt: skip
     except MarchFailure:
         return None

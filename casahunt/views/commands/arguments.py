@@ -7,23 +7,19 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import shutil
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, Literal
+from contextlib import suppress
+from typing import Any
 
 from ...checks import known, quoted, sensible, shortened
 from ...errors import InputError
-from ...files import protected
-from ...orbits.options import SOLVERS, TOLERANCE_RANGE
+from ...orbits.options import SOLVERS, TOLERANCE_RANGE, Options
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, load, with_overrides
 from .printed import LINE_WIDTH, folded, meanings
 from .written import Signs
 
-PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
-"""Formats that --plot writes."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -118,9 +114,20 @@ def add_solver(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def solver_of(options: argparse.Namespace) -> Literal["auto", "ipopt", "newton"]:
-    """The solver of the command line."""
-    return known("solver", options.solver, SOLVERS)  # type: ignore[return-value]
+def add_model(command: argparse.ArgumentParser, more: str = "") -> None:
+    """The choice of one friction model."""
+    command.add_argument("--model", default="switch", help=f"switch (default) or lugre{more}")
+
+
+def model_of(options: argparse.Namespace) -> Model:
+    """The one friction model of the command line."""
+    return known("model", options.model, MODELS)  # type: ignore[return-value]
+
+
+def how_of(options: argparse.Namespace) -> Options:
+    """The tolerance of the command line, and the solver where there is a choice."""
+    solver: Any = known("solver", getattr(options, "solver", "auto"), SOLVERS)
+    return Options(tol=finite("tol", options.tol), solver=solver)
 
 
 def models_of(options: argparse.Namespace) -> list[Model]:
@@ -154,6 +161,20 @@ def finite(key: str, text: Any) -> float:
     return value
 
 
+def count_of(key: str, text: Any, least: int, most: float = math.inf) -> int:
+    """A whole number within limits.
+
+    key, text: what the user calls it, and what was given. Raises InputError: it is none, or beyond them.
+    """
+    value = None
+    with suppress(ValueError, OverflowError):
+        value = int(text) if str(text).isdecimal() else int(float(text)) if float(text) == int(float(text)) else None
+    if value is None or not least <= value <= most:
+        limits = f" from {least} to {most:g}" if math.isfinite(most) else f", at least {least}"
+        raise InputError(f"{key} = {quoted(text)}: must be a whole number{limits}")
+    return value
+
+
 def positive(key: str, text: Any) -> float:
     """A gain, a time or a position.
 
@@ -175,22 +196,12 @@ def gain_of(options: argparse.Namespace) -> float:
     return positive("gain", options.gain)
 
 
-def picture_of(options: argparse.Namespace) -> Path | None:
-    """The file of --plot."""
-    return writable("plot", options.plot, PICTURE_SUFFIXES)
-
-
 def add_csv(command: Parser, what: str) -> None:
     """The option --csv.
 
     command, what: parser of the command, and what its table holds.
     """
     command.add_argument("--csv", metavar="F.csv", help=f"write {what}, with all digits")
-
-
-def csv_of(options: argparse.Namespace) -> Path | None:
-    """The file of --csv."""
-    return writable("csv", options.csv, (".csv",))
 
 
 def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **keywords: Any) -> None:
@@ -200,28 +211,3 @@ def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **k
     """
     command.add_argument("--out", **{"metavar": "DIR"} | keywords)
     command.set_defaults(results=results)
-
-
-def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
-    """A file that can be written; checked before anything is computed.
-
-    key, path: what the user calls it, and what was given; None: no file is wanted; suffixes: of which the name must
-    have one, in small letters. Returns the file; None where none is wanted. Raises InputError: another suffix, no such
-    folder, no permission.
-    """
-    if path is None:
-        return None
-    target = Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(suffixes)}")
-    try:
-        if not target.parent.is_dir():
-            raise InputError(f"{key} = {path!r}: there is no folder {str(target.parent)!r}")
-        if target.is_dir():
-            raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
-    except OSError as error:
-        raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
-    renamed = target.is_file() or not target.exists()  # a device or a pipe is written straight
-    if protected(target) or (renamed and not os.access(target.parent, os.W_OK)):
-        raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
-    return target

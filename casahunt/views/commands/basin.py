@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from typing import Any
 
-from ...checks import error_text, known, to_error
-from ...orbits.adapt import Options
-from ...servo.basin import OFFSET, Basin, Trial, basin
-from ...servo.hunting import MODELS
-from .arguments import add_common, add_csv, add_gain, csv_of, finite, gain_of, servo_of
+from ...checks import error_text, to_error
+from ...results import tables_of
+from ...servo.basin import OFFSET, Basin, basin
+from .arguments import add_common, add_csv, add_gain, add_model, finite, gain_of, how_of, model_of, servo_of
 from .console import complain, complex_text
-from .printed import show, write_table
-
-CSV_COLUMNS = ("from", "swing", "stick_position_rad", "outcome", "border_rad", "border_error_rad")
+from .printed import give
 
 
 def add(commands: Any) -> None:
@@ -23,7 +19,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("basin", allow_abbrev=False, help="the amplitude below which the servo settles")
     add_gain(command)
     add_common(command)
-    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(command)
     add_csv(command, "the stick positions of the two motions")
     command.add_argument(
         "--offset", default=OFFSET, help=f"relative distance from the border of the two motions (default {OFFSET:g})"
@@ -32,33 +28,11 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model = known("model", options.model, MODELS)
-    gain = gain_of(options)
-    how = Options(tol=finite("tol", options.tol))
+    model, gain, how = model_of(options), gain_of(options), how_of(options)
     offset = finite("offset", options.offset)
-    servo, table = servo_of(options), csv_of(options)
-    found = basin(servo, model, gain, options=how, offset=offset)  # type: ignore[arg-type]
-    record = {
-        "model": model,
-        "gain": gain,
-        "border": found.border,
-        "unstable_amplitude": found.unstable.amplitude,
-        "outer_position": found.outer_position if found.outer else None,
-        "outer_amplitude": found.outer.amplitude if found.outer else None,
-        "outer_half_multiplier": found.outer.half_multiplier if found.outer else None,
-        "outer_stable": found.outer.stable if found.outer else None,
-        "error_estimate": found.error_estimate,
-        "offset": offset,
-        "inside": _record(found.inside),
-        "outside": _record(found.outside),
-        "confirmed": found.confirmed,
-    }
-    if table:
-        options.outputs.write(write_table, table, CSV_COLUMNS, _rows(found))
-    if options.json:
-        print(json.dumps(record))
-    else:
-        show(_lines(found, how.tol))
+    found = basin(servo_of(options), model, gain, options=how, offset=offset)
+    record = {**found.to_dict(table=False), "offset": offset}
+    give(options, record, _lines(found, how.tol), table=tables_of([found]))
     if not found.confirmed:
         complain(
             "casahunt basin",
@@ -86,12 +60,6 @@ def _lines(found: Basin, tol: float) -> Iterator[str]:
         yield f"  from {name:8}    {trial.outcome} after {len(a) - 1} swings: {path} rad"
 
 
-def _rows(found: Basin) -> Iterator[list[Any]]:
-    for name, trial in (("inside", found.inside), ("outside", found.outside)):
-        for i, position in enumerate(trial.positions):
-            yield [name, i, position, trial.outcome, found.border, found.border * found.error_estimate]
-
-
 def _outer(found: Basin) -> str:
     """The line of the cycle beyond the border."""
     if found.outer is None:
@@ -102,7 +70,3 @@ def _outer(found: Basin) -> str:
     m = found.outer.multipliers
     mu = complex_text(m.leading, m.error, m.leading_floor)
     return f"symmetric cycle  {amplitude}, not stable (half multiplier {mu}): swings next to it leave it, unevenly"
-
-
-def _record(trial: Trial) -> dict[str, Any]:
-    return {"start": trial.start, "positions": trial.positions.tolist(), "outcome": trial.outcome}

@@ -18,16 +18,14 @@ from ...servo.find_orbit import BRANCHES
 from ...servo.hunting import MODELS
 from ...servo.servo import KEYS
 from ..glossary import GLOSSARY
-from .arguments import PICTURE_SUFFIXES
 from .orbit import ROUTES
+from .written import WRITTEN
 
 FILES = {
     "servo": (".toml",),
     "uncertainty": (".toml",),
     "file": (".csv",),
-    "csv": (".csv",),
-    "plot": PICTURE_SUFFIXES,
-    "save": (".npz",),
+    **WRITTEN,
 }
 """By the name of an argument: the endings of the files that it takes."""
 WORDS = {

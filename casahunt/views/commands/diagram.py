@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -15,19 +14,19 @@ from typing import IO, Any
 from ... import effort
 from ...continuation.special_points import FOLD
 from ...design.diagram import DiagramPoint, diagram, starting_gain
-from ...design.diagram_files import INTERRUPTED, SIGNS, Left, Task, Words, begun, branch_of, keep
+from ...design.diagram_files import SIGNS, Left, Task, Words, begun, branch_of, keep
 from ...errors import NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
-from ...orbits.adapt import Options
 from ...servo.branch import Branch
 from ...servo.hunting import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.problem import HuntingOrbit
-from .arguments import add_common, add_out, add_solver, finite, models_of, positive, servo_of, solver_of
+from ...servo.saved import INTERRUPTED
+from .arguments import add_common, add_out, add_solver, how_of, models_of, positive, servo_of
 from .console import complain, folder, of_this, progress, progress_line, say
-from .printed import show
+from .printed import give
 from .written import keep_others
 
 PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
@@ -73,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     """
     models = models_of(options)
     start = None if options.start is None else positive("from", options.start)
-    how = Options(tol=finite("tol", options.tol), solver=solver_of(options))
+    how = how_of(options)
     task = Task(servo_of(options), start, how, options.natural)
     began = time.perf_counter()
     results = _results(options)
@@ -93,20 +92,17 @@ def run(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             where = f"the points computed so far are in {out}" if found.computed else "no point was computed"
             raise KeyboardInterrupt(f"{word()}; {where}") from None
-    if options.json:
-        summary = {
-            "out": str(out) if found.branches else None,
-            "continuation": "natural" if options.natural else "pseudo-arclength",
-            "solver": how.solver,
-            "branches": [_branch_record(branch) for branch in found.branches],
-            "failures": found.failures,
-            "wall_s": time.perf_counter() - began,
-        }
-        print(json.dumps(summary))
-    elif found.branches:
-        every = [one for branch in found.branches for one in (branch, *branch.lopsided)]
-        said = {special.kind for branch in every for special in branch.special}
-        show(_lines(found.branches, None if options.outputs.troubles else out), said)
+    summary = {
+        "out": str(out) if found.branches else None,
+        "continuation": "natural" if options.natural else "pseudo-arclength",
+        "solver": how.solver,
+        "branches": found.branches,
+        "failures": found.failures,
+        "wall_s": time.perf_counter() - began,
+    }
+    every = [one for branch in found.branches for one in (branch, *branch.lopsided)]
+    said = {special.kind for branch in every for special in branch.special}
+    give(options, summary, _lines(found.branches, None if options.outputs.troubles else out), said=said)
     return 1 if found.failures else 0
 
 
@@ -122,7 +118,7 @@ def _lines(branches: list[Branch], out: Path | None) -> Iterator[str]:
             )
             for special in pair.special:
                 yield f"    {special.meaning}"
-    if out:
+    if out and branches:
         yield f"written to {out}"
 
 
@@ -309,27 +305,6 @@ def _shortfall(branch: Branch, start: float, natural: bool) -> str:
         f"{branch.orbits[-1].gain:.6g}, but not back to where it began: {branch.ended}; "
         "another --tol or --from may lead further"
     )
-
-
-def _branch_record(branch: Branch) -> dict[str, Any]:
-    return {
-        "model": branch.model,
-        "points": len(branch.orbits),
-        "ended": branch.ended,
-        "gain_range": [float(branch.gains.min()), float(branch.gains.max())],
-        "special": [
-            {
-                "kind": s.kind,
-                "gain": s.orbit.gain,
-                "amplitude": s.orbit.amplitude,
-                "period": s.orbit.period,
-                "meaning": s.meaning,
-            }
-            for s in branch.special
-        ],
-        "missed": [{"kind": gap.kind, "meaning": gap.meaning} for gap in branch.missed],
-        "lopsided": [_branch_record(pair) for pair in branch.lopsided],
-    }
 
 
 def _pictures(branches: list[Branch], out: Path) -> None:

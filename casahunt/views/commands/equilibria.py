@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 from collections.abc import Iterator
 from typing import Any
 
-from ...checks import known
+from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
-from ...servo.hunting import MODELS
-from ..units import column
-from .arguments import add_common, add_csv, add_gain, csv_of, gain_of, picture_of, servo_of
-from .printed import show, write_records
+from .arguments import add_common, add_csv, add_gain, add_model, gain_of, model_of, servo_of
+from .printed import give
 
 
 def add(commands: Any) -> None:
@@ -21,29 +17,16 @@ def add(commands: Any) -> None:
     command = commands.add_parser("equilibria", allow_abbrev=False, help="where the servo can stand still")
     add_gain(command)
     add_common(command, tol=False)
-    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(command)
     add_csv(command, "the limits and conditions")
     command.add_argument("--plot", metavar="F.png", help="write a picture: stick region, or eigenvalues")
 
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model = known("model", options.model, MODELS)
-    gain = gain_of(options)
-    servo = servo_of(options)
-    plot, table = picture_of(options), csv_of(options)
-    found = equilibria(servo, model, gain)  # type: ignore[arg-type]
-    if table:
-        options.outputs.write(write_records, table, [_row(found)])
-    if plot:
-        from ..pictures import equilibria as pictures_equilibria
-        from ..pictures import plotting
-
-        options.outputs.draw(lambda: plotting.save(pictures_equilibria.picture(found), plot))
-    if options.json:
-        print(json.dumps(record_of(found)))
-        return 0
-    show(_lines(found))
+    model, gain = model_of(options), gain_of(options)
+    found = equilibria(servo_of(options), model, gain)
+    give(options, found, _lines(found), table=tables_of([found]), picture=("equilibria.picture", found))
     return 0
 
 
@@ -76,38 +59,3 @@ def _lines(found: Equilibria) -> Iterator[str]:
     for sentence in PROVES.split(". "):
         about, _, text = sentence.rstrip(".").partition(": ")
         yield f"  {'not proved' if 'not' in about else 'proved':16}  {text}"
-
-
-def _row(found: Equilibria) -> dict[str, Any]:
-    lugre = found.model == "lugre"
-    return {
-        "model": found.model,
-        column("gain"): found.gain,
-        "integral_limit_rad_s": found.integral_limit,
-        "position_limit_rad": found.position_limit,
-        "bristle_limit_rad": found.bristle_limit if lugre else math.nan,
-        "largest_real_part_per_s": float(found.largest.max()) if lugre else math.nan,
-        "sharp_left_Nms_per_rad": found.sharp[0],
-        "sharp_right_Nms_per_rad": found.sharp[1],
-        "simple_left_per_s": found.simple[0],
-        "simple_right_per_s": found.simple[1],
-        "threshold": found.threshold if lugre else math.nan,
-    }
-
-
-def record_of(found: Equilibria) -> dict[str, Any]:
-    """The JSON object; null for what belongs to LuGre alone."""
-    lugre = found.model == "lugre"
-    return {
-        "model": found.model,
-        "gain": found.gain,
-        "integral_limit": found.integral_limit,
-        "position_limit": found.position_limit,
-        "bristle_limit": found.bristle_limit if lugre else None,
-        "largest_real_part": float(found.largest.max()) if lugre else None,
-        "members": int(found.largest.size),
-        "sharp_condition": {"left": found.sharp[0], "right": found.sharp[1], "holds": found.sharp_holds},
-        "simple_condition": {"left": found.simple[0], "right": found.simple[1], "holds": found.simple_holds},
-        "threshold": found.threshold if lugre else None,
-        "proves": PROVES,
-    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,22 +12,25 @@ from typing import IO, Any
 from ... import effort
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
-from ...design.fold_curve.files import INTERRUPTED, begun, save_curve
-from ...design.fold_curve.points import CSV_COLUMNS, FoldCurve, FoldPoint, as_found
+from ...design.fold_curve.files import begun, save_curve
+from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from ...errors import InputError, NoOrbit, Status
-from ...files import together, whole_text
+from ...export import write_csv
+from ...files import together
 from ...interrupts import held, word
 from ...orbits.adapt import Options
+from ...results import tables_of
 from ...servo.hunting import Model
+from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
-from ...tables import table as csv_table
-from ..units import with_unit
-from .arguments import add_common, add_csv, csv_of, finite, models_of, picture_of, servo_of, writable
+from ...servo.units import with_unit
+from .arguments import add_common, add_csv, count_of, finite, how_of, models_of, servo_of
 from .console import complain, of_this, progress, say
 from .fold import sensitivity_text
-from .printed import show
+from .printed import give
 
-MOST_CURVE_POINTS = 1000
+CURVE_POINTS = 2, 1000
+"""Fewest and most points of a curve."""
 
 
 def add(commands: Any) -> None:
@@ -57,7 +59,6 @@ def run(options: argparse.Namespace) -> int:
     Raises InputError: the command line is wrong.; NoOrbit: no model has a curve.
     """
     desk = _desk_of(options)
-    plot = picture_of(options)
     desk.began = time.perf_counter()
     for model in desk.models:
         desk.follow(model)
@@ -66,17 +67,8 @@ def run(options: argparse.Namespace) -> int:
         raise NoOrbit("; ".join(failures), Status.NOT_FOUND)
     for failure in failures:
         complain("casahunt fold-curve", failure)
-    if plot:
-        from ..pictures import fold_curve as pictures_fold_curve
-        from ..pictures import plotting
-
-        options.outputs.draw(lambda: plotting.save(pictures_fold_curve.regions(curves), plot))
-    if options.json:
-        records = [_record(curve) for curve in curves]
-        print(json.dumps({"curves": records, "failures": failures, "wall_s": time.perf_counter() - desk.began}))
-    else:
-        for curve in curves:
-            show(_lines(curve, desk.how.tol))
+    record = {"curves": curves, "failures": failures, "wall_s": time.perf_counter() - desk.began}
+    give(options, record, _lines(curves, desk.how.tol), picture=("fold_curve.regions", curves))
     return 1 if failures else 0
 
 
@@ -152,8 +144,7 @@ class _Desk:
             if self.save:
                 save_curve(curve, self.save, _settings(self.asked, self.how))
             if self.table:
-                points = [point for part in (*self.curves, curve) for point in part.points]
-                _write(points, self.asked["vary"], self.table)
+                write_csv(tables_of([*self.curves, curve]), self.table)
 
 
 def _settings(asked: Mapping[str, Any], how: Options) -> dict[str, Any]:
@@ -165,15 +156,15 @@ def _settings(asked: Mapping[str, Any], how: Options) -> dict[str, Any]:
 def _desk_of(options: argparse.Namespace) -> _Desk:
     """The task of the command line, checked, with what an interrupted run has left of it."""
     models = models_of(options)
-    how = Options(tol=finite("tol", options.tol))
+    how = how_of(options)
     servo = servo_of(options)
     start, end = finite("from", options.start), finite("to", options.to)
     check_range(servo, options.vary, start, end)
-    asked = {"vary": options.vary, "start": start, "end": end, "points": _count(options.points)}
-    table = csv_of(options)
-    save = writable("save", options.save, (".npz",))
+    points = count_of("points", options.points, *CURVE_POINTS)
+    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
+    table, save = options.csv, options.save
     if save and len(models) != 1:
-        raise InputError(f"save = {options.save!r}: holds the points of one model; give one --model")
+        raise InputError(f"save = {str(save)!r}: holds the points of one model; give one --model")
     if options.resume and not save:
         raise InputError("resume: must be given together with --save, the file to go on from")
     before = begun(save, servo, models[0], _settings(asked, how)) if save and options.resume else None
@@ -182,7 +173,12 @@ def _desk_of(options: argparse.Namespace) -> _Desk:
     return desk
 
 
-def _lines(curve: FoldCurve, tol: float) -> Iterator[str]:
+def _lines(curves: Sequence[FoldCurve], tol: float) -> Iterator[str]:
+    for curve in curves:
+        yield from _curve(curve, tol)
+
+
+def _curve(curve: FoldCurve, tol: float) -> Iterator[str]:
     yield f"{curve.model} servo: {len(curve.points)} points; {curve.ended}"
     yield f"  {curve.vary:>26s} {'gain V/rad':>11s} {'amplitude rad':>13s} {'period s':>9s} {'%':>8s}"
     for point in curve.points:
@@ -199,14 +195,6 @@ def _lines(curve: FoldCurve, tol: float) -> Iterator[str]:
     yield f"  {curve.wall_s:.2f} s"
 
 
-def _count(text: Any) -> int:
-    """--points as a whole number."""
-    value = finite("points", text)
-    if value != int(value) or not 2 <= value <= MOST_CURVE_POINTS:
-        raise InputError(f"points = {text}: must be a whole number from 2 to {MOST_CURVE_POINTS}")
-    return int(value)
-
-
 def _line(vary: str, point: FoldPoint) -> str:
     """A line of progress."""
     gain, amplitude, period = (
@@ -217,38 +205,3 @@ def _line(vary: str, point: FoldPoint) -> str:
         f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {gain}  amplitude = {amplitude} rad  "
         f"period = {period} s"
     )
-
-
-def _record(curve: FoldCurve) -> dict[str, Any]:
-    return {
-        "model": curve.model,
-        "vary": curve.vary,
-        "points": [
-            {
-                "value": point.value,
-                "gain": point.gain,
-                "amplitude": point.orbit.amplitude,
-                "period": point.orbit.period,
-                "slope": point.slope,
-                "elasticity": point.elasticity,
-                "error_estimate": point.error_estimate,
-            }
-            for point in curve.points
-        ],
-        "special": [{"kind": "cusp", "value": point.value, "gain": point.gain} for point in curve.cusps],
-        "ended": curve.ended,
-        "status": curve.status.name.lower(),
-        "wall_s": curve.wall_s,
-    }
-
-
-def _write(points: Sequence[FoldPoint], vary: str, path: Path) -> None:
-    with whole_text(path) as stream:
-        write = csv_table(stream, CSV_COLUMNS)
-        write(
-            [
-                p.orbit.model, vary, p.value, p.gain, p.orbit.amplitude, p.orbit.period, p.slope, p.elasticity,
-                p.error_estimate, p.status.name.lower(), "cusp" if p.turns else "",
-            ]
-            for p in points
-        )  # fmt: skip

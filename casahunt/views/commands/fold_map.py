@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from ... import effort
-from ...checks import known, quoted, to_error
+from ...checks import to_error
 from ...design.fold_map import SIDES, FoldMap, fold_map
 from ...errors import InputError, NoOrbit, Status
-from ...files import whole_text
-from ...orbits.adapt import Options
+from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ...servo.hunting import MODELS
-from ...tables import table as csv_table
-from .arguments import add_common, add_csv, csv_of, finite, picture_of, servo_of
+from .arguments import add_common, add_csv, add_model, count_of, finite, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
-from .printed import show
+from .printed import give
 
 MAP_SIDE = 25
-CSV_COLUMNS = ("model", "first", "first_value", "second", "second_value", "gain", "status")
 
 
 def add(commands: Any) -> None:
@@ -40,7 +33,7 @@ def add(commands: Any) -> None:
             help=f"a parameter and its range, e.g. {example}",
         )  # fmt: skip
     add_common(command)
-    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(command)
     points = f"values of each parameter (default {MAP_SIDE})"
     command.add_argument("--points", default=MAP_SIDE, metavar="N", help=points)
     add_csv(command, "the gains")
@@ -52,30 +45,16 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong.; NoOrbit: no fold was found.
     """
-    model: Any = known("model", options.model, MODELS)
-    how = Options(tol=finite("tol", options.tol))
+    model, how = model_of(options), how_of(options)
     servo = servo_of(options)
-    points = finite("points", options.points)
-    if points != int(points) or not SIDES[0] <= points <= SIDES[1]:
-        raise InputError(f"points = {quoted(options.points)}: must be a whole number from {SIDES[0]} to {SIDES[1]}")
-    names, axes = _axes(options, int(points))
-    plot, table = picture_of(options), csv_of(options)
+    points = count_of("points", options.points, *SIDES)
+    names, axes = _axes(options, points)
     out = progress(options.quiet)
     say(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
     say(out, progress_line(fold.orbit, mu="+1 (fold)"))
-    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, int(points) ** 2))
-    if table:
-        options.outputs.write(_write, found, table)
-    if plot:
-        from ..pictures import fold_map as pictures_fold_map
-        from ..pictures import plotting
-
-        options.outputs.draw(lambda: plotting.save(pictures_fold_map.contours(found), plot))
-    if options.json:
-        print(json.dumps(_record(found)))
-    else:
-        show(_lines(found))
+    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
+    give(options, found, _lines(found), table=tables_of([found]), picture=("fold_map.contours", found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1
@@ -107,11 +86,6 @@ def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tu
     return (names[0], names[1]), (axes[0], axes[1])
 
 
-def _status(found: FoldMap, i: int, j: int) -> str:
-    gain = found.gains[i, j]
-    return "not computed" if math.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
-
-
 def _lines(found: FoldMap) -> Iterator[str]:
     yield str(found)
     q, r = found.values
@@ -134,27 +108,3 @@ def _extremes(found: FoldMap) -> list[tuple[tuple[int, int], str]]:
     shape = gains.shape
     low, high = (np.unravel_index(int(pick(gains)), shape) for pick in (np.nanargmin, np.nanargmax))
     return [((int(low[0]), int(low[1])), "smallest"), ((int(high[0]), int(high[1])), "largest ")]
-
-
-def _record(found: FoldMap) -> dict[str, Any]:
-    return {
-        "model": found.model,
-        "parameters": list(found.names),
-        "values": [axis.tolist() for axis in found.values],
-        "gains": [[None if math.isnan(gain) else gain for gain in row] for row in found.gains.tolist()],
-        "tolerance": found.tolerance,
-        "failures": [{"place": list(place), "sentence": said} for place, said in found.failures.items()],
-        "status": found.status.name.lower(),
-        "wall_s": found.wall_s,
-    }
-
-
-def _write(found: FoldMap, path: Path) -> None:
-    q, r = found.values
-    with whole_text(path) as stream:
-        write = csv_table(stream, CSV_COLUMNS)
-        write(
-            [found.model, found.names[0], q[i], found.names[1], r[j], found.gains[i, j], _status(found, i, j)]
-            for i in range(q.size)
-            for j in range(r.size)
-        )

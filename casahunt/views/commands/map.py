@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from ... import effort
-from ...checks import finite_or_none, to_absolute_error, to_error
-from ...errors import InputError, NoOrbit, Status
+from ...checks import to_absolute_error, to_error
+from ...errors import NoOrbit, Status
+from ...results import tables_of
 from ...servo.event_map.fixed_points import MAP_POINTS, FixedPoints, default_range, fixed_points
 from ...servo.servo import Servo
-from .arguments import add_common, add_csv, add_gain, csv_of, gain_of, picture_of, positive, servo_of
+from .arguments import add_common, add_csv, add_gain, count_of, gain_of, positive, servo_of
 from .console import progress, teller
-from .printed import show, write_table
+from .printed import give
 
-CSV_COLUMNS = (
-    "kind", "stick_position_rad", "stick_position_error_rad", "half_multiplier", "period_s", "period_error_s", "stable",
-    "next_below_rad", "next_above_rad",
-)  # fmt: skip
-"""Of the table of fixed points and jumps; the last two: where the servo sticks next on the two sides of a jump."""
+MOTIONS = 2, 1000
+"""Fewest and most motions of the first grid."""
 
 
 def add(commands: Any) -> None:
@@ -45,46 +42,13 @@ def run(options: argparse.Namespace) -> int:
     gain = gain_of(options)
     low = None if options.start is None else positive("from", options.start)
     high = None if options.to is None else positive("to", options.to)
-    points = _count(options.points)
+    points = count_of("points", options.points, *MOTIONS)
     servo = servo_of(options)
-    plot, table = picture_of(options), csv_of(options)
     report = _reporter(servo, gain, low, high, points, options)
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
         raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
-    if table:
-        options.outputs.write(write_table, table, CSV_COLUMNS, _rows(seen))
-    if plot:
-        from ..pictures import event_map as pictures_map
-        from ..pictures import plotting
-
-        options.outputs.draw(lambda: plotting.save(pictures_map.cobweb(seen), plot))
-    if options.json:
-        record = {
-            "gain": gain,
-            "from": seen.low,
-            "to": seen.high,
-            "fixed_points": [
-                {
-                    "amplitude": f.amplitude, "half_multiplier": f.multiplier, "period": f.period, "stable": f.stable,
-                    "error_estimate": f.error, "period_error": f.period_error,
-                }
-                for f in seen.fixed
-            ],
-            "jumps": [
-                {"at": j.start, "below": finite_or_none(j.below), "above": finite_or_none(j.above),
-                 "crosses": j.crosses}
-                for j in seen.jumps
-            ],
-            "motions": len(seen.points),
-            "unresolved": [list(pair) for pair in seen.unresolved],
-            "failures": list(seen.failures),
-            "conclusive": seen.conclusive,
-            "evidence": seen.sentence(),
-        }  # fmt: skip
-        print(json.dumps(record))
-        return 0
-    show(_lines(seen))
+    give(options, seen, _lines(seen), table=tables_of([seen]), picture=("event_map.cobweb", seen))
     return 0
 
 
@@ -99,16 +63,6 @@ def _lines(seen: FixedPoints) -> Iterator[str]:
     for j in seen.jumps:
         across = ", across P = a" if j.crosses else ""
         yield f"  jump         a = {j.start:.6g} rad, P from {j.below:.4g} to {j.above:.4g} rad{across}"
-
-
-def _rows(seen: FixedPoints) -> Iterator[list[Any]]:
-    for f in seen.fixed:
-        yield [
-            "fixed point", f.amplitude, f.amplitude * f.error, f.multiplier, f.period, f.period * f.period_error,
-            f.stable, math.nan, math.nan,
-        ]  # fmt: skip
-    for j in seen.jumps:
-        yield ["jump", j.start, math.nan, math.nan, math.nan, math.nan, None, j.below, j.above]
 
 
 def _reporter(
@@ -130,13 +84,3 @@ def _reporter(
         tell(f"{motions} motions computed, the last one from the stick position {a:.4g} rad{rest}")
 
     return report
-
-
-def _count(text: Any) -> int:
-    try:
-        count = int(text)
-    except ValueError:
-        raise InputError(f"points = {text!r}: must be a whole number") from None
-    if not 2 <= count <= 1000:
-        raise InputError(f"points = {count}: must be between 2 and 1000")
-    return count

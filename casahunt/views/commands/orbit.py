@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
-from ...checks import error_text, finite_or_none, known, to_error
-from ...orbits.adapt import Options
+from ...checks import error_text, known, to_error
+from ...export import Columns
 from ...orbits.archive import save_orbit
 from ...orbits.floquet import TRUSTED, Multipliers
 from ...servo.find_orbit import BRANCHES, find_orbit
-from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from ..units import column
-from .arguments import (
-    add_common,
-    add_csv,
-    add_gain,
-    add_solver,
-    csv_of,
-    finite,
-    gain_of,
-    picture_of,
-    servo_of,
-    solver_of,
-    writable,
-)
+from ...servo.units import column
+from .arguments import add_common, add_csv, add_gain, add_model, add_solver, gain_of, how_of, model_of, servo_of
 from .console import complex_text, progress, progress_line, say
-from .printed import show, write_records
+from .printed import give
 
 CHECK = "their accuracy   the one that must be 1 is off by"
 ROUTES = ("collocation", "integrator")
@@ -43,7 +30,7 @@ def add(commands: Any) -> None:
     orbit = commands.add_parser("orbit", allow_abbrev=False, help="the hunting cycle at one gain")
     add_gain(orbit)
     add_common(orbit)
-    orbit.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(orbit)
     orbit.add_argument("--branch", default="stable", help="stable (default), unstable or lopsided")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
     add_solver(orbit)
@@ -58,40 +45,28 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model = known("model", options.model, MODELS)
-    branch = known("branch", options.branch, BRANCHES)
+    model = model_of(options)
+    branch: Any = known("branch", options.branch, BRANCHES)
     route = known("multipliers", options.multipliers, ROUTES)
     gain = gain_of(options)
-    how = Options(tol=finite("tol", options.tol), solver=solver_of(options), half=not options.full)
+    how = replace(how_of(options), half=not options.full)
     servo = servo_of(options)
-    plot = picture_of(options)
-    save = writable("save", options.save, (".npz",))
-    table = csv_of(options)
     began = time.perf_counter()
-    orbit = find_orbit(servo, model, gain, branch=branch, options=how)  # type: ignore[arg-type]
-    record = orbit_record(orbit, branch)
+    orbit = find_orbit(servo, model, gain, branch=branch, options=how)
+    record = {**orbit.to_dict(table=False), "branch": branch}
     second = orbit.integrator_multipliers if route == "integrator" else None
     if second is not None:
         record["integrator"] = _second_route(orbit, second)
     record["wall_s"] = time.perf_counter() - began
     say(progress(options.quiet), progress_line(orbit))
-    if save:
-        options.outputs.write(save_orbit, orbit, save)
-    if table:
-        options.outputs.write(write_records, table, [_row(orbit, branch)])
-    if plot:
-        from ..pictures import plotting
-        from ..pictures.orbits import time_traces
-
-        options.outputs.draw(lambda: plotting.save(time_traces([orbit]), plot))
-    if options.json:
-        print(json.dumps(record))
-        return 0
-    show(_lines(orbit, record, second))
+    if options.save:
+        options.outputs.write(save_orbit, orbit, options.save)
+    table, picture = _row(orbit, branch), ("orbits.time_traces", [orbit])
+    give(options, record, _lines(orbit, record, second), table=table, picture=picture)
     return 0
 
 
-def _lines(orbit: HuntingOrbit, record: dict[str, Any], second: Multipliers | None) -> Iterator[str]:
+def _lines(orbit: HuntingOrbit, record: Mapping[str, Any], second: Multipliers | None) -> Iterator[str]:
     m = orbit.multipliers
     what = "lopsided hunting cycle" if record["branch"] == "lopsided" else "hunting cycle"
     kind = {True: f"stable {what}", False: f"unstable {what}", None: f"{what} of unknown stability"}
@@ -141,7 +116,7 @@ def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
     return {
         "half_multiplier": m.leading.real if m.trusted and orbit.half else None,
         "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
-        "trivial_multiplier_error": finite_or_none(m.trivial_error),
+        "trivial_multiplier_error": m.trivial_error,
         "difference": _difference(orbit.multipliers, m) if trusted else None,
     }
 
@@ -160,12 +135,8 @@ def _second_lines(orbit: HuntingOrbit, m: Multipliers) -> Iterator[str]:
         yield f"    difference       {off:.1e} (of the largest one, relative where it is above 1)"
 
 
-def _log10_half(orbit: HuntingOrbit) -> float:
-    return orbit.multipliers.log10_leading / (1 if orbit.half else 2)
-
-
-def _row(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
-    """The cycle as a row of a table; errors in the unit of their number."""
+def _row(orbit: HuntingOrbit, branch: str) -> Columns:
+    """The cycle as a row of a table, beside that of its motion (`to_csv`); errors in the unit of their number."""
     m = orbit.multipliers
     row = {
         "model": orbit.model,
@@ -184,33 +155,4 @@ def _row(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
     for i, value in enumerate(m.full, 1):
         row[f"multiplier_{i}_re"] = value.real if m.trusted else math.nan
         row[f"multiplier_{i}_im"] = value.imag if m.trusted else math.nan
-    return row
-
-
-def orbit_record(orbit: HuntingOrbit, branch: str) -> dict[str, Any]:
-    """The JSON object of `casahunt orbit`.
-
-    branch: on which it was asked for. Returns None for what is not to be trusted, or not known for a full cycle.
-    """
-    m = orbit.multipliers
-    return {
-        "model": orbit.model,
-        "gain": orbit.gain,
-        "branch": branch,
-        "amplitude": orbit.amplitude,
-        "period": orbit.period,
-        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
-        "log10_abs_half_multiplier": _log10_half(orbit) if m.trusted and not m.leading_floor else None,
-        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
-        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
-        "multiplier_error": finite_or_none(m.error),
-        "trivial_multiplier_error": finite_or_none(m.trivial_error),
-        "multipliers_trusted": m.trusted,
-        "stable": orbit.stable if m.trusted else None,
-        "error_estimate": orbit.error_estimate,
-        "status": orbit.status.name.lower(),
-        "solver": orbit.solver,
-        "unknowns": orbit.unknowns,
-        "iterations": orbit.iterations,
-        "wall_s": orbit.wall_s,
-    }
+    return {name: [value] for name, value in row.items()}

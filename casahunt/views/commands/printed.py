@@ -1,16 +1,18 @@
-"""What a command prints for a person: lines of 80 columns, words of the trade explained once below, and CSV tables."""
+"""What a command gives: a table, a picture, JSON, or lines of 80 columns with words of the trade explained below."""
 
 from __future__ import annotations
 
+import argparse
+import json
 import re
 import textwrap
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ...files import whole_text
-from ...tables import Rows
-from ...tables import table as csv_table
+from ...export import Columns, plain, write_csv
+from ...results import Result
 from ..glossary import sentence, words_in
 
 LINE_WIDTH = 80
@@ -66,19 +68,32 @@ def show(lines: Iterable[str], said: Collection[str] = ()) -> None:
             print(part)
 
 
-def write_table(path: Path, columns: Sequence[str], rows: Rows) -> None:
-    """Write a table, whole or not at all.
+def give(
+    options: argparse.Namespace,
+    found: Result | Mapping[str, Any],
+    lines: Iterable[str],
+    *,
+    table: Columns | None = None,
+    picture: tuple[Any, ...] = (),
+    said: Collection[str] = (),
+) -> None:
+    """Hand out what a command has found: --csv, --plot, and on standard output its JSON object or its lines.
 
-    path, columns, rows: the file, the names of the columns with their units, and rows of numbers, texts or None.
-    Raises InputError, OSError: as `whole_text`.
+    found: the result, or results and numbers by name; table: None: there is none; picture: "module.function" of
+    views/pictures and its arguments; said: as of `show`.
     """
-    with whole_text(path) as stream:
-        csv_table(stream, columns)(rows)
+    if options.csv and table is not None:
+        options.outputs.write(write_csv, table, options.csv)
+    if options.plot and picture:
+        options.outputs.draw(lambda: _draw(options.plot, *picture))
+    if options.json:
+        print(json.dumps(plain(found)))
+    else:
+        show(lines, said)
 
 
-def write_records(path: Path, records: Sequence[dict[str, Any]]) -> None:
-    """`write_table` for rows that carry the names of their columns.
+def _draw(path: Path, name: str, *arguments: Any) -> None:
+    from ..pictures.plotting import save
 
-    path, records: the file, and one row or more; all have the same columns.
-    """
-    write_table(path, list(records[0]), [list(record.values()) for record in records])
+    module, _, function = name.partition(".")
+    save(getattr(import_module(f"..pictures.{module}", __package__), function)(*arguments), path)

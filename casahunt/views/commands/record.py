@@ -15,7 +15,6 @@ why there is none; wall_s.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Iterator
@@ -23,17 +22,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ...checks import error_text, finite_or_none, known, known_decimals, moderate, to_absolute_error, to_error
+from ...checks import error_text, known_decimals, moderate, to_absolute_error, to_error
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
 from ...errors import InputError, NoOrbit
-from ...orbits.adapt import Options
+from ...export import columns_from
 from ...servo.find_orbit import find_orbit
-from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from .arguments import add_common, add_csv, csv_of, finite, picture_of, positive, servo_of
+from .arguments import add_common, add_csv, add_model, finite, how_of, model_of, positive, servo_of
 from .console import complain, progress, say
-from .printed import HARD_SPACE, show, write_table
+from .printed import HARD_SPACE, give
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
@@ -49,7 +47,7 @@ def add(commands: Any) -> None:
     add_csv(command, "amplitude, frequency and period, measured and predicted")
     command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
     command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
-    command.add_argument("--model", default="switch", help="switch (default) or lugre, for the prediction")
+    add_model(command, ", for the prediction")
     command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
     command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
@@ -61,13 +59,11 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line or the record is wrong.
     """
-    model = known("model", options.model, MODELS)
+    model = model_of(options)
     gain = None if options.gain is None else positive("gain", options.gain)
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
     start = None if options.start is None else finite("from", options.start)
-    how = Options(tol=finite("tol", options.tol))
-    servo = servo_of(options)
-    plot, table = picture_of(options), csv_of(options)
+    how, servo = how_of(options), servo_of(options)
     began = time.perf_counter()
     stream = progress(options.quiet)
     with suppress(OSError):
@@ -85,21 +81,18 @@ def run(options: argparse.Namespace) -> int:
     orbit, failure = None, None
     if gain is not None:
         try:
-            orbit = find_orbit(servo, model, gain, options=how)  # type: ignore[arg-type]
+            orbit = find_orbit(servo, model, gain, options=how)
         except NoOrbit as error:
             failure = str(error)
     wall_s = time.perf_counter() - began
-    if table and found.periods.size:
-        options.outputs.write(write_table, table, CSV_COLUMNS, [row.values() for row in _rows(found, orbit)])
-    if plot and found.periods.size:
-        from ..pictures import plotting
-        from ..pictures import simulation as pictures_simulation
-
-        options.outputs.draw(lambda: plotting.save(pictures_simulation.folded(record, found, orbit), plot))
-    if options.json:
-        print(json.dumps(_record(options.file, record, found, orbit, failure, set_point, wall_s)))
-    else:
-        show(_lines(options.file, record, found, orbit, set_point))
+    rows = [tuple(row.values()) for row in _rows(found, orbit)]
+    give(
+        options,
+        _record(options.file, record, found, orbit, failure, set_point, wall_s),
+        _lines(options.file, record, found, orbit, set_point),
+        table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
+        picture=("simulation.folded", record, found, orbit) if found.periods.size else (),
+    )
     if not found.hunting:
         complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
     if failure:
@@ -185,10 +178,6 @@ def _record(
     set_point: float | None,
     wall_s: float,
 ) -> dict[str, Any]:
-    names = (
-        "amplitude", "amplitude_scatter", "amplitude_error", "frequency", "frequency_scatter", "frequency_error",
-        "period", "period_scatter", "period_error", "mean_level", "drift", "noise", "quantum", "above", "missing",
-    )  # fmt: skip
     reading, columns = record.reading, {}
     if reading is not None:
         for what, c in (("time", reading.time), ("position", reading.position)):
@@ -196,27 +185,17 @@ def _record(
     predicted = None
     if orbit is not None:
         predicted = {
-            "model": orbit.model,
-            "gain": orbit.gain,
-            "amplitude": orbit.amplitude,
-            "period": orbit.period,
+            **orbit.to_dict(table=False),
             "frequency": 1 / orbit.period,
-            "error_estimate": orbit.error_estimate,
-            "amplitude_ratio": finite_or_none(m.amplitude / orbit.amplitude),
-            "frequency_ratio": finite_or_none(m.frequency * orbit.period),
+            "amplitude_ratio": m.amplitude / orbit.amplitude,
+            "frequency_ratio": m.frequency * orbit.period,
         }
     return {
         "file": file,
         "columns": columns,
-        "kind": m.kind,
-        "reason": m.reason or None,
-        "periods": int(m.periods.size),
-        **{name: finite_or_none(getattr(m, name)) for name in names},
-        "offset": None if set_point is None else finite_or_none(m.mean_level - set_point),
-        "left_out_before": m.left_out[0],
-        "left_out_behind": m.left_out[1],
-        "amplitudes": m.amplitudes.tolist(),
-        "period_lengths": m.periods.tolist(),
+        **m.to_dict(table=False),
+        "periods": m.periods.size,
+        "offset": None if set_point is None else m.mean_level - set_point,
         "predicted": predicted,
         "prediction_failed": failure,
         "wall_s": wall_s,

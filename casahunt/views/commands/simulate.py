@@ -17,30 +17,23 @@ status, advice (null where converged), ended (why it stopped early, or null), in
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ... import effort
-from ...checks import error_text, finite_or_none, known, moderate, to_absolute_error, to_error
+from ...checks import error_text, moderate, to_absolute_error, to_error
 from ...errors import InputError
-from ...files import whole_text
-from ...servo.hunting import MODELS
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
-from ...tables import table as csv_table
-from .arguments import add_common, add_csv, add_gain, csv_of, finite, gain_of, picture_of, positive, servo_of
+from .arguments import add_common, add_csv, add_gain, add_model, finite, gain_of, model_of, positive, servo_of
 from .console import complain
-from .printed import show
+from .printed import give
 
-COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
-"""Columns of the CSV file; for LuGre bristle_rad stands before the torque."""
 EVENT_WORDS = {
     "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
     "reversal": "reversals", "centre": "times the bristle slack",
@@ -54,7 +47,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser("simulate", allow_abbrev=False, help="the motion from an initial state")
     add_gain(command)
     add_common(command)
-    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(command)
     command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
     command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
     command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")
@@ -72,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong.; NoOrbit: the motion could not be computed.
     """
-    model = known("model", options.model, MODELS)
+    model = model_of(options)
     gain = gain_of(options)
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
@@ -83,24 +76,14 @@ def run(options: argparse.Namespace) -> int:
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     servo = servo_of(options)
-    plot = picture_of(options)
-    table = csv_of(options)
     began = time.perf_counter()
-    found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)  # type: ignore[arg-type]
+    found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)
     kind, other = found.verdict.kind, _other_end(found)
     wall_s = time.perf_counter() - began
-    if table:
-        options.outputs.write(_write, found, table, step)
-    if plot:
-        from ..pictures import plotting
-        from ..pictures import simulation as pictures_simulation
-
-        options.outputs.draw(lambda: plotting.save(pictures_simulation.motion(found), plot))
     advice = None if found.status.ok else _advice(found)
-    if options.json:
-        print(json.dumps(_record(found, other, advice, wall_s)))
-    else:
-        show(_lines(found, other, wall_s))
+    record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
+    lines, picture = _lines(found, other, wall_s), ("simulation.motion", found)
+    give(options, record, lines, table=found.table(_times(found, step)) if options.csv else None, picture=picture)
     if advice:
         complain("casahunt simulate", advice)
     cut = bool(found.ended) and kind != "growing"
@@ -188,68 +171,16 @@ def _counts(found: Trajectory) -> str:
     return f"{len(names)}{f' ({listed})' if names else ''}"
 
 
-def _other_record(other: OtherEnd | None) -> dict[str, Any] | None:
+def _other_record(other: OtherEnd | None) -> dict[str, Any]:
+    """The cycle that it has not come to, and why there is none; None where the motion does not rest."""
     if other is None or other.orbit is None:
-        return None
-    orbit = other.orbit
-    return {
-        "amplitude": orbit.amplitude,
-        "period": orbit.period,
-        "half_multiplier": orbit.half_multiplier if orbit.multipliers.trusted else None,
-        "start": other.start or None,
-    }
+        return {"other_end": None, "other_end_reason": (other and other.reason) or None}
+    record = {**other.orbit.to_dict(table=False), "start": other.start or None}
+    return {"other_end": record, "other_end_reason": other.reason or None}
 
 
-def _record(found: Trajectory, other: OtherEnd | None, advice: str | None, wall_s: float) -> dict[str, Any]:
-    x, verdict = found.end, found.verdict
-    return {
-        "model": found.model,
-        "gain": found.gain,
-        "set_point": found.set_point,
-        "time": float(found.times[-1]),
-        "regularised": found.regularised,
-        "tol": found.tol,
-        "verdict": verdict.kind,
-        "reason": verdict.sentence,
-        "amplitude": finite_or_none(verdict.amplitude),
-        "period": finite_or_none(verdict.period),
-        "swings": verdict.swings,
-        "judged": {
-            "swings": list(verdict.judged),
-            "since": finite_or_none(verdict.since),
-            "ratios": [finite_or_none(ratio) for ratio in verdict.ratios],
-            "limit": finite_or_none(verdict.limit),
-            "multiplier": finite_or_none(verdict.multiplier),
-            "floor": finite_or_none(verdict.floor),
-            "map_motions": verdict.motions,
-        },
-        "other_end": _other_record(other),
-        "other_end_reason": (other.reason or None) if other is not None else None,
-        "position": found.set_point + float(x[0]),
-        "velocity": float(x[1]),
-        "integral": float(x[2]),
-        "bristle": float(x[3]) if x.size > 3 else None,
-        "events": [[e.time, e.name, e.before, e.after, finite_or_none(e.error)] for e in found.events],
-        "time_error": finite_or_none(found.time_error),
-        "end_error": finite_or_none(found.end_error),
-        "state_errors": [finite_or_none(value) for value in found.state_errors],
-        "status": found.status.name.lower(),
-        "advice": advice,
-        "ended": found.ended or None,
-        "intervals": len(found.modes),
-        "wall_s": wall_s,
-    }
-
-
-def _write(found: Trajectory, path: Path, step: float | None) -> None:
-    """The motion as CSV; numbers in full, so that they read back exactly."""
+def _times(found: Trajectory, step: float | None) -> np.ndarray | None:
+    """The times of the table: every `step` seconds; None: dense where the motion is fast."""
     if step is None:
-        t, x = found.dense()
-    else:
-        t = np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
-        x = found.sample(t)
-    columns = [*COLUMNS[:4], *(["bristle_rad"] if len(x) > 3 else []), *COLUMNS[4:]]
-    numbers = np.vstack([t, found.set_point + x[0], x[1:], found.torque(x)]).T
-    with whole_text(path) as stream:
-        write = csv_table(stream, columns)
-        write([*row, mode] for row, mode in zip(numbers.tolist(), found.mode_at(t), strict=True))
+        return None
+    return np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])

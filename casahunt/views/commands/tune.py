@@ -34,15 +34,14 @@ from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tuning import Tuning, tune
 from ...design.uncertainty.toml import load_uncertainty
 from ...errors import InputError
+from ...export import columns_from
 from ...files import together, whole_text
-from ...orbits.adapt import Options
-from ...servo.hunting import MODELS
+from ...servo.units import GAIN_UNIT, unit_of
 from ..evidence.page import TITLE, page
 from ..evidence.record import before_tasks, made, record_of
-from ..units import GAIN_UNIT, unit_of
-from .arguments import add_common, add_csv, add_out, csv_of, finite, positive, servo_of
+from .arguments import add_common, add_csv, add_model, add_out, finite, how_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say, telling
-from .printed import show, write_table
+from .printed import give
 from .written import keep_others
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
@@ -54,7 +53,7 @@ def add(commands: Any) -> None:
     """The arguments of the command."""
     command = commands.add_parser("tune", allow_abbrev=False, help="the gain of least cost that does not hunt")
     add_common(command)
-    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(command)
     command.add_argument("--margin", default=0.1, help="gain above the fold gain, relative (default 0.1)")
     command.add_argument("--uncertainty", metavar="FILE.toml", help="servos that must not hunt either")
     command.add_argument("--free", action="append", default=[], metavar="NAME", help=", ".join(NUMBERS))
@@ -73,9 +72,9 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune, verify and print; returns the exit code."""
-    model = known("model", options.model, MODELS)
+    model = model_of(options)
     cost = known("cost", options.cost, COSTS)
-    how = Options(tol=finite("tol", options.tol))
+    how = how_of(options)
     demands = Demands(
         margin=finite("margin", options.margin),
         phase_margin=finite("phase-margin", options.phase_margin),
@@ -83,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         delay=finite("delay", options.delay),
         sample_time=finite("sample-time", options.sample_time),
     )
-    servo, table = servo_of(options), csv_of(options)
+    servo = servo_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
     free = [known("free", name, NUMBERS) for name in options.free]
@@ -94,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     def tuned() -> Tuning:
         with telling(stream) as tell:
             return tune(
-                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,  # type: ignore[arg-type]
+                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
                 options=how, report=tell,
             )  # fmt: skip
 
@@ -112,12 +111,9 @@ def run(options: argparse.Namespace) -> int:
 
             images = pictures_tune.evidence_images(tuning, before)
             options.outputs.write(_write, out, page(record, images), record)
-    if table:
-        options.outputs.write(write_table, table, CSV_COLUMNS, _rows(record, how.tol))
-    if options.json:
-        print(json.dumps(record))
-    else:
-        show(_lines(record, how.tol, None if options.outputs.troubles else options.out))
+    lines = _lines(record, how.tol, None if options.outputs.troubles else options.out)
+    table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
+    give(options, record, lines, table=table)
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:

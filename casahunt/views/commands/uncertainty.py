@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
@@ -12,22 +11,22 @@ from typing import Any
 import numpy as np
 
 from ... import effort, interrupts
-from ...checks import known, quoted, to_error
+from ...checks import to_error
 from ...design.uncertainty.samples import Samples, draw, sample
 from ...design.uncertainty.set import Uncertainty
 from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.toml import load_uncertainty
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
-from ...errors import InputError, NoOrbit, Status
+from ...errors import NoOrbit, Status
 from ...orbits.adapt import Options
+from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ...servo.hunting import MODELS
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from ..units import GAIN_UNIT, column, unit_of
-from .arguments import add_common, add_csv, csv_of, finite, picture_of, servo_of
+from ...servo.units import unit_of
+from .arguments import add_common, add_csv, add_model, count_of, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
-from .printed import HARD_SPACE, show, write_table
+from .printed import HARD_SPACE, give
 
 DEFAULT_SAMPLES = 200
 
@@ -41,7 +40,7 @@ def add(commands: Any) -> None:
         "--uncertainty", example="friction.toml", metavar="FILE.toml", help="intervals or a covariance of parameters"
     )
     add_common(command)
-    command.add_argument("--model", default="switch", help="switch (default) or lugre")
+    add_model(command)
     samples = f"servos to solve (default {DEFAULT_SAMPLES})"
     command.add_argument("--samples", default=DEFAULT_SAMPLES, metavar="N", help=samples)
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
@@ -57,14 +56,12 @@ def run(options: argparse.Namespace) -> int:
     computed.
     """
     began = time.perf_counter()
-    model: Any = known("model", options.model, MODELS)
-    how = Options(tol=finite("tol", options.tol))
-    n, jobs = _whole("samples", options.samples, 1), _whole("jobs", options.jobs, 1)
-    seed = _whole("seed", options.seed, 0)
+    model, how = model_of(options), how_of(options)
+    n, jobs = count_of("samples", options.samples, 1), count_of("jobs", options.jobs, 1)
+    seed = count_of("seed", options.seed, 0)
     servo = servo_of(options)
     uncertainty = load_uncertainty(options.uncertainty, servo)
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
-    plot, table = picture_of(options), csv_of(options)
     out = progress(options.quiet)
 
     say(out, "computing the fold of the servo itself")
@@ -87,18 +84,11 @@ def run(options: argparse.Namespace) -> int:
         report=lambda i: tell(f"searching the worst corner: fold {i}"),
     )
     seen = summary(fold, uncertainty, samples, worst)
-    if table:
-        options.outputs.write(write_table, table, *_table(samples, how.tol))
-    if plot:
-        from ..pictures import plotting
-        from ..pictures import uncertainty as pictures_uncertainty
-
-        options.outputs.draw(lambda: plotting.save(pictures_uncertainty.histogram(fold, samples, worst, seen), plot))
     wall_s = time.perf_counter() - began
-    if options.json:
-        print(json.dumps(_record(fold, samples, worst, seen, wall_s)))
-    else:
-        show(_lines(fold, samples, worst, seen, how.tol, wall_s))
+    give(
+        options, _record(fold, samples, worst, seen, wall_s), _lines(fold, samples, worst, seen, how.tol, wall_s),
+        table=tables_of([samples]), picture=("uncertainty.histogram", fold, samples, worst, seen),
+    )  # fmt: skip
     for i, sentence in samples.failures:
         say(out, f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
@@ -152,20 +142,6 @@ def _lines(
     yield f"  {wall_s:.1f} s"
 
 
-def _table(samples: Samples, tol: float) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of the samples; the tolerance is the relative error of each gain."""
-    sentences = dict(samples.failures)
-    columns = [
-        "sample", *map(column, samples.names), *(column(name, GAIN_UNIT) for name in ("fold_gain", "fold_gain_error")),
-        "status",
-    ]  # fmt: skip
-    rows = []
-    for i, (q, gain) in enumerate(zip(samples.parameters.tolist(), samples.gains.tolist(), strict=True)):
-        status = sentences.get(i, "converged" if gain else "hunts at no gain")
-        rows.append([i + 1, *q, gain, tol * gain, status])
-    return columns, rows
-
-
 def _solved(
     servo: Servo,
     model: Any,
@@ -201,13 +177,3 @@ def _solved(
         ) from None
     finally:
         pool.shutdown(wait=done, cancel_futures=True)  # an interrupt does not wait for what is under way
-
-
-def _whole(key: str, text: Any, least: int) -> int:
-    try:
-        value = int(str(text))
-    except ValueError:
-        raise InputError(f"{key} = {quoted(text)}: must be a whole number") from None
-    if value < least:
-        raise InputError(f"{key} = {value}: must be at least {least}")
-    return value

@@ -20,8 +20,9 @@ from ...files import protected
 
 READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record"}
 """By the names of arguments: what is read."""
-WRITTEN = ("csv", "save", "plot")
-"""Arguments that name a file to be written; `out` names a folder, in which `options.results` says what is written."""
+WRITTEN = {"csv": (".csv",), "save": (".npz",), "plot": (".png", ".pdf", ".svg")}
+"""Arguments that name a file to be written, and how its name may end; `out` names a folder, in which `options.results`
+says what is written."""
 SIGNED = 1_000_000
 """Bytes of a file in which its sign stands; the largest of those with a sign at their end, tune.json, has 6 kB."""
 
@@ -30,9 +31,9 @@ Signs = Mapping[str, bytes]
 
 
 def keep_inputs(options: argparse.Namespace) -> None:
-    """Refuse a command line that would write what it reads, or two things into one file.
+    """Refuse a command line that would write what it reads, or two things into one file, or where nothing can be.
 
-    Raises InputError: it would.
+    options: of its files to be written, names become paths. Raises InputError: it would.
     """
     taken: dict[tuple[int, int] | str, str] = {}
     for name, what in READ.items():
@@ -46,6 +47,8 @@ def keep_inputs(options: argparse.Namespace) -> None:
             raise InputError(f"{said}: must be another file than {taken[found]}")
         if found:
             taken[found] = f"that of {name}"
+    for name, suffixes in WRITTEN.items():
+        setattr(options, name, writable(name, getattr(options, name, None), suffixes))
 
 
 def _outputs(options: argparse.Namespace) -> Iterator[tuple[str, str | int]]:
@@ -66,6 +69,31 @@ def _file(place: str | int) -> tuple[int, int] | str | None:
     except (OSError, ValueError):
         return None if isinstance(place, int) else os.path.normcase(os.path.realpath(place))
     return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
+
+
+def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | None:
+    """A file that can be written.
+
+    key, path: what the user calls it, and what was given; None: no file is wanted; suffixes: of which the name must
+    have one, in small letters. Returns the file; None where none is wanted. Raises InputError: another suffix, no such
+    folder, no permission.
+    """
+    if path is None:
+        return None
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise InputError(f"{key} = {path!r}: the name must end in {' or '.join(suffixes)}")
+    try:
+        if not target.parent.is_dir():
+            raise InputError(f"{key} = {path!r}: there is no folder {str(target.parent)!r}")
+        if target.is_dir():
+            raise InputError(f"{key} = {path!r}: must be a file, but is a folder")
+    except OSError as error:
+        raise InputError(f"{key} = {path!r}: cannot be written ({error.strerror})") from None
+    renamed = target.is_file() or not target.exists()  # a device or a pipe is written straight
+    if protected(target) or (renamed and not os.access(target.parent, os.W_OK)):
+        raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
+    return target
 
 
 def keep_others(folder: str | Path, results: Signs) -> None:

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...checks import known_decimals, known_digits
+from ...servo.units import GAIN_UNIT, unit_of
 from ..glossary import GLOSSARY, words_in
-from ..units import GAIN_UNIT, unit_of
 
 TITLE = "<title>casahunt tune: evidence</title>"
 DEFAULT_TOL = 1e-6

@@ -10,7 +10,8 @@ import subprocess
 import sys
 
 import pytest
-from file_support import ROOT, contents, posix, run
+from command_line import contents, run
+from file_support import ROOT, posix
 
 from casahunt import Servo, find_fold, load_branch, save_branch
 from casahunt.design.diagram import diagram

@@ -12,7 +12,7 @@ from pathlib import Path
 from casahunt import cli
 from casahunt.design.diagram_files import CSV_COLUMNS
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 
 
 NUMBER = r"[+-]?[0-9.]+(?:e[+-]?[0-9]+)?"

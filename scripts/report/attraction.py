@@ -29,10 +29,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks import COMPUTED, require, sensible
-from ..errors import InputError
-from .problem import HuntingOrbit
-from .servo import Servo
+from casahunt.checks import COMPUTED, require, sensible
+from casahunt.errors import InputError
+from casahunt.servo.problem import HuntingOrbit
+from casahunt.servo.servo import Servo
 
 Array = np.ndarray
 

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...collocation.interval import point_function
-from ...compiled import alone
-from ...hybrid.system import Mode
-from ..cycles import automaton
-from ..friction import Friction, stribeck
-from ..stick_band import parameters
-from .trajectory import Trajectory
+from casahunt.collocation.interval import point_function
+from casahunt.compiled import alone
+from casahunt.hybrid.system import Mode
+from casahunt.servo.cycles import automaton
+from casahunt.servo.friction import Friction, stribeck
+from casahunt.servo.simulation.trajectory import Trajectory
+from casahunt.servo.stick_band import parameters
 
 Array = np.ndarray
 

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...errors import NoOrbit, Status
-from ...hybrid.roots import Bracket
-from ..linear_loop import typical_gain
-from ..servo import Servo
-from .fixed_points import FixedPoint, fixed_points
-from .scan import scan
-from .slopes import EPS, MapPoint, map_at
+from casahunt.errors import NoOrbit, Status
+from casahunt.hybrid.roots import Bracket
+from casahunt.servo.event_map.fixed_points import FixedPoint, fixed_points
+from casahunt.servo.event_map.half_cycle import StickMap
+from casahunt.servo.event_map.scan import scan
+from casahunt.servo.event_map.slopes import EPS, MapPoint, map_at
+from casahunt.servo.linear_loop import typical_gain
+from casahunt.servo.servo import Servo
 
 FOLD_ROUNDS, FOLD_STEP = 40, 1e-12
 """Newton steps on the gain of a fold, and the relative step at which they end."""
@@ -115,7 +116,7 @@ def _hunting_gain(servo: Servo) -> tuple[float, FixedPoint]:
 
 
 def _outermost(servo: Servo, gain: float) -> tuple[float, FixedPoint] | None:
-    seen = scan("switch", servo, gain)
+    seen = scan(StickMap("switch", servo, gain))
     if seen.upper is None:
         return None
     a = seen.upper.start

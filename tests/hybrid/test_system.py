@@ -1,0 +1,37 @@
+"""Cycles as data: which of their boundaries are kinks of the field and no more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from casahunt.hybrid.system import Cycle, Event, Mode, Phase
+
+LAWS = {
+    "right": Mode("right", abs, unsplit="both"), "left": Mode("left", abs, unsplit="both"), "both": Mode("both", abs),
+    "rest": Mode("rest", abs),
+}  # fmt: skip
+
+
+def cycle(*phases: str, jumps: bool = False) -> Cycle:
+    """A cycle of these modes; with a jump at the end of the first phase."""
+    made = tuple(
+        Phase(LAWS[mode], Event(f"from {mode}", abs), abs if jumps and k == 0 else None)
+        for k, mode in enumerate(phases)
+    )
+    return Cycle("here and there", ("x",), (), made, np.eye(1), 1)
+
+
+@pytest.mark.parametrize(("phases", "kinks"), [
+    (("right", "left"), [True, True]), (("right", "both"), [True, True]), (("right", "rest"), [False, False]),
+    (("right", "left", "rest"), [True, False, False]), (("rest", "rest"), [False, False]), (("both",), [False]),
+])  # fmt: skip
+def test_between_parts_of_one_mode_there_are_kinks(phases, kinks):
+    made = cycle(*phases)
+    assert [made.at_a_kink(k) for k in range(len(phases))] == kinks
+    assert len(made.without_kinks) == kinks.count(False)
+
+
+def test_a_jump_is_more_than_a_kink():
+    made = cycle("right", "left", jumps=True)
+    assert [made.at_a_kink(k) for k in range(2)] == [False, True] and made.without_kinks == (("both", "from right"),)
