@@ -153,7 +153,11 @@ def watched() -> dict[str, list[int]]:
     def counting(run: Callable[..., Any], count: list[int]) -> Callable[..., Any]:
         def counted(question: Any) -> Any:
             count[0] += 1
-            answered = run(question)
+            try:
+                answered = run(question)
+            except NoOrbit as refusal:
+                count[1] += refusal.status is None  # that there is none is an answer
+                raise
             count[1] += not (answered is None or isinstance(answered, str))
             return answered
 

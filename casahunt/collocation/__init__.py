@@ -12,7 +12,6 @@ joints.py         closed-form phases and events, compiled, with their exact Jaco
 node_system.py    the linear system left when the stages are eliminated
 linearisation.py  the equations at one point: residuals, Newton steps, tangents
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
-parted_system.py  the node system of a mesh that refines another, solved as that of the other
 graphs.py         the same equations as graphs for optimisation, with Jacobian and Hessian
 newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
@@ -22,7 +21,7 @@ quarters.py       intervals whose halves do not tell their error, cut in four
 error_estimate.py the error of what is read from a solution, by an adjoint
 side_by_side.py   solutions on meshes of parts, corrected many at once
 remesh.py         the mesh that makes it as small as asked for
+conditions.py     what the phases say of solutions: conditions, features, events there
 near_events.py    is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
-ensemble_judge.py the same of many roots at once
 """

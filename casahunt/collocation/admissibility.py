@@ -18,6 +18,10 @@ uses the same look, more strictly.
 
 A phase begins and ends where its condition vanishes by definition.  There the condition is divided by the
 distance from that end, so that what must be clear of zero is its slope.
+
+One solution has no axis of members, many have theirs first (...); of many no sentence is asked for, but yes or no.
+
+Symbols: n states, d stages, N intervals, m points.
 """
 
 from __future__ import annotations
@@ -29,7 +33,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..hybrid.system import Exit, Feature
-from .joints import event_rate, flow_at, linear_in_time
+from .conditions import BETWEEN, Conditions, NotSymbolic
 from .near_events import comes_and_goes
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
@@ -50,10 +54,6 @@ LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
 NOTHING_LEFT = 0.9
 """The same for a solution: the error estimate looks between the points, but must have something to see."""
-BETWEEN = np.linspace(0, 1, 33)
-"""Parts of an interval, or of a phase in closed form, at which a condition is looked at."""
-
-
 MOVES_BELOW = 1e-9
 """States that range over less than this part of their scale do not move: tolerances of cycles are larger."""
 
@@ -86,30 +86,54 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
 
     Returns verdict: the first condition that is violated, and the intervals on which one is not clear.
     """
-    nodes = t.nodes_of(u) * setting.scale
-    durations = t.durations_of(u)
-    inside = _Inside(t, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n) * setting.scale, nodes, setting.p)
-    barely = -1
+    told = Conditions(t, u, setting)
+    inside, barely = _inside(told), -1
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
-        if not durations[k] > 0:
-            sentence = f"phase {k + 1} ({mode.name}) has the duration {durations[k]:.3g} s"
+        if not told.durations[k] > 0:
+            sentence = f"phase {k + 1} ({mode.name}) has the duration {told.durations[k]:.3g} s"
             return Verdict(sentence, k, inside.unclear)
-        if phase.direction:
-            rate, size = event_rate(phase, nodes[t.phase_end[k]], float(durations[k]), setting.p)
-            if phase.direction * rate < -NOISE * size:
-                sentence = f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side"
-                return Verdict(sentence, k, inside.unclear)
+        if phase.direction and _from_the_other_side(told, k):
+            sentence = f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side"
+            return Verdict(sentence, k, inside.unclear)
         if mode.admissible is not None:
-            lowest, wrong = inside.of_phase(k) if t.counts[k] else _closed_form(t, k, nodes, durations, setting.p)
+            lowest, wrong = inside.of_phase(t, k) if t.counts[k] else _closed_form(told, k, mode.slack)
             if wrong:
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
                 return Verdict(sentence, k, inside.unclear)
-        passed, by_little = _passed(t, u, k, setting, inside.unclear) if phase.exits else ("", False)
+        passed, by_little = _passed(told, k, inside.unclear) if phase.exits else ("", False)
         if passed:
             return Verdict(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
         barely = k if by_little and barely < 0 else barely
     return Verdict("", -1, inside.unclear, barely)
+
+
+def admissible_many(t: Transcription, u: Array, settings: Setting) -> Array:
+    """Whether converged solutions (B, size) are motions, without reservation and without a mode's slack.
+
+    Within its slack a phase may do for a moment what another mode would, without that any estimate of an error knows
+    it: a member that is not admitted is left to whoever solves it alone.  One that may pass an event is judged alone.
+    Returns (B,) bool.
+    """
+    with np.errstate(all="ignore"):
+        try:
+            told = Conditions(t, u, settings)
+            inside, asked = _inside(told), np.zeros(len(u), dtype=bool)
+            good = (told.durations > 0).all(axis=1) & ~(inside.unclear | inside.below).any(axis=1)
+            for k, phase in enumerate(t.cycle.phases):
+                if phase.direction:
+                    good &= ~_from_the_other_side(told, k)
+                if phase.mode.admissible is not None and not t.counts[k]:
+                    good &= ~_closed_form(told, k, 0.0)[1]
+                for way_out in phase.exits:
+                    _, *perhaps = _passing(told, k, way_out)
+                    asked |= np.logical_or.reduce(perhaps).any(axis=(1, 2))
+        except NotSymbolic:
+            return np.array([judge(t, u[b], settings.of(b)).admissible for b in range(len(u))], dtype=bool)
+    for b in np.flatnonzero(good & asked).tolist():
+        verdict = judge(t, u[b], settings.of(b))
+        good[b] = verdict.admissible and verdict.barely < 0
+    return np.asarray(good)
 
 
 def stands_still(t: Transcription, u: Array) -> bool:
@@ -151,40 +175,53 @@ def judged_on_halves(t: Transcription, verdict: Verdict, better: Place | None) -
     return replace(verdict, unclear=unclear, barely=finer.barely)
 
 
-def _passed(t: Transcription, u: Array, k: int, setting: Setting, unclear: Array) -> tuple[str, bool]:
+def _from_the_other_side(told: Conditions, k: int) -> Array:
+    """(...) whether the event at the end of a phase is met from the other side."""
+    rate, size = told.end_rate(k)
+    return np.asarray(~(told.t.cycle.phases[k].direction * rate >= -NOISE * size))
+
+
+def _passed(told: Conditions, k: int, unclear: Array) -> tuple[str, bool]:
     """(the event of a way out that is passed inside a phase, or "", whether one is by less than counts).
 
     Where one may be passed, intervals become unclear.
     """
-    phase, own, p = t.cycle.phases[k], t.phase_intervals(k), setting.p
-    if t.counts[k]:
-        states = t.intervals_of(u)[own].reshape(-1, t.n) * setting.scale
-    else:
-        start = t.nodes_of(u)[t.phase_start[k]] * setting.scale
-        states = flow_at(phase.mode, start, float(t.durations_of(u)[k]) * BETWEEN, p)
-    by_little = False
+    t, p, by_little = told.t, told.p, False
+    phase, own = t.cycle.phases[k], t.phase_intervals(k)
     for way_out in phase.exits:
-        values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)[None]
-        doubt: Array | float = 0.0
-        if t.counts[k]:
-            values = values.reshape(-1, t.degree + 1)
-            doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[:, None]
-            values = values @ dense_rule(t.degree, t.kind)[0]
-        size = max(1.0, float(np.abs(values).max()))
-        slack = PASSED * size
-        beyond = (np.minimum.accumulate(values.ravel()) < -slack).reshape(values.shape) & (values > slack)
+        surely, beyond, seen, unknown = _passing(told, k, way_out)
         if not beyond.any():
-            seen, unknown = comes_and_goes(values, doubt, BARELY * size)
-            if (seen.any() or unknown.any()) and _leaves(way_out, phase.mode.name, states, p):
+            if (seen.any() or unknown.any()) and _leaves(way_out, phase.mode.name, _looked_at(told, k), p):
                 by_little |= bool(seen.any())
                 if t.counts[k] and not seen.any():
                     unclear[own] |= unknown.any(axis=1)
             continue
-        if not (beyond & (values > slack + doubt)).any():
+        if not surely.any():
             unclear[own] |= beyond.any(axis=1)
-        elif way_out.mark or _leaves(way_out, phase.mode.name, states, p):
+        elif way_out.mark or _leaves(way_out, phase.mode.name, _looked_at(told, k), p):
             return way_out.event.name, False
     return "", by_little
+
+
+def _looked_at(told: Conditions, k: int) -> Array:
+    """(..., m, n) states of a phase at which its ways out are looked at."""
+    if told.t.counts[k]:
+        return told.w[..., told.t.phase_intervals(k), :, :].reshape(*told.lead, -1, told.t.n)
+    return told.along_closed(k, bends=True)
+
+
+def _passing(told: Conditions, k: int, way_out: Exit) -> tuple[Array, Array, Array, Array]:
+    """Where (..., N, m) a way out is passed in a phase, surely and as it looks; or by little, surely and perhaps."""
+    t, lead = told.t, told.lead
+    values, doubt = way_out.direction * told.event(way_out.event, _looked_at(told, k))[..., None, :], np.zeros((1, 1))
+    if t.counts[k]:
+        values = values.reshape(*lead, -1, t.degree + 1)
+        doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[..., None]
+        values = values @ dense_rule(t.degree, t.kind)[0]
+    size = np.maximum(1.0, np.abs(values).max(axis=(-2, -1)))[..., None, None]
+    slack, flat = PASSED * size, values.reshape(*lead, -1)
+    beyond = (np.minimum.accumulate(flat, axis=-1) < -slack[..., 0]).reshape(values.shape) & (values > slack)
+    return beyond & (values > slack + doubt), beyond, *comes_and_goes(values, doubt, BARELY * size)
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
@@ -195,62 +232,65 @@ def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
     return any(seen) or not seen
 
 
-def _closed_form(t: Transcription, k: int, nodes: Array, durations: Array, p: Array) -> tuple[float, bool]:
-    """(the lowest value of the condition of a phase in closed form, whether that violates it)."""
-    mode, start = t.cycle.phases[k].mode, t.phase_start[k]
-    assert mode.admissible is not None
-    states = nodes[start : start + 2]
-    if not linear_in_time(mode, t.n, p.size):
-        states = flow_at(mode, states[0], float(durations[k]) * BETWEEN, p)
-    values = mode.admissible(states.T, p, mode.sign)
-    lowest = float(values.min())
-    return lowest, lowest + mode.slack + NOISE * max(1.0, float(np.abs(values).max())) < 0
+def _closed_form(told: Conditions, k: int, slack: float) -> tuple[Array, Array]:
+    """(the lowest value (...) of the condition of a phase in closed form, whether that violates it)."""
+    values = told.condition(told.t.cycle.phases[k].mode, told.along_closed(k))
+    lowest = values.min(axis=-1)
+    return lowest, ~(lowest + slack + NOISE * np.maximum(1.0, np.abs(values).max(axis=-1)) >= 0)
 
 
+@dataclass(frozen=True, eq=False)
 class _Inside:
-    """The conditions and features of all collocated phases, those of one mode together.
+    """The conditions and features of all collocated phases.
 
     Attributes
     ----------
-    unclear : (N,) as of a Verdict.
+    unclear : (..., N) as of a Verdict.
+    lowest, wrong : (..., N) the lowest value of the condition, and whether that violates it.
+    below : (..., N) whether that is below zero, by however little.
     """
 
-    def __init__(self, t: Transcription, w: Array, nodes: Array, p: Array) -> None:
-        self.unclear = np.zeros(t.intervals, dtype=bool)
-        self._t, self._lowest = t, np.zeros(t.intervals)
-        self._wrong = np.zeros(t.intervals, dtype=bool)
-        if not t.intervals:
-            return
-        ends = nodes[t.interval_elements + 1]
-        values, slack = np.zeros((t.intervals, t.degree + 1)), np.zeros(t.intervals)
-        conditioned = np.zeros(t.intervals, dtype=bool)
-        for mode, members in t.modes:
-            states = w[members]
-            if mode.feature is not None:
-                points = np.concatenate([states, ends[members][:, None]], axis=1)
-                self.unclear[members] = hides(mode.feature, points, p, largest=NOTHING_LEFT)
-            if mode.admissible is not None:
-                found = mode.admissible(states.reshape(-1, t.n).T, p, mode.sign)
-                values[members] = found.reshape(states.shape[:2])
-                slack[members], conditioned[members] = mode.slack, True
-        if conditioned.any():
-            self._conditions(values, slack, conditioned)
+    unclear: Array
+    lowest: Array
+    wrong: Array
+    below: Array
 
-    def _conditions(self, values: Array, slack: Array, conditioned: Array) -> None:
-        t = self._t
-        self.unclear |= conditioned & not_clear(t, values, slack)
-        dense = values @ dense_rule(t.degree, t.kind)[0]
-        self._lowest = dense.min(axis=1)
-        with_noise = self._lowest + slack + NOISE * np.maximum(1.0, largest_of_phase(t, dense))
-        below = conditioned & (with_noise < 0)
-        if below.any():
-            self._wrong = below & (with_noise < -RESOLUTION * np.abs(values @ t.scheme.last_mode))
-            self.unclear |= below
-
-    def of_phase(self, k: int) -> tuple[float, bool]:
+    def of_phase(self, t: Transcription, k: int) -> tuple[float, bool]:
         """(the lowest value of its condition in a phase, whether that violates it)."""
-        own = self._t.phase_intervals(k)
-        return float(self._lowest[own].min()), bool(self._wrong[own].any())
+        own = t.phase_intervals(k)
+        return float(self.lowest[own].min()), bool(self.wrong[own].any())
+
+
+def _inside(told: Conditions) -> _Inside:
+    """The conditions and features inside the intervals, those of one mode together."""
+    t, lead, shape = told.t, told.lead, (*told.lead, told.t.intervals)
+    found = _Inside(np.zeros(shape, dtype=bool), np.zeros(shape), *np.zeros((2, *shape), dtype=bool))
+    if not t.intervals:
+        return found
+    ends = told.nodes.take(t.interval_elements + 1, axis=-2)
+    values, slack = np.zeros((*shape, t.degree + 1)), np.zeros(t.intervals)
+    conditioned = np.zeros(t.intervals, dtype=bool)
+    for mode, members in t.modes:
+        states = told.w.take(members, axis=-3)
+        if mode.feature is not None:
+            points = np.concatenate([states, ends.take(members, axis=-2)[..., None, :]], axis=-2)
+            seen = told.feature(mode.feature, points.reshape(*lead, -1, t.n)).reshape(points.shape[:-1])
+            found.unclear[..., members] = _jumps(seen, NOTHING_LEFT)
+        if mode.admissible is not None:
+            values[..., members, :] = told.condition(mode, states.reshape(*lead, -1, t.n)).reshape(states.shape[:-1])
+            slack[members], conditioned[members] = mode.slack, True
+    return replace(found, **_conditioned(t, values, slack, conditioned, found)) if conditioned.any() else found
+
+
+def _conditioned(t: Transcription, values: Array, slack: Array, conditioned: Array, found: _Inside) -> dict[str, Array]:
+    """What the values (..., N, d + 1) of conditions with some slack (N,) say of the intervals that have one."""
+    dense = values @ dense_rule(t.degree, t.kind)[0]
+    lowest = dense.min(axis=-1)
+    with_noise = lowest + NOISE * np.maximum(1.0, largest_of_phase(t, dense))
+    beyond = conditioned & (with_noise + slack < 0)
+    wrong = beyond & (with_noise + slack < -RESOLUTION * np.abs(values @ t.scheme.last_mode))
+    unclear = found.unclear | conditioned & not_clear(t, values, slack) | beyond
+    return {"unclear": unclear, "lowest": lowest, "wrong": wrong, "below": conditioned & ~(with_noise >= 0)}
 
 
 def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST_JUMP) -> Array:
@@ -260,7 +300,12 @@ def hides(feature: Feature, points: Array, p: Array, *, largest: float = LARGEST
     largest: jump that is not taken for one. Returns (N,) bool.
     """
     values = np.asarray(feature(points.reshape(-1, points.shape[-1]).T, p), float).reshape(points.shape[:2])
-    return np.abs(values[:, 1:] - values[:, :-1]).max(axis=1) > largest
+    return _jumps(values, largest)
+
+
+def _jumps(values: Array, largest: float) -> Array:
+    """(..., N) whether successive ones of the values (..., N, m) differ by more."""
+    return np.asarray(np.abs(values[..., 1:] - values[..., :-1]).max(axis=-1) > largest)
 
 
 @lru_cache(maxsize=256)

@@ -5,8 +5,8 @@ the nodes of the coarse meshes the unknowns are eliminated along the parts j = 1
 
     dx_j = A_j dx_(j-1) + B_j dT + C_j dlambda + r_j    =    A^j dx_0 + B^j dT + C^j dlambda + r^j,
 
-and what is left of every member is a node system that was factorised symbolically when its coarse mesh was solved
-(parted_system.py has the same for one member in the terms of a transcription).
+and what is left of every member is a node system that was factorised symbolically when its coarse mesh was solved: a
+new mesh costs as much as a linearisation or two before anything is solved on it.
 
 Symbols: B members, n states, d stages, P phases; of all members together N intervals and E elements of the coarse
 meshes, M intervals and F elements of the fine ones, F + B nodes.
@@ -25,7 +25,6 @@ from .elimination import Eliminated, elimination
 from .joints import joint_map
 from .mesh import divided
 from .newton import DIVERGED, FORESEEN_STEP, LARGEST_MOVE, RESIDUAL_LIMIT, ROUNDED, STEP_TOLERANCE
-from .parted_system import PartedTranscription
 from .scheme import equal_parts
 from .transcription import Setting, Transcription
 
@@ -57,9 +56,7 @@ class Member:
 
     def place(self) -> tuple[Transcription, Array, Setting]:
         """The same solution on the mesh of the parts, not solved again."""
-        t, u, fractions = divided(
-            self.t, self.u, self.setting.fractions, self.parts, PartedTranscription(self.t, self.parts)
-        )
+        t, u, fractions = divided(self.t, self.u, self.setting.fractions, self.parts)
         return t, u, replace(self.setting, fractions=fractions)
 
 

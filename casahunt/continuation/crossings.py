@@ -331,7 +331,8 @@ class Crossings(Generic[AnyOrbit]):
         a, b = (monitor.value(station.orbit, station.point) for station in (before, after))
         way = abs(before.orbit.problem.distance(self._vary, parameter_value(after.orbit, self._vary)))
         left = abs(monitor.value(orbit, curve_point(orbit, self._vary)))
-        return max(orbit.error_estimate, float((left + orbit.multipliers.leading_error) * way / abs(b - a)))
+        off = (left + orbit.multipliers.leading_error) / abs(b - a)
+        return max(orbit.error_estimate, way * float(min(off, 1.0)))  # it lies between the two, however little is known
 
     def _turned(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
         """The fold, or the branch points, up to y."""

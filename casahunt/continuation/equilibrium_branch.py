@@ -25,7 +25,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from ..checks import given_once, known, number, of_kind, require, to_error
+from ..checks import given_once, known, of_kind, require, to_and_back, to_error
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..hybrid.language import System
@@ -234,10 +234,8 @@ def equilibria(
     p, x = system.values(parameters), system.state(given_once(start, states), parameters)
     name = system.mode(mode).name if mode is not None else system.modes[0].name
     curve = Curve(system, name, p, known("parameter", vary, system.names.parameters))
-    here, to = float(p[curve.i]), number("to", to)
-    back = here if back is None else number("back", back)
-    if to == here or (to - here) * (back - here) > 0:
-        raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
+    here = float(p[curve.i])
+    to, back = to_and_back(vary, here, to, back)
     longest, bounds = require("largest_step", largest_step, above=0.0), (min(to, back), max(to, back))
     steps = _Steps(curve, name, vary, bounds, longest, [_first(curve, x, float(np.sign(to - here)))])
     ended = steps.run(max_points)

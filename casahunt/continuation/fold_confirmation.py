@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..collocation.ensemble_judge import admissible_many
+from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import functional_errors, left_on_halved, on_halves
 from ..collocation.transcription import Setting, Transcription
 from ..orbits.amplitude import amplitudes_off, goals_of_many, row_sums

@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..collocation.ensemble_judge import admissible_many
+from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import transfer
 from ..collocation.newton import Solution as Root

@@ -23,8 +23,8 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from .. import effort
-from ..checks import known, number, of_kind
-from ..errors import InputError, NoOrbit, Status
+from ..checks import known, of_kind, to_and_back
+from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
@@ -127,10 +127,8 @@ def follow(
     """
     of_kind("orbit", orbit, Orbit)
     known("parameter", vary, orbit.problem.names)
-    here, to = orbit.problem.value(vary), number("to", to)
-    back = here if back is None else number("back", back)
-    if to == here or (to - here) * (back - here) > 0:
-        raise InputError(f"{vary} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
+    here = orbit.problem.value(vary)
+    to, back = to_and_back(vary, here, to, back)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit, previous = _in_scheme(orbit, options), None if previous is None else _in_scheme(previous, options)
     orbit = as_whole_as_needed(orbit, (vary,), (to,), options)

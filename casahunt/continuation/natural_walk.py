@@ -6,15 +6,14 @@ far it is, and no step goes further than most of the way.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator
 
 import numpy as np
 
 from ..orbits.adapt import Options
-from ..orbits.orbit import AnyOrbit, orbit_of
-from .curve import Point, curve_point, parameter_value, predict, secant
-from .walk import EASY_ITERATIONS, FIRST_STEP, corrected, varied
+from ..orbits.orbit import AnyOrbit
+from .curve import Point, curve_point, parameter_value, secant
+from .walk import EASY_ITERATIONS, FIRST_STEP, step_along, varied
 
 NATURAL_SMALLEST_STEP = 1e-5  # relative change of the parameter at which a natural run gives up
 MOST_OF_THE_WAY = 0.8  # part of the way to a fold ahead that one natural step may take
@@ -90,16 +89,12 @@ def walk_naturally(
 
 
 def _natural_step(point: Point, last: AnyOrbit, vary: str, value: float, options: Options) -> AnyOrbit | str:
-    began = time.perf_counter()
-    here = parameter_value(last, vary)
-    target = last.problem.distance(vary, value)
-    ds = target / point.row[-1]
-    u, _, setting = predict(point, ds)
-    solved = corrected((point.t, u, setting), target, last.problem, options, ds=ds, border=None)
-    if not solved.status.ok or solved.estimate is None:
-        return solved.complaint()
-    orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
-    after = curve_point(orbit, vary, like=secant(last, orbit, vary))
-    if after.row[-1] * (value - here) <= 0:
+    """The orbit at a value: a step along the curve that lands there, on this side of a fold; or what went wrong."""
+    ds = last.problem.distance(vary, value) / float(point.row[-1])
+    outcome = step_along(point, last, vary, ds, value, value, options)
+    if isinstance(outcome, str):
+        return outcome
+    after = curve_point(outcome[0], vary, like=secant(last, outcome[0], vary))
+    if after.row[-1] * (value - parameter_value(last, vary)) <= 0:
         return "the solver converged to the other side of the fold"
-    return orbit
+    return outcome[0]

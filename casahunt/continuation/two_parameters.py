@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import error_text, known, number, require
+from ..checks import error_text, known, require, to_and_back
 from ..collocation.joints import event_rate
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
@@ -32,6 +32,7 @@ from .sheet import DIFFERENCE, Axis, Sheet, finer, sheet_of
 from .special_charts import SpecialChart, SpecialOrbit, Task, special_chart
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
 from .touching import touch_at
+from .walk import run
 from .whole import keeps_symmetry
 
 Array = np.ndarray
@@ -180,7 +181,7 @@ def special_curve(
     if isinstance(chart, str):
         sentence = f"the curve of the {special.meaning or special.kind} was not begun: {chart}"
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
-    found, reason = _collected(special_orbits(chart, sense=1.0, most=max_points))
+    found, reason = run(special_orbits(chart, sense=1.0, most=max_points))
     return _curve(task.monitor.kind, (vary, other), found, reason, began)
 
 
@@ -270,10 +271,8 @@ def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) ->
         known("parameter", name, orbit.problem.names)
     if vary == other:
         raise InputError(f"{vary}: the two parameters must differ")
-    here, to = parameter_value(orbit, other), number("to", to)
-    back = here if back is None else number("back", back)
-    if to == here or (to - here) * (back - here) > 0:
-        raise InputError(f"{other} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")
+    here = parameter_value(orbit, other)
+    to, back = to_and_back(other, here, to, back)
     axis = Axis(other, back, to)
     return axis, axis.place(here)
 
@@ -321,13 +320,3 @@ def _leaves_its_cut(orbit: Orbit) -> str:
             plane = f"the plane that cuts it, {phase.end.name}"
             return f"beyond, the cycle does not reach {plane}; begin with a cycle there"
     return ""
-
-
-def _collected(specials: Generator[SpecialOrbit, None, str]) -> tuple[list[SpecialOrbit], str]:
-    """All of them, and the sentence with which they ended."""
-    found: list[SpecialOrbit] = []
-    while True:
-        try:
-            found.append(next(specials))
-        except StopIteration as end:
-            return found, end.value

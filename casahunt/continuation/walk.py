@@ -18,6 +18,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -297,13 +298,13 @@ def corrected(
     return solved
 
 
-def run(generator: Generator[AnyOrbit, None, str]) -> tuple[list[AnyOrbit], str]:
-    """All orbits of a walk and the sentence with which it ended."""
-    orbits: list[AnyOrbit] = []
+def run(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
+    """All that a walk leads to, and the sentence with which it ended."""
+    found: list[Any] = []
     while True:
         try:
-            orbits.append(next(generator))
+            found.append(next(generator))
         except StopIteration as end:
-            return orbits, str(end.value or "")
+            return found, str(end.value or "")
         except NoOrbit as error:
-            return orbits, str(error)
+            return found, str(error)

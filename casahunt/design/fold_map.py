@@ -17,7 +17,7 @@ Units: K in V/rad.  Symbols: m, n values of the first and the second parameter, 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -176,22 +176,13 @@ def fold_map(
     options = options or Options()
     start = fold or find_fold(servo, model, options=options)
     gains = np.full((values[0].size, values[1].size), np.nan)
-    failures: dict[tuple[int, int], str] = {}
-    places = []
-    for i, j in np.ndindex(gains.shape):
-        if _is_servo(servo, {names[0]: float(values[0][i]), names[1]: float(values[1][j])}):
-            places.append((i, j))
-        else:
-            failures[i, j] = NO_SERVO
-    q = np.array([(values[0][i], values[1][j]) for i, j in places]).reshape(-1, 2)
+    places = [place for place in np.ndindex(gains.shape) if _is_servo(servo, names, _pair(values, place))]
+    failures = dict.fromkeys(sorted(set(np.ndindex(gains.shape)) - set(places)), NO_SERVO)
+    q = np.array([_pair(values, place) for place in places]).reshape(-1, 2)
     spreading = _Spreading(servo, model, names, options, q, np.array([np.ptp(axis) for axis in values]))
-    spreading.begin(start)
-    while True:
+    for left in spreading.over(start):
         if report is not None:
-            report(gains.size - int(spreading.left.sum()))
-        if not spreading.left.any():
-            break
-        spreading.go_on()
+            report(gains.size - left)
     for place, gain, sentence in zip(places, spreading.gains.tolist(), spreading.sentences, strict=True):
         gains[place] = gain
         if sentence:
@@ -227,17 +218,21 @@ class _Spreading:
         self.bases: dict[int, Expansion] = {}  # those that others were predicted from, by place
         self.found: dict[int, Expansion] = {}  # from which each was predicted that is found; or that fold itself
 
-    def begin(self, start: HuntingFold) -> None:
-        """Compute the folds around the servo's own."""
-        own = known_fold(self.servo, self.names, start, self.options.tol)
-        if own is not None:
-            self._reach(own, np.zeros(2))
-
-    def go_on(self) -> None:
-        """Compute some of the folds that are left: those around a known one, or one alone.
+    def over(self, start: HuntingFold) -> Generator[int]:
+        """Compute all folds, from the servo's own outwards; how many are left, again and again.
 
         Gains are 0 where a proof shows that no gain hunts, nan with a sentence where the fold was not computed.
         """
+        own = known_fold(self.servo, self.names, start, self.options.tol)
+        if own is not None:
+            self._reach(own, np.zeros(2))
+        yield int(self.left.sum())
+        while self.left.any():
+            self._go_on()
+            yield int(self.left.sum())
+
+    def _go_on(self) -> None:
+        """Compute some of the folds that are left: those around a known one, or one alone."""
         i = int(min(np.flatnonzero(self.left), key=lambda i: float(np.linalg.norm(self.where[i]))))
         at = min(self.found, key=lambda j: float(np.linalg.norm(self.where[j] - self.where[i])), default=None)
         near = None if at is None else self.bases.get(at)
@@ -294,15 +289,20 @@ def _checked(servo: Servo, names: tuple[str, str], values: tuple[Array, Array]) 
         if axis.ndim != 1 or not SIDES[0] <= axis.size <= SIDES[1] or not np.all(np.diff(axis) > 0):
             raise InputError(f"{name}: must be {SIDES[0]} to {SIDES[1]} increasing values")
         axes.append(axis)
-    for q in (axes[0][0], axes[0][-1]):
-        if not any(_is_servo(servo, {names[0]: float(q), names[1]: float(r)}) for r in (axes[1][0], axes[1][-1])):
-            servo.replace(**{names[0]: float(q)})  # says what is wrong with it, where that is the value alone
+    for q in (0, -1):
+        if not any(_is_servo(servo, names, _pair((axes[0], axes[1]), (q, r))) for r in (0, -1)):
+            servo.replace(**{names[0]: float(axes[0][q])})  # says what is wrong with it, where that is the value alone
     return axes[0], axes[1]
 
 
-def _is_servo(servo: Servo, changed: dict[str, float]) -> bool:
+def _pair(values: tuple[Array, Array], place: tuple[int, ...]) -> tuple[float, float]:
+    """The two values at a place of the grid."""
+    return float(values[0][place[0]]), float(values[1][place[1]])
+
+
+def _is_servo(servo: Servo, names: tuple[str, str], pair: tuple[float, float]) -> bool:
     try:
-        servo.replace(**changed)
+        servo.replace(**dict(zip(names, pair, strict=True)))
     except InputError:
         return False
     return True

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ..checks import known as one_of
-from ..collocation.ensemble_judge import admissible_many
+from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import functional_errors
 from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Setting, Transcription, settings_of

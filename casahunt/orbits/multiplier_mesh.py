@@ -22,7 +22,6 @@ import numpy as np
 from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import divided
 from ..collocation.newton import Solver
-from ..collocation.parted_system import PartedTranscription
 from ..collocation.side_by_side import Corrected, Member, corrected
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
@@ -206,27 +205,25 @@ def _parts(solved: _Solved) -> Array:
     return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_CUTS).astype(int)
 
 
-def _cut(place: Place, parts: Array, *, whole: bool = False) -> Place:
-    """The same orbit with every interval cut in some parts, not solved again; `whole`: with its own system."""
+def _cut(place: Place, parts: Array) -> Place:
+    """The same orbit with every interval cut in some parts, not solved again."""
     t, u, setting = place
-    t, u, fractions = divided(t, u, setting.fractions, parts, None if whole else PartedTranscription(t, parts))
+    t, u, fractions = divided(t, u, setting.fractions, parts)
     return t, u, replace(setting, fractions=fractions)
 
 
 def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -> _Solved | None:
     """The orbit with every interval cut in some parts, solved anew; None where the solver fails.
 
-    Where an interval expands so much that products along its parts drown what is small, by a node system of its own.
+    By a node system of its own: where an interval expands much, products along its parts drown what is small.
     """
-    for whole in (False, True):
-        t, u, setting = _cut(place, parts, whole=whole)
-        solution = solve(
-            t, u, setting, solver=solver, border=None if weights is None else _border(t, weights), accuracy=NO_STEP
-        )
-        if solution.status.ok:
-            u, setting = solution.u, setting.moved(solution.parameter)
-            return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
-    return None
+    t, u, setting = _cut(place, parts)
+    row = None if weights is None else _border(t, weights)
+    solution = solve(t, u, setting, solver=solver, border=row, accuracy=NO_STEP)
+    if not solution.status.ok:
+        return None
+    u, setting = solution.u, setting.moved(solution.parameter)
+    return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
 
 
 def _fold_border(t: Transcription, lin: Linearisation) -> Array | None:

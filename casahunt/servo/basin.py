@@ -23,6 +23,7 @@ digits are those of the orbit's error estimate.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -91,6 +92,7 @@ class Basin(Result):
     outer_position : stick position of the outer cycle [rad]; nan where there is none.
     error_estimate : relative, of the unstable cycle's amplitude and period.
     inside, outside : the motions from both sides.
+    offset : relative distance from the border at which they start, at most.
 
     Examples
     --------
@@ -105,9 +107,8 @@ class Basin(Result):
         "outer_position [rad]", "confirmed",
     )  # fmt: skip
     _details = (
-        "unstable_amplitude = unstable.amplitude [rad]", "outer_amplitude = outer.amplitude [rad]",
-        "outer_half_multiplier = outer.half_multiplier", "outer_stable = outer.stable", "unstable", "outer",
-        "why_no_outer", "inside", "outside",
+        "unstable_amplitude = unstable.amplitude [rad]", "outer_amplitude = outer.amplitude [rad]", "unstable", "outer",
+        "why_no_outer", "inside", "outside", "offset",
     )  # fmt: skip
 
     unstable: HuntingOrbit
@@ -118,6 +119,11 @@ class Basin(Result):
     error_estimate: float
     inside: Trial
     outside: Trial
+    offset: float
+
+    def _more(self) -> dict[str, Any]:
+        multiplier, stable = (self.outer.half_multiplier, self.outer.stable) if self.outer else (None, None)
+        return {"outer_half_multiplier": multiplier, "outer_stable": stable}
 
     def _columns(self) -> Columns:
         error = self.border * self.error_estimate
@@ -186,7 +192,7 @@ def basin(
         )
         for factor in (1 - offset, 1 + beyond)
     )  # fmt: skip
-    return Basin(unstable, outer, why, border, hunting, unstable.error_estimate, inside, outside)
+    return Basin(unstable, outer, why, border, hunting, unstable.error_estimate, inside, outside, offset)
 
 
 def stick_position(orbit: HuntingOrbit) -> float:

@@ -17,6 +17,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 from ..checks import known, of_kind, to_error
@@ -283,7 +284,7 @@ def _deny_proved(servo: Servo, model: Model, gain: float, also: str) -> None:
 def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Options) -> HuntingOrbit:
     """The cycle at `gain` on one side of the fold above it."""
     last, ended = _followed_down(fold, gain, branch, options)
-    if last.gain == gain and unstable(last) == (branch == "unstable"):
+    if last.gain == gain and _on_the_side(last, branch):
         return last
     how = f"to this gain, where the cycle has the half multiplier {last.half_multiplier:.4g}"
     raise NoOrbit(
@@ -304,19 +305,29 @@ def _followed_down(
     row = curve_point(fold.orbit, "gain").row
     for heading in (row, -row):
         steps = walk(fold.orbit, low=gain, high=2 * fold.gain, heading=heading, first_step=DOWNWARDS, options=options)
-        before, last = fold.orbit, next(steps, None)
-        if last is None or unstable(last) != (branch == "unstable"):
+        last = next(steps, None)
+        if last is None or not _on_the_side(last, branch):
             continue
-        while last.gain < before.gain:
-            if _vanished(last):
-                return last, "there the amplitude of the unstable one shrinks to nothing"
+        trail = [fold.orbit, last]
+        while trail[-1].gain < trail[-2].gain:
+            if _vanished(trail[-1]):
+                return trail[-1], "there the amplitude of the unstable one shrinks to nothing"
             try:
-                before, last = last, next(steps)
+                trail.append(next(steps))
             except StopIteration as end:
-                return last, str(end.value)
-        _deny_below(before, last, fold, gain, branch, options)
-        return before, "there they turn back to larger gains"
+                return trail[-1], str(end.value)
+        _deny_below(trail[-3:], fold, gain, branch, options)
+        return trail[-2], "there they turn back to larger gains"
     return fold.orbit, "no step away from the fold converged"
+
+
+def _on_the_side(orbit: HuntingOrbit, branch: BranchName) -> bool:
+    """Whether a cycle is on that side of the fold.
+
+    By its multipliers: at a glance (`unstable`) the size and even the sign of one of -1e6 may be lost, and next to the
+    folds that are left for this way there are such.
+    """
+    return (orbit.multipliers.leading.real > 1) == (branch == "unstable")
 
 
 def _vanished(orbit: HuntingOrbit) -> bool:
@@ -326,11 +337,18 @@ def _vanished(orbit: HuntingOrbit) -> bool:
 
 
 def _deny_below(
-    before: HuntingOrbit, after: HuntingOrbit, fold: HuntingFold, gain: float, branch: BranchName, options: Options
+    around: list[HuntingOrbit], fold: HuntingFold, gain: float, branch: BranchName, options: Options
 ) -> None:
-    """NoOrbit where the lower fold between two orbits of a walk is located above `gain`."""
-    lowest = locate(before, after, FOLD, vary="gain", options=options)
-    if lowest is None:
+    """NoOrbit where the lower fold, on one of the two sides of the smallest gain met, is located above `gain`.
+
+    A fold above a gain at which a cycle was met is not where they end.
+    """
+    smallest = min(orbit.gain for orbit in around) * (1 + options.tol)
+    for before, after in reversed(list(pairwise(around))):
+        lowest = locate(before, after, FOLD, vary="gain", options=options)
+        if lowest is not None and lowest.gain <= smallest:
+            break
+    else:
         return
     try:
         lower = confirmed_smallest(SpecialPoint(FOLD.kind, lowest, ""), "gain", options)

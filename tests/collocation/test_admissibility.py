@@ -12,12 +12,12 @@ from layout import cycle_of, laid_out, still
 from casahunt.collocation.admissibility import (
     RESOLUTION,
     Verdict,
+    admissible_many,
     hides,
     judge,
     judged_on_halves,
     unclear_on_halves,
 )
-from casahunt.collocation.ensemble_judge import admissible_many
 from casahunt.collocation.transcription import Setting, settings_of
 from casahunt.hybrid.system import Event, Exit, Mode
 

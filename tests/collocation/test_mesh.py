@@ -12,7 +12,6 @@ from test_convergence import P_KEPLER, circle_guess
 from casahunt.collocation import error_estimate, mesh, remesh
 from casahunt.collocation.ipopt import ipopt
 from casahunt.collocation.newton import newton
-from casahunt.collocation.parted_system import PartedTranscription
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.hybrid.system import Mode
 from problems import stuart_landau as sl
@@ -62,26 +61,6 @@ def test_a_polynomial_is_the_same_on_every_mesh(how):
     np.testing.assert_array_equal(other.nodes_of(v)[ends], t.nodes_of(u)[old_ends])
     for a, b in zip(mesh.phase_breaks(other, lengths), fresh, strict=True):
         np.testing.assert_allclose(a, b, atol=ROUNDING)
-
-
-def test_a_mesh_of_parts_is_solved_on_the_mesh_that_it_refines():
-    """Steps and tangents are those of its own node system, solved as a whole, under any border row."""
-    t, u, fractions, _, _ = three_phases()
-    parts, random = np.array([3, 1, 2, 4, 1]), np.random.default_rng(1)
-    fine, v, lengths = mesh.divided(t, u, fractions, parts)
-    other = PartedTranscription(t, parts)
-    setting = Setting(lengths, np.ones(1), np.ones(2), np.ones(1))
-    v += 1e-3 * random.standard_normal(v.size)
-    whole = replace(fine.linearise(v, setting), maps=random.standard_normal((fine.elements, 2, 5)))
-    parted = replace(whole, transcription=other)
-    rows = [
-        fine.system.border(parameter=1.0),
-        fine.system.border(nodes=random.standard_normal((4, 2)), durations=random.standard_normal(3), parameter=0.3),
-    ]
-    assert other == fine
-    for row in rows:
-        np.testing.assert_allclose(parted.step(row, 0.7)[0], whole.step(row, 0.7)[0], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(parted.tangent(row)[0], whole.tangent(row)[0], rtol=1e-9, atol=1e-9)
 
 
 def test_states_between_the_nodes():

@@ -13,11 +13,13 @@ import pytest
 from casahunt import effort
 from casahunt.continuation import Branch, End, SpecialPoint, follow, largest, special_curve
 from casahunt.continuation.closed import unseen_turns
+from casahunt.continuation.special_points import Monitor
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import ball, belt
 from casahunt.hybrid.roots import hides_a_pair
 from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.floquet import Multipliers
 
 RELAY = System(
     "relay", ("x",), {"level": 0.5},
@@ -65,6 +67,15 @@ def test_what_was_passed_before_the_time_was_up_is_told():
     branch = follow(orbit, "a", to=0.05, progress=no_longer)
     assert [special.kind for special in branch.special] == ["flip"] and branch.end.kind == "time"
     assert not branch.orbits[-1].stable
+
+
+def test_a_point_lies_in_its_step_however_little_is_known_of_its_multipliers(stick_slip, monkeypatch):
+    monkeypatch.setattr(Multipliers, "leading_error", math.inf)
+    monitor = Monitor(
+        "mark", lambda orbit, point: orbit.problem.value("belt") - 0.21, "at {value:.10g}", by_multipliers=True
+    )
+    (special,) = follow(stick_slip, "belt", to=0.23, monitors=(monitor,)).special
+    assert float(special.meaning.removeprefix("at ")) == pytest.approx(0.21, abs=0.03)
 
 
 def test_a_step_below_the_smallest_one_is_not_tried(stick_slip, monkeypatch):

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import pairwise
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
+from casahunt.collocation.linearisation import Linearisation
+from casahunt.continuation.walk import walk
+from casahunt.servo import find_orbit as searching
 from casahunt.servo.basin import basin, follow
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import scan
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle
+from scripts.random_servos import draw
 
 FOLD = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lugre")}
 
@@ -264,3 +271,38 @@ def test_both_sides_of_a_fold_that_no_double_can_resolve():
         assert sign * found.half_multiplier > 1e80
         assert found.amplitude == pytest.approx(other.amplitude, rel=2e-8)
         assert found.period == pytest.approx(other.period, rel=2e-8)
+
+
+def test_the_side_of_a_fold_is_told_by_the_multipliers(monkeypatch, orbit):
+    """Of a random LuGre servo with the half multiplier -8.2e5 a glance gave +8.5e5, on one processor."""
+    fold = find_fold(Servo(), "switch")
+    monkeypatch.setattr(Linearisation, "return_map_eigenvalues", lambda *_: np.array([8.5e5, 0.0]))
+    found = searching._down_from(fold, 0.6, "stable", Options())
+    monkeypatch.undo()
+    assert found.amplitude == pytest.approx(orbit("switch", 0.6).amplitude, rel=1e-5)
+
+
+SECOND_FOLD = Servo().replace(**draw(11, 0))
+"""Its stable cycles end in a second fold, at a twentieth of the gain of the first."""
+
+
+def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
+    """A step may lead past the fold and yet lower: the gain rises only with the next one, and the fold lies before."""
+    fold = find_fold(SECOND_FOLD, "switch")
+    gain = 0.05 * fold.gain
+    with pytest.raises(NoOrbit, match="turn back at .* in a second fold"):
+        searching._down_from(fold, gain, "stable", Options())
+    met: list = []
+    monkeypatch.setattr(searching, "_deny_below", lambda around, *_: met.extend(around))
+    searching._followed_down(fold, gain, "stable", Options())
+    monkeypatch.undo()
+    near, past = next(pair for pair in pairwise(met) if pair[0].half_multiplier < 1 < pair[1].half_multiplier)
+    farther = next(walk(past, low=gain, high=fold.gain, options=Options(), first_step=0.01, largest_step=0.01))
+    assert farther.gain > past.gain and farther.half_multiplier > 1
+    with pytest.raises(NoOrbit, match="turn back at .* in a second fold") as refused:
+        searching._deny_below([near, past, farther], fold, gain, "stable", Options())
+    assert refused.value.status is None
+    # Where a cycle was met at a smaller gain, that fold is not the end of them.
+    lowest = searching.locate(near, past, searching.FOLD, vary="gain", options=Options())
+    monkeypatch.setattr(searching, "locate", lambda *_, **__: lowest)
+    searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())

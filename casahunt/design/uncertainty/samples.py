@@ -52,7 +52,7 @@ class Samples(Result):
     (8, ['min', '5%', '25%'])
     """
 
-    _quantities = ("names", "samples = gains.size", "quantiles")
+    _quantities = ("names", "n = gains.size", "quantiles")
     _details = ("failures",)
 
     names: tuple[str, ...]

@@ -8,6 +8,7 @@ It misleads from an error of 2 % on, where a sample cannot hunt at all, or where
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,10 @@ class Summary(Result):
     relative_error: dict[str, float]
     misleading: str
     range_name: str
+
+    def _more(self) -> dict[str, Any]:
+        low, high = self.linear
+        return {"linear": {"low": low, "high": high, "std": self.std}}
 
 
 def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:

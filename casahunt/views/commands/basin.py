@@ -31,8 +31,7 @@ def run(options: argparse.Namespace) -> int:
     model, gain, how = model_of(options), gain_of(options), how_of(options)
     offset = finite("offset", options.offset)
     found = basin(servo_of(options), model, gain, options=how, offset=offset)
-    record = {**found.to_dict(table=False), "offset": offset}
-    give(options, record, _lines(found, how.tol), table=tables_of([found]))
+    give(options, found, _lines(found, how.tol), table=tables_of([found]))
     if not found.confirmed:
         complain(
             "casahunt basin",

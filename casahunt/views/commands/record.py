@@ -1,15 +1,15 @@
 """casahunt record: amplitude and frequency of a measured hunting record, beside the predicted cycle.
 
-Keys of the JSON object: file; columns, for time and position the column read, its unit, the factor to s or rad, and who
-stated the unit ("header", "option", "nobody": taken as s or rad); kind ("hunting", "decaying", "growing", "irregular",
-"still"), reason (null for "hunting"), periods (number of whole ones); amplitude, frequency, period [rad, Hz, s], each
-with _scatter (standard deviation over the periods) and _error (estimate of the error of the mean); mean_level [rad],
-offset [rad] from the set point, drift [rad/s], noise [rad], quantum [rad] (step of rounded positions, 0 if they are
-not), above (part of a period above the level), null where there is nothing to average; left_out_before,
-left_out_behind and missing [s], the time at either end and in between that is in no whole period; amplitudes [rad] and
-period_lengths [s], one by one; predicted, null or an object with model, gain, amplitude, period, frequency,
-error_estimate and the ratios amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or
-why there is none; wall_s.
+Keys of the JSON object, the `to_dict` of the measurement and what was found besides: file; columns, for time and
+position the column read, its unit, the factor to s or rad, and who stated the unit ("header", "option", "nobody": taken
+as s or rad); kind ("hunting", "decaying", "growing", "irregular", "still"), reason (null for "hunting"), periods
+(number of whole ones); amplitude, frequency, period [rad, Hz, s], each with _scatter (standard deviation over the
+periods) and _error (estimate of the error of the mean); mean_level [rad], offset [rad] from the set point, drift
+[rad/s], noise [rad], quantum [rad] (step of rounded positions, 0 if they are not), above (part of a period above the
+level), null where there is nothing to average; left_out_before, left_out_behind and missing [s], the time at either end
+and in between that is in no whole period; amplitudes [rad] and period_lengths [s], one by one; predicted, null or the
+`to_dict` of the cycle with its frequency and the ratios amplitude_ratio and frequency_ratio, measured over predicted;
+prediction_failed, null or why there is none; wall_s.
 """
 
 from __future__ import annotations

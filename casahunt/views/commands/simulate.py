@@ -1,17 +1,16 @@
 """casahunt simulate: the motion of the closed loop from an initial state.
 
-Keys of the JSON object: model, gain, set_point, time (reached), regularised, tol; verdict ("hunting", "decaying",
-"growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null without whole periods), swings (their
-number); judged: swings [rad], since [s], ratios of each to the one before, limit (the cycle's swing, also
-of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or null), floor [rad] below
-which nothing is judged, map_motions (beyond the motion itself);
-position, velocity, integral and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the
-cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and
-start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
-velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why;
-events, a list of [time, name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error,
-state_errors (null where unknown);
-status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
+Keys of the JSON object, the `to_dict` of the motion and what was found besides: model, gain, set_point, time (reached),
+regularised, tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude [rad] and period
+[s] (null without whole periods), swings (their number); judged: swings [rad], since [s], ratios of each to the one
+before, limit (the cycle's swing, also of one that an undecided motion is on its way to; 0 for rest, else null) [rad],
+multiplier (or null), floor [rad] below which nothing is judged, map_motions (beyond the motion itself); position,
+velocity, integral and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the cycle at the
+same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and start, from
+which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself, velocity and
+bristle (null where none hunts); null without such a cycle, of which other_end_reason says why; events, a list of [time,
+name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where
+unknown); status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """casahunt tune: gain and controller times of least cost that do not hunt, verified; with an evidence page.
 
-Keys of the JSON object (units: rad, s, V, N m; null where there is no number):
+Keys of the JSON object, the `to_dict` of the tuning and what was found besides (units: rad, s, V, N m; null where there
+is no number):
 model; gain, lead_time, integral_time (kp, ki, kd of a controller by gains): the answer; cost (its name),
 cost_meaning, cost_value, cost_unit, cost_gain_only
 (with the times as given; null where nothing was freed or where that cannot be met);

@@ -111,12 +111,11 @@ def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary
     complete = not samples.failures and not worst.failures
     status = Status.CONVERGED if complete else Status.NOT_CONVERGED
     return {
+        **seen.to_dict(table=False),
         "model": fold.orbit.model,
         "gain": fold.gain,
-        "linear": {"low": seen.linear[0], "high": seen.linear[1], "std": seen.std},
-        "worst": {"gain": worst.gain, "corner": worst.corner},
-        "samples": {"n": len(samples.gains), "failures": len(samples.failures), "quantiles": seen.quantiles},
-        "misleading": seen.misleading,
+        "worst": worst,
+        "samples": {**samples.to_dict(table=False), "failures": len(samples.failures)},
         "status": status.name.lower(),
         "wall_s": wall_s,
     }
