@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .servo.find_orbit import find_orbit
     from .servo.friction import Friction
     from .servo.linear_loop import LinearLoop, linear_loop
+    from .servo.lopsided import with_lopsided
     from .servo.other_end import OtherEnd, other_end
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
@@ -106,6 +107,7 @@ _HOMES = {
     "servo.find_orbit": ("find_orbit",),
     "servo.friction": ("Friction",),
     "servo.linear_loop": ("LinearLoop", "linear_loop"),
+    "servo.lopsided": ("with_lopsided",),
     "servo.problem": ("Fold", "Orbit"),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
     "servo.servo": ("Servo", "load"),
@@ -216,4 +218,5 @@ __all__ = [
     "walk",
     "walk_naturally",
     "worst_corner",
+    "with_lopsided",
 ]

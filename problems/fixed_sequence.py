@@ -6,6 +6,7 @@ Only what the engine must know of any problem (hybrid/problem.py), without a sea
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class FixedSequence(Problem):
     followed : the principal parameter.
     scheme, largest_step : as in `Problem`.
     """
+
+    system: ClassVar[None] = None  # type: ignore[misc]
 
     posed: Cycle
     values: tuple[float, ...]

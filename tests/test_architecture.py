@@ -286,3 +286,13 @@ def test_scripts_take_nothing_from_tests():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
             assert not any(name.split(".")[0] == "tests" for name in names), path
+
+
+def test_no_class_of_problems_is_asked_for():
+    """What the engine must know of a problem it asks the contract (hybrid/problem.py), whoever poses it."""
+    classes = {"Problem", "Cycles", "Family", "Hunting", "Loose"}
+    for module in MODULES:
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance":
+                asked = {part.id for part in ast.walk(node.args[1]) if isinstance(part, ast.Name)}
+                assert not asked & classes, f"{module}, line {node.lineno}"

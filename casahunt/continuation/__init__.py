@@ -11,9 +11,9 @@ vanishing.py        where a phase shrinks to nothing
 special_points.py   folds, symmetry breaking, superstable and grazing cycles: what they are
 cut_elsewhere.py    another plane for a cycle that meets events, too
 touching.py         cycles that touch an event
-phase_change.py     where between two orbits the phases change
 turned.py           the orbit where a branch turns: the extended system of a fold (collocation/turn.py)
 locating.py         the orbit between two at which a monitor vanishes
+phase_change.py     where between two orbits the phases change
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
 reunion.py          where a branch meets its own image

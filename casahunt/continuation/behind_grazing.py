@@ -20,12 +20,11 @@ import numpy as np
 
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.cycle_search import find_cycle
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict
 from .special_points import GRAZING, SpecialPoint, special_point
-from .touching import NEAR_TOUCH, Touch, touching_at, value_of
+from .touching import NEAR_TOUCH, Touch, cycle_near, touching_at, value_of
 from .vanishing import solved_at
 from .walk import corrected
 
@@ -75,9 +74,7 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
     without = None if fewer is None else solved_at(last.problem, fewer[1], options)
     if without is not None and without.signature != last.signature and _alike(last, without):
         return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
-    distance, mode, event = np.inf, "", ""
-    if isinstance(last.problem, Family):
-        distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
+    distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
     if distance > NEAR_TOUCH:
         if failure.status is not Status.INADMISSIBLE:
             return Behind(None, None)
@@ -96,7 +93,7 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
 
 def _with_one_more(orbit: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle next to one that touches an event which meets it, slowly; None where none was found."""
-    family = cast(Family, orbit.problem)
+    family = cast(Cycles, orbit.problem)
     start = family.with_touch(place.phase, place.event, *unknowns_of(orbit))
     if start is None:
         return None
@@ -120,7 +117,7 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
     Returns both; as they are where that is not known.
     """
     family = orbit.problem
-    if not isinstance(family, Family) or previous is not None and previous.signature != orbit.signature:
+    if previous is not None and previous.signature != orbit.signature:
         return orbit, previous
     first = family.strongest(*unknowns_of(orbit))
     turned = []
@@ -136,18 +133,13 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
 def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
     family = last.problem
-    if not isinstance(family, Family):
+    if family.system is None:
         return None
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
     for side in (1.0, -1.0):
-        value = family.moved(vary, side * BESIDE_GRAZING)
-        start = family.system.names.numbers(arc.states[len(arc.states) // 2, 0], family.vector())
-        parameters = dict(zip(family.names, family.values, strict=True)) | {vary: value}
+        beside = cast(Cycles, family.with_value(vary, family.moved(vary, side * BESIDE_GRAZING)))
         with suppress(NoOrbit):
-            other = find_cycle(
-                family.system, arc.mode, parameters=parameters, follow=family.followed, measure=family.measured,
-                options=options, start=start,
-            )  # fmt: skip
+            other = cycle_near(beside, arc.mode, arc.states[len(arc.states) // 2, 0], options)
             if other.signature != last.signature and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None
@@ -157,7 +149,7 @@ def _alike(one: Orbit, other: Orbit) -> bool:
     """Whether the ranges of all states and the periods are nearly the same."""
     if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
         return False
-    states = len(one.problem.system.states) if isinstance(one.problem, Family) else one.scale.size
+    states = len(one.problem.vocabulary(one.cycle.states).states)
     x, y = one.sample()[1][:states], other.sample()[1][:states]
     size = np.ptp(x, axis=1)
     off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))

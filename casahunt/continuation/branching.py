@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -30,8 +31,8 @@ from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Closure, Section, with_sections
-from ..orbits.family import Family
-from ..orbits.orbit import Complaint, Orbit, orbit_of, unknowns_of
+from ..orbits.family import Cycles
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.restart import Start
 from ..orbits.sequences import segments_of
@@ -55,7 +56,9 @@ SINGULAR = 1e-4
 """Smallest over largest singular value below which there is a direction that turns over."""
 
 
-def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, options: Options | None = None) -> Orbit:
+def branch_off(
+    special: SpecialPoint[AnyOrbit], vary: str, *, off: float = OFF, options: Options | None = None
+) -> AnyOrbit:
     """The cycle that branches off: of twice the period at a flip, lopsided where a symmetric one loses its symmetry.
 
     Parameters
@@ -91,11 +94,11 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
     2.0
     """
     began = time.perf_counter()
-    orbit, family = special.orbit, special.orbit.problem
-    if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or not isinstance(family, Family):
+    orbit, family = special.orbit, cast(Cycles, special.orbit.problem)
+    if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or family.system is None:
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
-    problem = replace(family, closure=_twice(family.closure), sections=_both_sections(family))
+    problem = family.closing(_twice(family.closure), _both_sections(family))
     t, u, setting = unknowns_of(orbit)
     du = _turned_over(t, u, setting)
     direction = du[t.node_index[0]]
@@ -107,7 +110,7 @@ def branch_off(special: SpecialPoint[Orbit], vary: str, *, off: float = OFF, opt
             fault = solved.complaint()
             continue
         value = problem.moved(vary, solved.solution.parameter)
-        found: Orbit = orbit_of(solved, problem.with_value(vary, value), wall_s=time.perf_counter() - began)
+        found: AnyOrbit = orbit_of(solved, problem.with_value(vary, value), wall_s=time.perf_counter() - began)
         fault = Complaint(_not_next_to(found, orbit, vary, distance * direction), Status.NOT_CONVERGED)
         if not fault:
             return found
@@ -155,7 +158,7 @@ def _twice(closure: Closure) -> Closure:
     return Closure.of(S @ S, c + S @ c, 1)
 
 
-def _both_sections(family: Family) -> tuple[Section, ...]:
+def _both_sections(family: Cycles) -> tuple[Section, ...]:
     """The sections of both pieces: turns of the forcing are counted on in the second."""
     entries = family.system.names.entries
     turns = [s for s in family.sections if s.state == TURNS or s.state in family.system.angles]
@@ -177,7 +180,7 @@ def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
     return lin.expand(y, 0.0) / float(np.copysign(np.linalg.norm(first), first[np.argmax(np.abs(first))]))
 
 
-def _two_pieces(orbit: Orbit, family: Family, problem: Family, du: Array, dp: Array) -> Start:
+def _two_pieces(orbit: Orbit, family: Cycles, problem: Cycles, du: Array, dp: Array) -> Start:
     """Two pieces of a cycle, the first moved by du and the second by -du."""
     t, u, setting = unknowns_of(orbit)
     signature = (*t.cycle.signature, *_second_piece(orbit, problem, setting))
@@ -195,7 +198,7 @@ def _two_pieces(orbit: Orbit, family: Family, problem: Family, du: Array, dp: Ar
     return new, new.pack(w, nodes, durations), replace(setting, fractions=fractions, dp=dp)
 
 
-def _second_piece(orbit: Orbit, both: Family, setting: Setting) -> Signature:
+def _second_piece(orbit: Orbit, both: Cycles, setting: Setting) -> Signature:
     """The phases that follow those of the computed piece, as `both` calls them: the images of those by S^-1 (x + c)."""
     form = with_sections(both.system, both.sections)
     shift = orbit.cycle.shift or tuple(np.zeros(orbit.scale.size))

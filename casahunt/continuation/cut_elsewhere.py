@@ -18,7 +18,7 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options
 from ..orbits.closure import Section
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.sequences import joined, part_of, segments_of, start_of
 from ..orbits.starts import may_vanish
@@ -37,7 +37,7 @@ def beside_the_plane(orbit: Orbit) -> float:
     marks, durations = _marks(orbit), [arc.duration for arc in orbit.arcs]
     k = may_vanish(durations)
     family = orbit.problem
-    alone = len(marks) == 2 and isinstance(family, Family) and family.system.forcing_period is not None
+    alone = len(marks) == 2 and family.forced
     if k is None or marks[k] == marks[k - 1] and not (alone and not any(marks)):
         return math.inf
     return durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
@@ -68,26 +68,25 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     orbit, options: a cycle that meets events and is cut by a plane (`beside_the_plane`); tolerance and method.
     Returns Orbit; None where it cannot be cut there.
     """
-    family, marks = cast(Family, orbit.problem), _marks(orbit)
+    family, marks = cast(Cycles, orbit.problem), _marks(orbit)
     first = next(k for k in range(len(marks)) if not marks[k - 1])
     start = family.starting_at(first, *unknowns_of(orbit)) if first else unknowns_of(orbit)
     whole = None if start is None else solved_at(family, start, options)
     if whole is None:
         return None
     start = unknowns_of(whole)
-    events = {event.event.name for s in family.sections for event in s.exits(family.system.names.entries)}
     phases: list[list[Segment]] = [[]]
     for segment in segments_of(*start):
         phases[-1].append(segment)
-        if segment.event not in events:
+        if segment.event not in family.marks:
             phases.append([])
-    plain = replace(family, sections=())
+    plain = family.closing(family.closure)
     uncut = solved_at(plain, start_of(plain.asked(), [joined(some) for some in phases if some], start), options)
     forced = TURNS in family.system.names.entries
     return cast("AnyOrbit | None", _halved(plain, uncut, options) if uncut is not None and forced else uncut)
 
 
-def _halved(family: Family, orbit: Orbit, options: Options) -> Any:
+def _halved(family: Cycles, orbit: Orbit, options: Options) -> Any:
     """A forced cycle that is cut by nothing, from the middle of its longest collocated phase to the image of that."""
     like, posed = unknowns_of(orbit), family.asked()
     k = max((k for k in range(like[0].phases) if like[0].counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)
@@ -103,14 +102,11 @@ def _halved(family: Family, orbit: Orbit, options: Options) -> Any:
     i = entries.index(TURNS)
     section = Section(names[0], TURNS, float(last.end[i]), float(orbit.scale[i]))
     last = replace(last, mode=names[0], event=section.exits(entries)[0].event.name)
-    cut = replace(family, sections=(section,))
+    cut = family.closing(family.closure, (section,))
     return solved_at(cut, start_of(cut.asked(), [behind, *others, last], start), options)
 
 
 def _marks(orbit: Orbit) -> list[bool]:
-    """Which phases of a cycle of a user's system end at a plane."""
-    family = orbit.problem
-    if not isinstance(family, Family):
-        return [False] * len(orbit.arcs)
-    names = {event.event.name for s in family.sections for event in s.exits(family.system.names.entries)}
-    return [arc.event in names for arc in orbit.arcs]
+    """Which phases of a cycle end at a plane."""
+    marks = orbit.problem.marks
+    return [arc.event in marks for arc in orbit.arcs]

@@ -26,7 +26,6 @@ from .. import effort
 from ..checks import known, of_kind, to_and_back
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from ..orbits.starts import may_vanish
@@ -135,9 +134,8 @@ def follow(
     orbit = as_whole_as_needed(orbit, (vary,), (to,), options)
     previous = previous if previous is None or previous.repeats == orbit.repeats else None
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
-    if isinstance(orbit.problem, Family):
-        span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
-        orbit = replace(orbit, problem=replace(orbit.problem, span=span))
+    span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
+    orbit = replace(orbit, problem=orbit.problem.over(span))
     if not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options)
@@ -330,7 +328,7 @@ def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:
 
 def _first_shrinks(before: Orbit, after: Orbit) -> bool:
     """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
-    if not isinstance(after.problem, Family) or before.signature != after.signature:
+    if before.signature != after.signature:
         return False
     first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
     return first == [False, True] and beside_the_plane(after) == math.inf

@@ -8,7 +8,6 @@ from __future__ import annotations
 from ..checks import known, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit
 from .curve import parameter_value
 from .following import follow
@@ -59,10 +58,10 @@ def grazing(
     >>> round(touching.orbit.problem.value("A"), 6)  # the square root of 9.01
     3.001666
     """
-    if not isinstance(orbit.problem, Family):
+    if orbit.problem.system is None:
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
     known("parameter", vary, orbit.problem.names)
-    known("event", event, events_of(orbit.problem, orbit))
+    known("event", event, events_of(orbit))
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit = as_whole_as_needed(orbit, (vary,), (number("to", to),), options)
     said = ["the scalar of the event turns inside no phase"]

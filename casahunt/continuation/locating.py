@@ -30,12 +30,14 @@ from .curve import (
 )
 from .special_points import ACCEPTED_TOLERANCES, FOLD, Monitor
 from .turned import turned_between
-from .walk import step_along
+from .walk import step_along, walk
 
 Array = np.ndarray
 
 LOCATE_ROUNDS = 40
 MAX_FAILURES = 8
+FIRST_PART, STEPS_NEARER = 0.25, 30
+"""First step of a walk from one orbit to the other, as a part of the way; how many it makes."""
 
 
 def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
@@ -53,7 +55,26 @@ def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, op
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
         before, after = after, before
     orbit = _located_from(before, after, monitor, vary=vary, options=options)
-    return orbit or _located_from(after, before, monitor, vary=vary, options=options)
+    orbit = orbit or _located_from(after, before, monitor, vary=vary, options=options)
+    return orbit or _located_nearer(before, after, monitor, vary=vary, options=options)
+
+
+def _located_nearer(
+    before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
+) -> AnyOrbit | None:
+    """`locate` where no step from either orbit leads there: a walk with shorter ones does, as the curve bends."""
+    way, (low, high) = secant(before, after, vary), before.problem.range_of(vary)
+    last, value = before, monitor.value(before, ends(before, after, vary)[0])
+    with suppress(NoOrbit):
+        for orbit in walk(
+            before, vary=vary, low=low, high=high, heading=way, options=options,
+            first_step=FIRST_PART * float(np.linalg.norm(way)), max_points=STEPS_NEARER,
+        ):  # fmt: skip
+            f = monitor.value(orbit, ends(last, orbit, vary)[1])
+            if f * value < 0:
+                return _located_from(last, orbit, monitor, vary=vary, options=options)
+            last, value = orbit, f
+    return None
 
 
 def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:

@@ -15,18 +15,16 @@ import numpy as np
 from ..errors import NoOrbit
 from ..hybrid.roots import boundary
 from ..orbits.adapt import Options
-from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit
 from .curve import curve_point, in_units_of, parameter_value, secant
 from .cut_elsewhere import same_events
+from .locating import FIRST_PART, STEPS_NEARER
 from .touching import touching_orbit
 from .vanishing import AS_FAR, touched
 from .walk import step_along, walk
 
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
-FIRST_PART, STEPS_NEARER = 0.25, 30
-"""First step of the walk towards a touch, as a part of the way to the other orbit; how many it makes."""
 
 
 def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
@@ -47,8 +45,6 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         gone = touched(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
-    if not isinstance(before.problem, Family):
-        return _last_alike(before, after, vary, options)
     last = _last_alike(fewer, more, vary, options)
     touch = touching_orbit(last, vary, options)
     return last if isinstance(touch, str) else touch

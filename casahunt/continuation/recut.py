@@ -13,7 +13,7 @@ Symbols: n states, d stages, N intervals of the computed piece, tau local time i
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import Segment
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Section
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of
 from ..orbits.restart import from_segments
 from .curve import along, point_at
@@ -69,10 +69,9 @@ class _Plane(NamedTuple):
 def cut_by_planes(orbit: Orbit) -> bool:
     """Whether a cycle is anchored by planes alone, which may be chosen anew."""
     family = orbit.problem
-    if not isinstance(family, Family) or not family.sections or any(s.state == TURNS for s in family.sections):
+    if not family.sections or any(s.state == TURNS for s in family.sections):
         return False
-    names = {event.event.name for s in family.sections for event in s.exits(family.system.names.entries)}
-    return all(arc.event in names and arc.mode == orbit.arcs[0].mode for arc in orbit.arcs)
+    return all(arc.event in family.marks and arc.mode == orbit.arcs[0].mode for arc in orbit.arcs)
 
 
 def left_behind(orbit: Orbit) -> bool:
@@ -105,17 +104,11 @@ def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyO
     orbit, like, vary: the cycle, another one near by, and the name of the parameter that is followed.
     Returns Orbit; None where it does not cross that plane as the other one does.
     """
-    section = _family(like).sections[0]
-    i = _family(orbit).system.names.entries.index(section.state)
+    section = like.problem.sections[0]
+    i = orbit.problem.system.names.entries.index(section.state)
     plane = _plane(orbit, i, section.level)
     found = None if plane is None else _cut(orbit, plane, vary, options)
     return found if found is not None and found.signature == like.signature else None
-
-
-def _family(orbit: Orbit) -> Family:
-    """The problem of a cycle that is cut by planes."""
-    assert isinstance(orbit.problem, Family)
-    return orbit.problem
 
 
 def _pieces(orbit: Orbit) -> tuple[Array, Array]:
@@ -140,10 +133,10 @@ def _ranges(orbit: Orbit) -> tuple[Array, Array]:
 def _steepness_of_ends(orbit: Orbit) -> float:
     """Steepness of the flattest crossing at the end of a phase; 0 where the plane is next to the end of the range."""
     low, high = _ranges(orbit)
-    entries = _family(orbit).system.names.entries
+    entries = orbit.problem.system.names.entries
     worst = np.inf
     for arc, rate in zip(orbit.arcs, _rates(orbit, np.array([arc.end for arc in orbit.arcs])), strict=True):
-        i = entries.index(next(s.state for s in _family(orbit).sections if arc.event.startswith(f"{s.state} ")))
+        i = entries.index(next(s.state for s in orbit.problem.sections if arc.event.startswith(f"{s.state} ")))
         size = high[i] - low[i]
         inside = PLANE_EDGE * size < arc.end[i] - low[i] < (1 - PLANE_EDGE) * size
         worst = min(worst, abs(rate[i]) * orbit.period / size if inside else 0.0)
@@ -154,8 +147,8 @@ def _planes(orbit: Orbit) -> list[_Plane]:
     """Planes that may serve; those across which an angle turns do not."""
     low, high = _ranges(orbit)
     found = []
-    for i, name in enumerate(_family(orbit).system.names.entries):
-        if name in _family(orbit).system.angles or not high[i] > low[i]:
+    for i, name in enumerate(orbit.problem.system.names.entries):
+        if name in orbit.problem.system.angles or not high[i] > low[i]:
             continue
         levels = low[i] + np.array(TRIED_LEVELS) * (high[i] - low[i])
         levels[np.abs(levels) < AT_NOTHING * (high[i] - low[i])] = 0.0  # where a symmetry has it
@@ -193,7 +186,7 @@ def _plane(orbit: Orbit, i: int, level: float) -> _Plane | None:
 
 def _cut(orbit: AnyOrbit, plane: _Plane, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle from the first crossing of a plane on, solved."""
-    family = _family(orbit)
+    family = cast(Cycles, orbit.problem)
     mode, entries = orbit.arcs[0].mode, family.system.names.entries
     own = Section(mode, entries[plane.state], plane.level, float(orbit.scale[plane.state]))
     last, rising = _closing_section(orbit, plane, own)
@@ -205,7 +198,7 @@ def _cut(orbit: AnyOrbit, plane: _Plane, vary: str, options: Options) -> AnyOrbi
     for section, up, begin, end in zip(sections, ways, places[:-1], places[1:], strict=True):
         event = section.exits(entries)[0 if up else 1].event.name
         segments.append(_between(orbit, mode, event, begin, end))
-    problem = replace(family, sections=(last,))
+    problem = family.closing(family.closure, (last,))
     cycle = problem.cycle(tuple((g.mode, g.event) for g in segments), orbit.repeats)
     t, u, setting = from_segments(
         cycle, [(1.0, g) for g in segments], problem.vector(), along(problem, vary), degree=orbit.degree,

@@ -23,7 +23,7 @@ from ..hybrid.language import System
 from ..hybrid.roots import secant as secant_root
 from ..orbits.adapt import Options
 from ..orbits.closure import Closure, turned, with_sections
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.recurrence import is_symmetry, symmetries
 from ..orbits.restart import Start, in_scale
@@ -83,7 +83,7 @@ def reunion(before: Orbit, after: Orbit, tol: float) -> Reunion | None:
 
     Returns reunion; None where there is nothing such.
     """
-    if not isinstance(before.problem, Family) or before.repeats != 1:
+    if before.problem.system is None or before.repeats != 1:
         return None
     system, scale = before.problem.system, before.scale
     for S, reached in ((np.eye(scale.size), FLIP_REACHED), *((S, SYMMETRY_REACHED) for S in symmetries(system))):
@@ -113,8 +113,7 @@ def _off_its_image(orbit: Orbit, system: System, S: Array, scale: Array) -> Arra
     x, y = segments[0].start, segments[half].start
     parts = _parts(S)
     shift = turned(system, x, S @ y, parts=parts)
-    sections = orbit.problem.sections if isinstance(orbit.problem, Family) else ()
-    form, p = with_sections(system, sections), orbit.problem.vector()
+    form, p = with_sections(system, orbit.problem.sections), orbit.problem.vector()
     if parts == 2 and not is_symmetry(form, segments, S, shift, p, scale):
         return None
     if parts == 1 and orbit.signature[:half] != orbit.signature[half:]:
@@ -149,7 +148,7 @@ def met_at(
 
 
 def _minus_one_from(
-    problem: Family, begin: Start, met: Reunion, vary: str, options: Options, reach: float, step: float
+    problem: Cycles, begin: Start, met: Reunion, vary: str, options: Options, reach: float, step: float
 ) -> Orbit | None:
     """The cycle that is its own image where its multiplier is -1, from a guess next to it; None where it is not found.
 
@@ -214,7 +213,7 @@ def short_of(before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options
     return None
 
 
-def _half(before: Orbit, after: Orbit, met: Reunion, vary: str, nearer: float) -> tuple[Family, Start]:
+def _half(before: Orbit, after: Orbit, met: Reunion, vary: str, nearer: float) -> tuple[Cycles, Start]:
     """The family of the cycle that is its own image, about at the point, and a guess of that cycle.
 
     Of two orbits the states are linear in their distance from the image, and the parameter in its square.
@@ -228,12 +227,12 @@ def _half(before: Orbit, after: Orbit, met: Reunion, vary: str, nearer: float) -
         u = u + a / (a - b) * (v - u)
     segments = segments_of(t, u, setting)
     half = segments[: len(segments) // 2]
-    family, parts = cast(Family, near.problem), _parts(met.matrix)
+    family, parts = cast(Cycles, near.problem), _parts(met.matrix)
     way = family.distance(vary, parameter_value(far, vary))
     if abs(a) <= 2 * nearer * abs(b):
         family = family.with_value(vary, family.moved(vary, way * a**2 / (a**2 - b**2)))
     shift = turned(family.system, half[0].start, met.matrix @ half[-1].behind, parts=parts)
     events, entries = {segment.event for segment in half}, family.system.names.entries
     kept = tuple(s for s in family.sections if events & {e.event.name for e in s.exits(entries)})
-    problem = replace(family, closure=Closure.of(met.matrix, shift, parts), sections=kept)
+    problem = family.closing(Closure.of(met.matrix, shift, parts), kept)
     return problem, start_of(problem.asked(), half, (t, u, setting))

@@ -35,7 +35,6 @@ import numpy as np
 from ..checks import to_error
 from ..collocation.interval import field_at
 from ..hybrid.roots import boundary, secant
-from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
 from . import equilibrium
@@ -152,7 +151,7 @@ def ranges(orbit: Orbit) -> Array:
 @lru_cache(maxsize=16)
 def _ranges(orbit: Orbit) -> Array:
     states = orbit.sample()[1]
-    many = len(orbit.problem.system.states) if isinstance(orbit.problem, Family) else len(states)
+    many = len(orbit.problem.vocabulary(orbit.cycle.states).states)
     return np.asarray(np.ptp(states[:many], axis=1))
 
 
@@ -311,9 +310,7 @@ def _slowest(orbit: Orbit) -> tuple[float, str, str]:
             rates = np.array([scale * field_at(phase.mode.field, x / scale, phase.mode.sign, p, scale) for x in places])
             speeds = np.max(np.abs(rates[:, moves] / size[moves]), axis=1, initial=0.0)
             if speeds.min() < least:
-                own = not isinstance(orbit.problem, Family) or arc.event in {
-                    way_out.event.name for way_out in orbit.problem.system.vector_form.exits.get(arc.mode, ())
-                }
+                own = arc.event not in orbit.problem.marks
                 least, mode = float(speeds.min()), arc.mode
                 event = arc.event if own and speeds[-1] * orbit.period < NEXT_TO_ONE else ""
     return least * orbit.period, mode, event

@@ -14,7 +14,6 @@ from typing import Any
 
 from ..collocation.mesh import phase_breaks, transfer
 from ..orbits.adapt import Options
-from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, unknowns_of
 from ..orbits.restart import in_scale
 from .curve import parameter_value
@@ -32,7 +31,7 @@ def through_rest(orbits: Sequence[AnyOrbit], vary: str, value: float, options: O
     """
     before, last = orbits[-2:]
     family = last.problem
-    if not isinstance(family, Family) or family.system.forcing_period is None:
+    if not family.forced:
         return None
     if before.signature != last.signature:
         return None

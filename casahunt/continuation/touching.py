@@ -17,7 +17,8 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from typing import Any, cast
+from functools import lru_cache
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -25,11 +26,12 @@ from ..collocation.admissibility import judge
 from ..collocation.joints import event_rate
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
+from ..hybrid.language import System
 from ..hybrid.roots import secant
 from ..hybrid.system import Cycle, Event, Exit, Signature
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
@@ -52,21 +54,22 @@ VANISHING_SHARE = 1e-3
 """A phase that takes less of the period than this has vanished."""
 
 
-@dataclass(frozen=True)
-class Loose(Family):
-    """The cycles of a family, and the roots of their equations that are none because of what one phase does.
+class Loose(Cycles):
+    """The cycles of a problem, and the roots of their equations that are none because of what one phase does.
 
     Attributes
     ----------
+    kind : the class of the problem, of which `loosened` makes one of these.
     loose : number of the phase of which nothing is asked.
     """
 
-    loose: int = 0
+    kind: ClassVar[Any]
+    loose: int
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
 
-        signature, repeats: as in `Family`. Raises ValueError: the system has no such phase.
+        signature, repeats: as in `Problem`. Raises ValueError: the system has no such phase.
         """
         return self.asking(super().cycle(signature, repeats), None)
 
@@ -83,16 +86,24 @@ class Loose(Family):
         return replace(cycle, phases=(*cycle.phases[: self.loose], phase, *cycle.phases[self.loose + 1 :]))
 
     @property
-    def strict(self) -> Family:
-        """The family of the system."""
-        return Family(**{each.name: getattr(self, each.name) for each in fields(Family)})
+    def strict(self) -> Cycles:
+        """The problem of the system."""
+        strict: Cycles = self.kind(**{each.name: getattr(self, each.name) for each in fields(self.kind)})
+        return strict
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
         """None: the phases are those of the cycle that touches.
 
-        t, u, setting, phase, soft: as in `Family`.
+        t, u, setting, phase, soft: as in `Problem`.
         """
         return iter(())
+
+
+@lru_cache(maxsize=16)
+def _loose(kind: type[Cycles]) -> Any:
+    """The class of loose problems of a kind: its fields, and one more."""
+    own = {"__annotations__": {"loose": "int"}, "loose": 0, "kind": kind, "__module__": __name__}
+    return dataclass(frozen=True)(type("Loose", (Loose, kind), own))
 
 
 @dataclass(frozen=True)
@@ -123,8 +134,8 @@ class Touch:
     def loosened(self, orbit: Any) -> Any:
         """The orbit as one of the loose family."""
         family = orbit.problem
-        own = {each.name: getattr(family, each.name) for each in fields(Family)}
-        return replace(orbit, problem=Loose(**own, loose=self.phase))
+        own = {each.name: getattr(family, each.name) for each in fields(family)}
+        return replace(orbit, problem=_loose(cast(Any, type(family)))(**own, loose=self.phase))
 
     def reported(self, orbit: Any) -> Any:
         """An orbit of the loose family that touches, as one of the system; a sentence where it is none."""
@@ -155,20 +166,16 @@ def _scalar(event: Event) -> _Still:
     return _Still(event.function)
 
 
-def _exits(family: Family, orbit: Orbit) -> Iterator[tuple[int, Exit]]:
+def _exits(family: Cycles, orbit: Orbit) -> Iterator[tuple[int, Exit]]:
     """(number of the phase, exit of its mode) of all phases, but for sections."""
     for k, arc in enumerate(orbit.arcs):
         for way_out in family.system.vector_form.exits.get(arc.mode, ()):
             yield k, way_out
 
 
-def events_of(family: Family, orbit: Orbit) -> list[str]:
-    """Names of the events that an orbit may touch.
-
-    family, orbit: the cycles of a system, and one of them.
-    Returns names; one that several phases may touch is there for each.
-    """
-    return [way_out.event.name for _, way_out in _exits(family, orbit)]
+def events_of(orbit: Orbit) -> list[str]:
+    """Names of the events that a cycle of a system may touch; one that several phases may touch is there for each."""
+    return [way_out.event.name for _, way_out in _exits(cast(Cycles, orbit.problem), orbit)]
 
 
 def value_of(touch: Touch, orbit: Orbit) -> float:
@@ -183,7 +190,7 @@ def value_of(touch: Touch, orbit: Orbit) -> float:
     if touch.at_end:
         x = t.nodes_of(u)[t.phase_end[touch.phase]] * setting.scale
         return touch.direction * event_rate(phase, x, orbit.arcs[touch.phase].duration, setting.p)[0] * orbit.period
-    exits = cast(Family, orbit.problem).system.vector_form.exits[phase.mode.name]
+    exits = cast(Cycles, orbit.problem).system.vector_form.exits[phase.mode.name]
     event = next(e.event for e in exits if e.event.name == touch.event)
     turning = turning_values(t, u, setting, _scalar(event), touch.phase, touch.direction, piece=touch.piece)
     return max((touch.direction * g for g in turning), default=float("nan"))
@@ -194,7 +201,7 @@ def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]
 
     event: name of the event; default any. Returns (how far it is from touching, the place) each.
     """
-    family = cast(Family, orbit.problem)
+    family = cast(Cycles, orbit.problem)
     found = []
     for k, way_out in _exits(family, orbit):
         name = way_out.event.name
@@ -214,8 +221,6 @@ def touching_orbit(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | st
 
     last, vary, options: the cycle, name of the parameter, tolerance and method.
     """
-    if not isinstance(last.problem, Family):
-        return "only of cycles of a user's system is it known what they touch"
     distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
     found = touching_at(last, event, vary, options) if distance <= TOUCHABLE else None
     return "it touches no event" if found is None else found[1]
@@ -260,7 +265,7 @@ def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOr
     Returns touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
     Raises InputError: it is no cycle of a user's system.; NoOrbit: it touches nothing.
     """
-    if not isinstance(orbit.problem, Family):
+    if orbit.problem.system is None:
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
     shares = [arc.duration * orbit.repeats / orbit.period for arc in orbit.arcs]
     if min(shares) < VANISHING_SHARE and len(orbit.arcs) > 1:
@@ -274,7 +279,7 @@ def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOr
 
 def _without(orbit: AnyOrbit, vanishing: int, options: Options) -> AnyOrbit:
     """The cycle next to one with a phase that has vanished, without it: where the event before it did nothing."""
-    family = cast(Family, orbit.problem)
+    family = cast(Cycles, orbit.problem)
     before = orbit.arcs[vanishing - 1]
     modes = tuple(
         replace(mode, holds=None, ends=tuple(e for e in mode.ends if e.name != before.event))
@@ -282,12 +287,27 @@ def _without(orbit: AnyOrbit, vanishing: int, options: Options) -> AnyOrbit:
         for mode in family.system.modes
     )  # fmt: skip
     sentence = f"phase {vanishing + 1} ({orbit.arcs[vanishing].mode}) vanishes, and no cycle was found without it"
-    start = family.system.names.numbers(before.states[len(before.states) // 2, 0], family.vector())
     with suppress(InputError, NoOrbit):
         system = replace(family.system, modes=modes)
-        found = find_cycle(
-            system, before.mode, parameters=dict(zip(family.names, family.values, strict=True)),
-            follow=family.followed, measure=family.measured, options=options, start=start, settled=True,
-        )  # fmt: skip
-        return cast(AnyOrbit, replace(found, problem=replace(cast(Family, found.problem), system=family.system)))
+        middle = before.states[len(before.states) // 2, 0]
+        return cast(AnyOrbit, cycle_near(family, before.mode, middle, options, system=system, settled=True))
     raise NoOrbit(f"{sentence}; `grazing` takes one that keeps clear of {before.event!r}", Status.NOT_FOUND)
+
+
+def cycle_near(
+    problem: Cycles, mode: str, x: Array, options: Options, *, system: System | None = None, settled: bool = False
+) -> Orbit:
+    """The cycle of a problem on which the motion from a state settles, or (`settled`) next to which it lies.
+
+    mode, x: of the state (n,); system: whose motion is followed instead of the problem's own.
+    Raises NoOrbit: as `find_cycle`.
+    """
+    names, p = problem.system.names, problem.vector()
+    found = find_cycle(
+        system or problem.system, mode, parameters=dict(zip(names.parameters, p.tolist(), strict=True)),
+        follow=names.parameters[problem.names.index(problem.principal)] if problem.names else None,
+        measure=problem.measured, options=options, start=names.numbers(x, p), settled=settled,
+    )  # fmt: skip
+    how = cast(Cycles, found.problem)
+    own = problem.closing(how.closure, how.sections)
+    return (problem.orbit_type or Orbit)(**{e.name: getattr(found, e.name) for e in fields(Orbit)} | {"problem": own})

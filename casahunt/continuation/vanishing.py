@@ -20,7 +20,6 @@ from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks, solve_adaptively
-from ..orbits.family import Family
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from ..orbits.starts import may_vanish
@@ -89,7 +88,7 @@ def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     It is joined with its neighbours; the image of the first phase is no neighbour yet.
     """
     k, family = may_vanish([arc.duration for arc in orbit.arcs]), orbit.problem
-    if k is None or 0 < k < len(orbit.arcs) - 1 or not isinstance(family, Family):
+    if k is None or 0 < k < len(orbit.arcs) - 1:
         return orbit
     start = family.starting_at(family.strongest(*unknowns_of(orbit)), *unknowns_of(orbit))
     found = None if start is None else solved_at(family, start, options)

@@ -19,7 +19,7 @@ from ..errors import NoOrbit, Status
 from ..motion.march import Segment
 from ..orbits.adapt import Options
 from ..orbits.closure import Closure, Section, turned, with_sections
-from ..orbits.family import Family
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.sequences import joined, segments_of, start_of
@@ -39,7 +39,7 @@ def as_whole_as_needed(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]
     Raises NoOrbit: the whole cycle was not computed.
     """
     family = orbit.problem
-    if not isinstance(family, Family) or orbit.repeats == 1:
+    if family.system is None or orbit.repeats == 1:
         return orbit
     if keeps_symmetry(orbit, vary, to):
         return orbit
@@ -57,13 +57,13 @@ def keeps_symmetry(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]) ->
     Returns True where the system has its symmetry all along, as far as one looks; and of what is no user's system.
     """
     family = orbit.problem
-    if not isinstance(family, Family) or orbit.repeats == 1:
+    if family.system is None or orbit.repeats == 1:
         return True
-    places = _looked_at(family, vary, to)
-    return all(_image(orbit, family.with_value(name, value)) is not None for name, value in places)
+    places = _looked_at(cast(Cycles, family), vary, to)
+    return all(_image(orbit, cast(Cycles, family.with_value(name, value))) is not None for name, value in places)
 
 
-def _looked_at(family: Family, vary: Sequence[str], to: Sequence[float]) -> list[tuple[str, float]]:
+def _looked_at(family: Cycles, vary: Sequence[str], to: Sequence[float]) -> list[tuple[str, float]]:
     places = []
     for name, end in zip(vary, to, strict=True):
         here = family.value(name)
@@ -72,12 +72,12 @@ def _looked_at(family: Family, vary: Sequence[str], to: Sequence[float]) -> list
     return places
 
 
-def _image(orbit: AnyOrbit, family: Family) -> tuple[list[Segment], tuple[Section, ...]] | None:
+def _image(orbit: AnyOrbit, family: Cycles) -> tuple[list[Segment], tuple[Section, ...]] | None:
     """The other half of a cycle by the symmetry at some parameters, and the images of the planes that cut it.
 
     None where the system has not got that symmetry there.
     """
-    own, posed = cast(Family, orbit.problem), family.asked()
+    own, posed = cast(Cycles, orbit.problem), family.asked()
     entries, found = family.system.names.entries, []
     planes: list[Section] = []
     of_mark = {event.event.name: s for s in own.sections for event in s.exits(entries)}
@@ -98,7 +98,7 @@ def _image(orbit: AnyOrbit, family: Family) -> tuple[list[Segment], tuple[Sectio
 
 def _whole(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     """The whole cycle, cut by no plane if it meets events; else by the image of the one that ended the half of it."""
-    family, start = cast(Family, orbit.problem), unknowns_of(orbit)
+    family, start = cast(Cycles, orbit.problem), unknowns_of(orbit)
     image = _image(orbit, family)
     if image is None:
         return None
@@ -115,5 +115,5 @@ def _whole(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     closure = Closure.of(
         np.eye(orbit.scale.size), turned(family.system, segments[0].start, segments[-1].behind), 1
     )
-    whole = replace(family, closure=closure, sections=sections)
+    whole = family.closing(closure, sections)
     return cast("AnyOrbit | None", solved_at(whole, start_of(whole.asked(), segments, start), options))

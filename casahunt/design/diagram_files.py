@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..continuation.special_points import SpecialPoint
 from ..files import together, whole_text
 from ..orbits.adapt import Options
 from ..orbits.archive import SIGN, Said
-from ..servo.branch import CSV_COLUMNS, Branch, csv_row
+from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_run, of_another_run, same_task, save_branch
@@ -66,9 +66,7 @@ class Words:
         if point not in self.rows:
             rows = [csv_row(found.orbit, found.kind) for found in point.special]
             rows += [] if point.is_special else [csv_row(point.orbit, "")]
-            whole = StringIO(newline="")
-            table(whole, CSV_COLUMNS)(rows)
-            self.rows[point] = whole.getvalue().partition("\n")[2]  # without the header
+            self.rows[point] = _lines(rows)
         return self.rows[point]
 
 
@@ -79,35 +77,57 @@ def keep(
     ended: str,
     out: Path,
     words: Words | None = None,
+    beside: Branch | None = None,
 ) -> Branch:
     """Write the points so far (npz and csv).
 
-    words: what was written of the same points before, to which that of the new ones is added.
-    Raises InputError, OSError: as `save_branch`.
+    words: what was written of the same points before, to which that of the new ones is added; beside: the branch with
+    its lopsided pairs, where these are known. Raises InputError, OSError: as `save_branch`.
     """
     words = words or Words()
-    special = [(found, i) for i, point in enumerate(points) for found in point.special]
-    missed = tuple(gap for point in points for gap in point.missed)
-    orbits = tuple(point.orbit for point in points)
-    branch = Branch(model, task.servo, orbits, ended, tuple(found for found, _ in special), missed)
+    branch = beside or branch_of(task, model, points, ended)
     with together():
-        run = {**task.settings, "special_before": [i for _, i in special]}
+        run = {**task.settings, "special_before": [i for i, point in enumerate(points) for _ in point.special]}
         save_branch(branch, out / f"{model}.npz", run=run, said=words.orbits)
         with whole_text(out / f"{model}.csv") as stream:
             table(stream, CSV_COLUMNS)
             stream.writelines(words.of(point) for point in points)
+            for number, pair in enumerate(branch.lopsided, 1):
+                stream.write(_lines(pair_rows(pair, number)))
     return branch
 
 
-def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]:
-    """The points that an earlier run of the same task has left.
+def branch_of(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
+    """The branch of the symmetric cycles that points are of."""
+    special = tuple(found for point in points for found in point.special)
+    missed = tuple(gap for point in points for gap in point.missed)
+    return Branch(model, task.servo, tuple(point.orbit for point in points), ended, special, missed)
 
-    Returns points, none where there is no file, and why they end.  Without a start asked for, it is theirs.
+
+def _lines(rows: Sequence[Sequence[Any]]) -> str:
+    """Rows as the lines of a table."""
+    whole = StringIO(newline="")
+    table(whole, CSV_COLUMNS)(rows)
+    return whole.getvalue().partition("\n")[2]  # without the header
+
+
+class Left(NamedTuple):
+    """What an earlier run has left: its points, why they end, and its lopsided pairs."""
+
+    points: list[DiagramPoint]
+    ended: str
+    lopsided: tuple[Branch, ...] = ()
+
+
+def begun(task: Task, model: Model, out: Path) -> Left:
+    """The points that an earlier run of the same task has left; none where there is no file.
+
+    Without a start asked for, it is theirs.
     Raises InputError: the file is damaged, or is of another task.
     """
     path = out / f"{model}.npz"
     if not path.exists():
-        return [], ""
+        return Left([], "")
     branch, run = load_run(path)
     before = run.get("special_before", [])
     if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
@@ -119,7 +139,7 @@ def begun(task: Task, model: Model, out: Path) -> tuple[list[DiagramPoint], str]
         special.setdefault(i, []).append(point)
     points = [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)]
     points[-1] = replace(points[-1], missed=branch.missed)  # behind which of them is not written, and tells nothing
-    return points, branch.ended
+    return Left(points, branch.ended, branch.lopsided)
 
 
 def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> DiagramPoint:

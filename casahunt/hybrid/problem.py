@@ -10,6 +10,9 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
     principal             the parameter that is followed by default, and freed where at fixed p the equations are
                           singular: next to a fold
     title, orbit_type     what refusals call it; the class in which its orbits come back (and fold_type)
+    system                what moves so, of which other motions can be asked; None where one cycle is all that is known
+    sections, marks, forced, strongest, starting_at, with_touch, nearest_touch
+                          where its cycles are cut, and what they touch: of a cycle alone there is nothing to know
 
 A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
 
@@ -43,6 +46,20 @@ class Problem(ABC):
     """The same for `continuation.fold.Fold`."""
     beyond_a_fold: ClassVar[str] = "beyond it there is neither"
     """What a user is told of the far side of a fold, where a stable and an unstable cycle merge."""
+    system: Any
+    """The system (language.py) whose cycles these are, or None."""
+    sections: tuple[Any, ...] = ()
+    """Planes at which phases may end besides the events of the system (orbits/closure.py)."""
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """Names of the events that are planes of `sections`."""
+        return frozenset()
+
+    @property
+    def forced(self) -> bool:
+        """Whether the time enters."""
+        return False
 
     @property
     def scheme(self) -> tuple[int, Kind]:
@@ -136,6 +153,10 @@ class Problem(ABC):
         """(lowest, highest) value that a parameter may have: above zero, for what is moved relative to its value."""
         return 0.0, math.inf
 
+    def over(self, span: float) -> Self:
+        """The problem where a parameter goes up to this size, from which one that is zero has its unit."""
+        return self
+
     def direction(self, name: str) -> Array:
         """(np,) direction dp in parameter space that moves one parameter; (0,) where there is none to move."""
         dp = np.zeros(len(self.names))
@@ -178,3 +199,28 @@ class Problem(ABC):
         Returns number of the phase, and starting point; None where there is none, or nobody knows.
         """
         return None
+
+    def strongest(self, t: Any, u: Array, setting: Any) -> int:
+        """Number of the phase at whose start an event is crossed the fastest: with which the cycle had best begin."""
+        return 0
+
+    def starting_at(self, first: int, t: Any, u: Array, setting: Any) -> Any | None:
+        """The same cycle from another phase on.
+
+        Returns starting point; None where it cannot be had.
+        """
+        return None
+
+    def with_touch(self, phase: int, event: str, t: Any, u: Array, setting: Any) -> Any | None:
+        """A cycle that touches an event inside a phase, as one that meets it with no speed.
+
+        Returns starting point; None where it does not, or nobody knows.
+        """
+        return None
+
+    def nearest_touch(self, t: Any, u: Array, setting: Any) -> tuple[float, str, str]:
+        """How near a cycle comes to an event that it does not meet.
+
+        Returns relative distance, mode and event; infinite where nobody knows.
+        """
+        return math.inf, "", ""

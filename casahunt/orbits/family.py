@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -34,94 +34,40 @@ from .system_orbit import SystemOrbit
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class Family(Problem):
-    """The cycles of a system that close in one way, at one p.
+class Cycles(Problem):
+    """The cycles of a system that close in one way: what is known of them whatever their parameters are called.
 
     Attributes
     ----------
     system : the system.
-    values : its parameters, in the order of their names.
     closure : how they close.
-    followed : the principal parameter.
-    measured : name of a state, or a function (x, p), whose largest magnitude over the cycle is the amplitude.
     sections : planes at which phases may end besides the events of the system.
-    span : how far a parameter is moved that is zero in the system, and has no size of its own.
+    measured : name of a state, or a function (x, p), whose largest magnitude over the cycle is the amplitude.
     """
 
-    orbit_type = SystemOrbit
-
     system: System
-    values: tuple[float, ...]
     closure: Closure
-    followed: str
+    sections: tuple[Section, ...]
     measured: str | Function
-    sections: tuple[Section, ...] = ()
-    span: float = 1.0
+
+    def closing(self, closure: Closure, sections: tuple[Section, ...] = ()) -> Self:
+        """The problem of the cycles that close otherwise, or are cut by other planes."""
+        return replace(self, closure=closure, sections=sections)  # type: ignore[type-var]
 
     @property
-    def scheme(self) -> tuple[int, Kind]:
-        """Gauss, and Radau IIA where a mode is stiff."""
-        return (7, "radau") if any(mode.stiff for mode in self.system.modes) else (7, "gauss")
+    def marks(self) -> frozenset[str]:
+        """Names of the events of its sections."""
+        entries = self.system.names.entries
+        return frozenset(way.event.name for section in self.sections for way in section.exits(entries))
 
     @property
-    def title(self) -> str:
-        """The name of the system."""
-        return self.system.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Those of the system."""
-        return self.system.names.parameters
-
-    @property
-    def principal(self) -> str:
-        """As given."""
-        return self.followed
-
-    def vector(self) -> Array:
-        """(np,) the values."""
-        return np.array(self.values, float)
-
-    def with_value(self, name: str, value: float) -> Family:
-        """The same at another p.
-
-        name, value: a parameter of the system, and its value.
-        Raises InputError: there is no such parameter, or it is no number.
-        """
-        at = self.names.index(known("parameter", name, self.names))
-        return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
+    def forced(self) -> bool:
+        """As the system is."""
+        return self.system.forcing_period is not None
 
     def vocabulary(self, states: tuple[str, ...]) -> Names:
         """Those of the system: in a forced one the time is x.t."""
         return self.system.names
-
-    def unit(self, name: str, value: float | None = None) -> float:
-        """The size of a value, or of the system's own one where that is larger; the `span` where the latter is zero.
-
-        name, value: a parameter of the system; where it stands, default the value here.
-        """
-        own = abs(self.system.parameters[name]) or self.span
-        return max(abs(self.value(name) if value is None else value), own)
-
-    def moved(self, name: str, lam: float, more: float = 0.0) -> float:
-        """Value of a parameter along a branch, in steps of its `unit`.
-
-        name, lam, more: a parameter of the system; lambda, in two parts.
-        Returns its value there, which may be zero or below.
-        """
-        return self.value(name) + (lam + more) * self.unit(name)
-
-    def distance(self, name: str, value: float, here: float | None = None) -> float:
-        """The lambda that leads from here to a value of a parameter.
-
-        name, value, here: a parameter of the system, the value, and where it stands: default the value here.
-        """
-        return (value - (self.value(name) if here is None else here)) / self.unit(name, here)
-
-    def range_of(self, name: str) -> tuple[float, float]:
-        """Any number."""
-        return -math.inf, math.inf
 
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
@@ -217,6 +163,96 @@ class Family(Problem):
             return image_of(form, segment, closure, p, scale)
 
         return Posed(form, closure, cycle, image)
+
+
+@dataclass(frozen=True)
+class Family(Cycles):
+    """The cycles of a system that close in one way, at one p.
+
+    Attributes
+    ----------
+    system : the system.
+    values : its parameters, in the order of their names.
+    closure : how they close.
+    followed : the principal parameter.
+    measured : name of a state, or a function (x, p), whose largest magnitude over the cycle is the amplitude.
+    sections : planes at which phases may end besides the events of the system.
+    span : how far a parameter is moved that is zero in the system, and has no size of its own.
+    """
+
+    orbit_type = SystemOrbit
+
+    system: System
+    values: tuple[float, ...]
+    closure: Closure
+    followed: str
+    measured: str | Function
+    sections: tuple[Section, ...] = ()
+    span: float = 1.0
+
+    @property
+    def scheme(self) -> tuple[int, Kind]:
+        """Gauss, and Radau IIA where a mode is stiff."""
+        return (7, "radau") if any(mode.stiff for mode in self.system.modes) else (7, "gauss")
+
+    @property
+    def title(self) -> str:
+        """The name of the system."""
+        return self.system.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the system."""
+        return self.system.names.parameters
+
+    @property
+    def principal(self) -> str:
+        """As given."""
+        return self.followed
+
+    def vector(self) -> Array:
+        """(np,) the values."""
+        return np.array(self.values, float)
+
+    def with_value(self, name: str, value: float) -> Family:
+        """The same at another p.
+
+        name, value: a parameter of the system, and its value.
+        Raises InputError: there is no such parameter, or it is no number.
+        """
+        at = self.names.index(known("parameter", name, self.names))
+        return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
+
+    def unit(self, name: str, value: float | None = None) -> float:
+        """The size of a value, or of the system's own one where that is larger; the `span` where the latter is zero.
+
+        name, value: a parameter of the system; where it stands, default the value here.
+        """
+        own = abs(self.system.parameters[name]) or self.span
+        return max(abs(self.value(name) if value is None else value), own)
+
+    def moved(self, name: str, lam: float, more: float = 0.0) -> float:
+        """Value of a parameter along a branch, in steps of its `unit`.
+
+        name, lam, more: a parameter of the system; lambda, in two parts.
+        Returns its value there, which may be zero or below.
+        """
+        return self.value(name) + (lam + more) * self.unit(name)
+
+    def distance(self, name: str, value: float, here: float | None = None) -> float:
+        """The lambda that leads from here to a value of a parameter.
+
+        name, value, here: a parameter of the system, the value, and where it stands: default the value here.
+        """
+        return (value - (self.value(name) if here is None else here)) / self.unit(name, here)
+
+    def over(self, span: float) -> Family:
+        """The same with another `span`."""
+        return replace(self, span=span)
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """Any number."""
+        return -math.inf, math.inf
 
     def record(self) -> dict[str, Any]:
         """The problem as JSON can say it; `posed` reads it.  Of a measured function only the name can be told."""

@@ -23,6 +23,7 @@ refused.py        what is refused before any cycle is sought: no problem, times 
 strategies.py     ways to one end, tried in turn; what a refusal says of them
 cold_start.py     the cycles at one gain from motions or a scan, no branch followed
 find_fold.py      from a servo to the largest gain at which it hunts
+lopsided.py       the pairs of lopsided cycles that branch off from the symmetric one
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
 basin.py          the amplitude below which a stuck servo settles
 other_end.py      the cycle that a motion which rests has not come to

@@ -30,6 +30,7 @@ CSV_COLUMNS = (
     "unknowns",
     "iterations",
     "special",
+    "lopsided",
 )
 """Columns of the table of a branch."""
 
@@ -44,7 +45,9 @@ class Branch(Result):
     orbits : in the order of computation.
     special : located special points.
     ended : one sentence that says why the branch ends where it does.
-    missed : special points that were not located.
+    missed : special points that were not located, and pairs that were not followed.
+    lopsided : branches of lopsided cycles, one of each pair that branches off (`with_lopsided`); the other one is its
+        mirror image.
 
     Examples
     --------
@@ -57,7 +60,7 @@ class Branch(Result):
     """
 
     _quantities = ("model", "points = orbits.size", "ended")
-    _details = ("servo", "gain_range [V/rad]", "missed")
+    _details = ("servo", "gain_range [V/rad]", "missed", "lopsided")
 
     model: Model
     servo: Servo
@@ -65,6 +68,7 @@ class Branch(Result):
     ended: str
     special: tuple[SpecialPoint[HuntingOrbit], ...] = ()
     missed: tuple[Missed, ...] = ()
+    lopsided: tuple[Branch, ...] = ()
 
     @property
     def gains(self) -> Array:
@@ -99,6 +103,7 @@ class Branch(Result):
     def _columns(self) -> Columns:
         kinds = {id(special.orbit): special.kind for special in self.special}
         rows = [csv_row(orbit, kinds.get(id(orbit), "")) for orbit in self.orbits]
+        rows += [row for number, pair in enumerate(self.lopsided, 1) for row in pair_rows(pair, number)]
         return columns_from(CSV_COLUMNS, rows)
 
     def _more(self) -> dict[str, Any]:
@@ -109,19 +114,26 @@ class Branch(Result):
         return {"special": special}
 
 
-def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
+def pair_rows(pair: Branch, number: int) -> list[list[Any]]:
+    """The rows of a branch of lopsided cycles, its special points behind the others; number: which pair, from 1."""
+    special = [csv_row(found.orbit, found.kind, number) for found in pair.special]
+    return [csv_row(orbit, "", number) for orbit in pair.orbits] + special
+
+
+def csv_row(orbit: HuntingOrbit, special: str, lopsided: int = 0) -> list[Any]:
     """One row of the CSV file.
 
-    special: kind of the special point; "" for none. Returns values in the order of `CSV_COLUMNS`.
+    special: kind of the special point; "" for none; lopsided: number of the pair, 0 for a symmetric cycle, as which a
+    cycle that a pair meets is told too. Returns values in the order of `CSV_COLUMNS`.
     """
     multipliers = orbit.multipliers
-    trusted = multipliers.trusted
+    trusted, symmetric = multipliers.trusted, not lopsided or orbit.half
     return [
         orbit.gain,
         orbit.amplitude,
         orbit.period,
-        orbit.half_multiplier if trusted else math.nan,
-        multipliers.log10_leading if trusted and not multipliers.leading_floor else math.nan,
+        orbit.half_multiplier if trusted and symmetric else math.nan,
+        multipliers.log10_leading if trusted and symmetric and not multipliers.leading_floor else math.nan,
         orbit.stable if trusted and special != FOLD.kind else "",  # at a fold it is neither
         multipliers.trivial_error,
         orbit.error_estimate,
@@ -129,4 +141,5 @@ def csv_row(orbit: HuntingOrbit, special: str) -> list[Any]:
         orbit.unknowns,
         orbit.iterations,
         special,
+        lopsided or "",
     ]

@@ -47,7 +47,7 @@ from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.near import CLOSER, near_stable, near_typical
 from .event_map.scan import SCAN_LOW, Scan, scan
 from .hunting import Model
-from .problem import Hunting, HuntingOrbit
+from .problem import Hunting, HuntingOrbit, hunting
 from .sequences import from_half_cycle
 from .servo import Servo
 
@@ -119,7 +119,7 @@ class AtGain:
     @cached_property
     def problem(self) -> Hunting:
         """The boundary value problem."""
-        return Hunting(self.P.model, self.P.servo, self.P.gain)
+        return hunting(self.P.model, self.P.servo, self.P.gain, half=self.options.half)
 
     @cached_property
     def rigid_cycle(self) -> HalfCycle | None:
@@ -297,7 +297,7 @@ def inner_cycle(P: StickMap, outer: float, moving: float, options: Options) -> H
     outer, moving: stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
     Returns the cycle; None where none was met.
     """
-    problem, failed, needed = Hunting("switch", P.servo, P.gain), 0, CAME_TO_REST
+    problem, failed, needed = hunting("switch", P.servo, P.gain, half=options.half), 0, CAME_TO_REST
     for inside, outside in _narrowing(P, outer, CREEPS_AFTER * moving):
         if inside.ratio < needed or inside.segments[-1].mode != "stick":
             continue

@@ -16,7 +16,7 @@ from ..compiled import kept
 from ..hybrid import System
 from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Phase, Signature
-from ..hybrid.vector_form import Names
+from ..hybrid.vector_form import Always, Names
 from . import hunting
 from .controller import Controller
 from .hunting import Model, hunting_system
@@ -35,7 +35,8 @@ _MIRROR = str.maketrans("+-", "-+")
 
 
 @kept(maxsize=8)
-def _system(model: Model, parameters: int) -> System:
+def system_of(model: Model, parameters: int) -> System:
+    """The servo as a system, its numbers those of any servo; parameters: the length of p, which tells its form."""
     if parameters in _FORMS:
         return hunting_system(_FORMS[parameters], model, 1.0)
     return band_system(_FORMS[parameters - len(STICK_BAND)], 1.0)
@@ -43,7 +44,7 @@ def _system(model: Model, parameters: int) -> System:
 
 def names_of(model: Model, parameters: int) -> Names:
     """The entries of x and p by name."""
-    return _system(model, parameters).names
+    return system_of(model, parameters).names
 
 
 def automaton(model: Model, parameters: int) -> engine.System:
@@ -51,7 +52,7 @@ def automaton(model: Model, parameters: int) -> engine.System:
 
     Returns its modes and exits; those of stick_band.py where p tells of a stick band.
     """
-    return _system(model, parameters).vector_form
+    return system_of(model, parameters).vector_form
 
 
 def motor_torque(x: Any, p: Any) -> Any:
@@ -89,25 +90,40 @@ def softened(signature: Signature, k: int) -> Signature | None:
     return (*signature[:k], ("slide", event), *signature[k + 1 :])
 
 
-@kept(maxsize=256)
 def hunting_cycle(
     model: Model, signature: Signature, *, half: bool = True, parameters: tuple[str, ...] = PARAMETERS
 ) -> Cycle:
-    """The hunting cycle with a given phase sequence.
+    """The symmetric hunting cycle with a given phase sequence.
 
     half: closed by x(T/2) = -x(0); False gives the full cycle, the sequence and its mirror image, closed by x(T) =
     x(0). Returns cycle of half a period (`repeats` 2) or of a whole one (1).
     """
+    return closed_cycle(model, signature if half else signature + mirrored(signature), 2 if half else 1, parameters)
+
+
+@kept(maxsize=256)
+def closed_cycle(model: Model, signature: Signature, repeats: int, parameters: tuple[str, ...]) -> Cycle:
+    """The hunting cycle with these phases, of half a period (repeats 2) or of a whole one (1), lopsided or not.
+
+    Raises ValueError: a phase that the model does not have, or that the one before it cannot lead to.
+    """
     form = automaton(model, len(parameters))
     n = len(form.states)
-    sequence = signature if half else signature + mirrored(signature)
     # By its name alone: a softened slide ends with a reversal too, which is no exit of its mode.
     events = {way_out.event.name: way_out.event for mode in form.modes for way_out in form.exits[mode]}
+    if any(mode not in form.modes or event not in events for mode, event in signature):
+        raise ValueError(f"the {model} servo has no cycle with the phases {signature}")
+    for (mode, event), (following, _) in zip(signature, signature[1:] + signature[:1], strict=True):
+        if repeats == 2:
+            break  # a motion that is no cycle may be closed by its mirror image: what comes of it is judged
+        leads = [w.successor for w in form.ways_out(mode, event) if isinstance(w.successor, Always)]
+        if any(one.name != following and "slide" not in (one.name, following) for one in leads):
+            raise ValueError(f"{signature} are not the phases of a cycle of the {model} servo")
     return Cycle(
-        name=f"{model} {'half' if half else 'full'} cycle",
+        name=f"{model} {'half' if repeats == 2 else 'full'} cycle",
         states=form.states,
         parameters=parameters,
-        phases=tuple(Phase(form.modes[mode], events[event]) for mode, event in sequence),
-        closure=-np.eye(n) if half else np.eye(n),
-        repeats=2 if half else 1,
+        phases=tuple(Phase(form.modes[mode], events[event]) for mode, event in signature),
+        closure=-np.eye(n) if repeats == 2 else np.eye(n),
+        repeats=repeats,
     )

@@ -34,13 +34,14 @@ from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.near import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import find_fold
 from .hunting import Model
+from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at
 from .servo import Servo
 from .strategies import Strategy, first_of
 
-BranchName = Literal["stable", "unstable"]
-BRANCHES: tuple[BranchName, ...] = ("stable", "unstable")
+BranchName = Literal["stable", "unstable", "lopsided"]
+BRANCHES: tuple[BranchName, ...] = ("stable", "unstable", "lopsided")
 TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 NO_AMPLITUDE = 1e-6
@@ -64,7 +65,8 @@ def find_orbit(
     servo, model, gain
         the problem; gain > 0.
     branch
-        the stable cycle, or the unstable one that bounds its basin.
+        the stable cycle, or the unstable one that bounds its basin; or one of the lopsided pair that branches off from
+        the symmetric cycle where its half multiplier passes -1, the other one being its mirror image.
     options
         tolerance and method.
 
@@ -95,6 +97,9 @@ def find_orbit(
     check_hunts(servo, model)
     search = _Search(servo, model, gain, branch, options)
     what = f"the {branch} hunting cycle of the {model} servo at gain {gain:g} was not found:"
+    if branch == "lopsided":
+        symmetric = find_orbit(servo, model, gain, options=replace(options, half=True))
+        return replace(lopsided_at(symmetric, options), wall_s=time.perf_counter() - began)
     orbit = first_of(STABLE if branch == "stable" else UNSTABLE, search, what)
     return replace(orbit, wall_s=time.perf_counter() - began)
 

@@ -6,6 +6,7 @@ are those of cycles.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` an
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -15,13 +16,14 @@ from ..checks import require
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription
 from ..continuation.fold import Fold
-from ..hybrid.problem import Problem
+from ..hybrid import System
 from ..hybrid.system import Cycle, Signature
-from ..hybrid.vector_form import Names
+from ..orbits.closure import Closure, Section
+from ..orbits.family import Cycles
 from ..orbits.orbit import Orbit
 from ..orbits.restart import Start
-from .cycles import SCHEMES, automaton, hunting_cycle, names_of
-from .hunting import Model
+from .cycles import SCHEMES, closed_cycle, system_of
+from .hunting import STATES, Model
 from .sequences import harden, merge_vanishing, next_sequence, remarch
 from .servo import Servo, flatten
 
@@ -127,16 +129,44 @@ class HuntingFold(Fold[HuntingOrbit]):
 
 
 @dataclass(frozen=True)
-class Hunting(Problem):
-    """The hunting of one servo with one friction model at one gain."""
+class Hunting(Cycles):
+    """The hunting of one servo with one friction model at one gain.
+
+    Attributes
+    ----------
+    model, servo, gain : the friction model, the servo, and the gain K [V/rad].
+    closure : how its cycles close; default after half a period, by their mirror image.
+    sections : planes at which phases may end; the servo's events serve.
+    """
 
     orbit_type: ClassVar[type | None] = HuntingOrbit
     fold_type: ClassVar[type | None] = HuntingFold
-    beyond_a_fold: ClassVar[str] = "beyond it the servo does not hunt"
+    measured: ClassVar[str] = "x1"  # type: ignore[misc]
 
     model: Model
     servo: Servo
     gain: float
+    closure: Closure = None  # type: ignore[assignment]
+    sections: tuple[Section, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.closure is None:
+            object.__setattr__(self, "closure", CLOSURES[self.model])
+
+    @property
+    def beyond_a_fold(self) -> str:  # type: ignore[override]
+        """Of the symmetric cycle: a lopsided pair may end and leave it."""
+        return "beyond it the servo does not hunt" if self.closure.repeats == 2 else super().beyond_a_fold
+
+    def whole(self) -> Hunting:
+        """The same, its cycles closed after a whole period: the lopsided ones too."""
+        n = len(self.system.states)
+        return replace(self, closure=Closure.of(np.eye(n), np.zeros(n), 1))
+
+    @property
+    def system(self) -> System:  # type: ignore[override]
+        """That of hunting.py; its numbers are those of any servo."""
+        return system_of(self.model, len(self.names))
 
     @property
     def title(self) -> str:
@@ -167,12 +197,8 @@ class Hunting(Problem):
         """(np,) the values of `names`."""
         return self.servo.parameters(self.gain)
 
-    def vocabulary(self, states: tuple[str, ...]) -> Names:
-        """x.x1, p.inertia: the words of hunting.py."""
-        return names_of(self.model, len(self.names))
-
     def record(self) -> dict[str, Any]:
-        """Model, servo and gain."""
+        """Model, servo and gain; an orbit's record says whether it is half a cycle."""
         return {"model": self.model, "servo": flatten(self.servo), "gain": self.gain}
 
     def with_value(self, name: str, value: float) -> Hunting:
@@ -197,35 +223,42 @@ class Hunting(Problem):
         """The hunting cycle with these phases.
 
         signature: phase sequence: of half a period, or of a whole one; repeats: 2: half a cycle, closed by its mirror
-        image; 1: both mirrored halves. Raises ValueError: a phase that the model does not have.
+        image; 1: a whole one. Raises ValueError: a phase that the model does not have, or that does not follow.
         """
-        modes = automaton(self.model, len(self.names)).modes
-        if any(mode not in modes for mode, _ in signature):
-            raise ValueError(f"{self.title} has no cycle with the phases {signature}")
-        half = repeats == 2
-        signature = signature if half else signature[: len(signature) // 2]
-        return hunting_cycle(self.model, signature, half=half, parameters=self.names)
+        return closed_cycle(self.model, signature, repeats, self.names)
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> list[Start]:
-        """Starting points for other phase sequences: see `sequences.next_sequence`.
+    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
+        """Starting points for other phase sequences: of half cycles see `sequences.next_sequence`.
 
         t, u, setting: an orbit that is no motion any more: transcription, unknowns, setting; soft: also last resorts
         that converge everywhere, but slowly. Returns starting points, most promising first.
         """
-        return next_sequence(self.model, t, u, setting, phase, soft=soft)
+        if t.cycle.repeats == 1 and self.model == "switch":
+            return super().next_sequence(t, u, setting, phase, soft=soft)
+        return iter(next_sequence(self.model, t, u, setting, phase, soft=soft))
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """The phases that the motion really has: see `sequences.remarch`.
+        """The phases that the motion really has: of half cycles see `sequences.remarch`.
 
         Returns starting point; None where the motion could not be followed.
         """
-        return remarch(self.model, t, u, setting)
+        return super().remarch(t, u, setting) if t.cycle.repeats == 1 else remarch(self.model, t, u, setting)
 
-    def expected(self, t: Transcription, u: Array, setting: Setting) -> list[Start]:
+    def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
         """Starting points at a predicted point of a branch.
 
         Returns the sequence at hand, unsplit phases given their sign again; then without a pair about to vanish.
         """
         start = (t, u, setting)
         starts = [harden(self.model, *start) or start, merge_vanishing(self.model, *start)]
-        return [candidate for candidate in starts if candidate is not None]
+        return (candidate for candidate in starts if candidate is not None)
+
+
+CLOSURES = {model: Closure.of(-np.eye(len(x)), np.zeros(len(x)), 2) for model, x in STATES.items()}
+"""Half a period, closed by its mirror image."""
+
+
+def hunting(model: Model, servo: Servo, gain: float, *, half: bool) -> Hunting:
+    """The problem of cycles that are computed on half of their period, or on the whole of it."""
+    problem = Hunting(model, servo, gain)
+    return problem if half else problem.whole()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,8 @@ INTERRUPTED = "interrupted"
 
 def _pose(record: Mapping[str, Any]) -> Hunting:
     model: Any = known("model", record["model"], MODELS)
-    return Hunting(model, unflatten(record["servo"]), require("gain", record["gain"], above=0))
+    half = Hunting(model, unflatten(record["servo"]), require("gain", record["gain"], above=0))
+    return half if record["half"] else half.whole()
 
 
 def load_orbit(path: str | Path) -> HuntingOrbit:
@@ -93,22 +95,36 @@ def save_branch(
     ([0.1], 'one point')
     """
     writer = Writer(said)
-    orbits = [writer.orbit(orbit) for orbit in branch.orbits]
+    own, pairs = _content(branch, writer), [_content(pair, writer) for pair in branch.lopsided]
+    content = {
+        "model": branch.model,
+        "servo": flatten(branch.servo),
+        **own,
+        "lopsided": Text(f"[{', '.join(map(_object, pairs))}]"),
+        "run": dict(run or {}),
+    }
+    write(path, "branch", content, writer)
+
+
+def _content(branch: Branch, writer: Writer) -> dict[str, Text]:
+    """What a branch has of its own, as JSON text."""
     special = [
         f'{{"kind": {writer.text(s.kind)}, "meaning": {writer.text(s.meaning)}, "at": {writer.text(s.at)}, '
         f'"vary": {writer.text(s.vary)}, "orbit": {writer.orbit(s.orbit)}}}'
         for s in branch.special
     ]
-    content = {
-        "model": branch.model,
-        "servo": flatten(branch.servo),
-        "ended": branch.ended,
-        "orbits": Text(f"[{', '.join(orbits)}]"),
+    missed = [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed]
+    return {
+        "ended": Text(writer.text(branch.ended)),
+        "orbits": Text(f"[{', '.join(writer.orbit(orbit) for orbit in branch.orbits)}]"),
         "special": Text(f"[{', '.join(special)}]"),
-        "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
-        "run": dict(run or {}),
+        "missed": Text(writer.text(missed)),
     }
-    write(path, "branch", content, writer)
+
+
+def _object(content: Mapping[str, Text]) -> str:
+    """A JSON object of texts."""
+    return "{" + ", ".join(f'"{name}": {text}' for name, text in content.items()) + "}"
 
 
 def load_branch(path: str | Path) -> Branch:
@@ -172,11 +188,17 @@ def of_another_run(path: Path, why: str) -> InputError:
 
 
 def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
+    branch = _own(metadata, metadata, numbers)
+    return replace(branch, lopsided=tuple(_own(metadata, pair, numbers) for pair in metadata.get("lopsided", [])))
+
+
+def _own(metadata: dict[str, Any], content: dict[str, Any], numbers: Array) -> Branch:
+    """What `_content` has said of a branch, of the model and the servo that a file is about."""
     branch = Branch(
         model=metadata["model"],
         servo=unflatten(metadata["servo"]),
-        orbits=tuple(orbit_from(record, numbers, _pose) for record in metadata["orbits"]),
-        ended=str(metadata["ended"]),
+        orbits=tuple(orbit_from(record, numbers, _pose) for record in content["orbits"]),
+        ended=str(content["ended"]),
         special=tuple(
             SpecialPoint(
                 kind=str(s["kind"]),
@@ -185,9 +207,9 @@ def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
                 at=None if s.get("at") is None else float(s["at"]),  # version 0.2 wrote neither this nor the next
                 vary=str(s.get("vary", "")),
             )
-            for s in metadata["special"]
+            for s in content["special"]
         ),
-        missed=tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in metadata.get("missed", [])),
+        missed=tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in content.get("missed", [])),
     )
     others = [orbit.model for orbit in (*branch.orbits, *(s.orbit for s in branch.special))]
     if any(model != branch.model for model in others):

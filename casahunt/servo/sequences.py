@@ -22,7 +22,7 @@ from ..collocation.transcription import Setting, Transcription
 from ..hybrid.system import Cycle, Signature
 from ..motion.march import MarchFailure, Segment, march
 from ..orbits.restart import Start, assembled, breaks_of, cut, from_segments, merged, piece, relabelled
-from .cycles import automaton, hunting_cycle, mirrored, softened
+from .cycles import automaton, closed_cycle, hunting_cycle, mirrored, softened
 from .hunting import Model
 from .servo import PARAMETERS, PID_PARAMETERS
 
@@ -30,12 +30,6 @@ Array = np.ndarray
 
 SHORT_STICK = 0.1  # duration of a stick, in units of the slips', below which it may be about to vanish
 SIGN_POINTS = 65  # points per interval at which x2 is searched for changes of sign
-
-
-def half_signature(t: Transcription) -> Signature:
-    """Phase sequence of the half cycle that the cycle of `t` is made of."""
-    signature = t.cycle.signature
-    return signature if t.cycle.repeats == 2 else signature[: len(signature) // 2]
 
 
 def next_sequence(
@@ -48,7 +42,7 @@ def next_sequence(
     """
     if model == "switch":
         start = remarch(model, t, u, setting)
-        found = [start if start is None or half_signature(start[0]) != half_signature(t) else None]
+        found = [start if start is None or start[0].cycle.signature != t.cycle.signature else None]
     else:
         found = [
             split_reversals(model, t, u, setting, phase),
@@ -96,8 +90,7 @@ def remarch(model: Model, t: Transcription, u: Array, setting: Setting) -> Start
         return None
     if segments[-1].event == "":
         return None
-    half = t.cycle.repeats == 2
-    return from_half_cycle(model, segments, setting.p, setting.dp, degree=t.degree, kind=t.kind, half=half)
+    return from_half_cycle(model, segments, setting.p, setting.dp, degree=t.degree, kind=t.kind, half=True)
 
 
 def split_reversals(
@@ -107,9 +100,8 @@ def split_reversals(
 
     Returns starting point; None where the phase is no slide, or x2 does not change sign an even number of times in it.
     """
-    half = half_signature(t)
-    length = len(half)
-    mode, event = half[phase % length]
+    signature, k = t.cycle.signature, phase
+    mode, event = signature[k]
     if mode not in ("slide+", "slide-"):
         return None
     cuts = _sign_changes(t, u, setting, phase)
@@ -118,19 +110,13 @@ def split_reversals(
     other = "slide-" if mode == "slide+" else "slide+"
     modes = [mode if i % 2 == 0 else other for i in range(cuts.size + 1)]
     pieces = tuple((m, "reversal") for m in modes[:-1]) + ((modes[-1], event),)
-    k = phase % length
-    cycle = _like(model, t, half[:k] + pieces + half[k + 1 :])
-    return cut(cycle, t, u, setting, {j: cuts for j in _in_every_pass(t, k, length)})
+    cycle = _like(model, t, signature[:k] + pieces + signature[k + 1 :])
+    return cut(cycle, t, u, setting, {k: cuts})
 
 
 def _like(model: Model, t: Transcription, signature: Signature) -> Cycle:
-    """The cycle with another half cycle, closed as that of `t` is."""
-    return hunting_cycle(model, signature, half=t.cycle.repeats == 2, parameters=t.cycle.parameters)
-
-
-def _in_every_pass(t: Transcription, k: int, length: int) -> list[int]:
-    """Numbers of phase k of the half cycle in the cycle of `t`."""
-    return [k] if t.cycle.repeats == 2 else [k, k + length]
+    """The cycle with other phases, closed as that of `t` is."""
+    return closed_cycle(model, signature, t.cycle.repeats, t.cycle.parameters)
 
 
 def _sign_changes(t: Transcription, u: Array, setting: Setting, phase: int) -> Array:
@@ -159,26 +145,25 @@ def merge_vanishing(model: Model, t: Transcription, u: Array, setting: Setting) 
     """
     if model == "switch":
         return _without_stick(t, u, setting)
-    half = half_signature(t)
-    length = len(half)
+    phases = t.cycle.signature
     durations = t.durations_of(u)
     candidates = [
-        k for k in range(1, length - 1)
-        if half[k][0] in ("slide+", "slide-") and half[k - 1][0] == half[k + 1][0]
-        and half[k - 1][1] == half[k][1] == "reversal"
+        k for k in range(1, len(phases) - 1)
+        if phases[k][0] in ("slide+", "slide-") and phases[k - 1][0] == phases[k + 1][0]
+        and phases[k - 1][1] == phases[k][1] == "reversal"
     ]  # fmt: skip
     if not candidates:
         return None
     k = min(candidates, key=lambda j: durations[j])
-    if durations[k] > 0.5 * float(np.median(durations[:length])):
+    if durations[k] > 0.5 * float(np.median(durations)):
         return None
-    cycle = _like(model, t, half[: k - 1] + (half[k + 1],) + half[k + 2 :])
-    return merged(cycle, t, u, setting, _in_every_pass(t, k, length))
+    cycle = _like(model, t, phases[: k - 1] + (phases[k + 1],) + phases[k + 2 :])
+    return merged(cycle, t, u, setting, [k])
 
 
 def _without_stick(t: Transcription, u: Array, setting: Setting) -> Start | None:
     """A Switch half cycle whose stick has shrunk to nothing: the servo stops and is reversed at once."""
-    half = half_signature(t)
+    half = t.cycle.signature
     durations = t.durations_of(u)
     if t.cycle.repeats != 2 or half[-1][0] != "stick" or durations[-1] > SHORT_STICK * np.sum(durations[:-1]):
         return None
@@ -191,8 +176,7 @@ def soften(model: Model, t: Transcription, u: Array, setting: Setting, phase: in
 
     Returns starting point; None where the phase is no slide.
     """
-    half = half_signature(t)
-    softer = softened(half, phase % len(half))
+    softer = softened(t.cycle.signature, phase)
     return None if softer is None else relabelled(_like(model, t, softer), t, u, setting)
 
 
@@ -201,12 +185,12 @@ def harden(model: Model, t: Transcription, u: Array, setting: Setting) -> Start 
 
     Returns starting point; None where no phase is unsplit.
     """
-    half = half_signature(t)
-    if all(mode != "slide" for mode, _ in half):
+    phases = t.cycle.signature
+    if all(mode != "slide" for mode, _ in phases):
         return None
     signature = []
     w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
-    for k, (mode, event) in enumerate(half):
+    for k, (mode, event) in enumerate(phases):
         forward = float(np.sum(w[t.phase_intervals(k), :, 1])) > 0
         signature.append((mode if mode != "slide" else ("slide+" if forward else "slide-"), event))
     return relabelled(_like(model, t, tuple(signature)), t, u, setting)

@@ -76,6 +76,7 @@ OTHER_FORMS = {
     "mesh": ("meshes",),
     "grazing": ("grazings", "graze", "grazes"),
     "natural continuation": ("natural continuation in the gain",),
+    "period doubling": ("flip", "flips"),
     "phase sequence": ("sequence of phases",),
     "hunting": ("hunt", "hunts"),
     "worst corner": ("worst friction",),

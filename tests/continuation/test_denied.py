@@ -13,7 +13,9 @@ from casahunt.continuation import behind_grazing, following
 def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):
     """A cycle of two states with these extremes."""
     states = np.array([[x[0], x[1], 0.0], [v[0], v[1], 1.0]])
-    return SimpleNamespace(period=period, problem=None, scale=np.ones(2), sample=lambda: (np.zeros(3), states))
+    named = SimpleNamespace(states=("x", "v"))
+    problem = SimpleNamespace(vocabulary=lambda _: named)
+    return SimpleNamespace(period=period, problem=problem, cycle=named, sample=lambda: (np.zeros(3), states))
 
 
 @pytest.mark.parametrize(
@@ -38,7 +40,6 @@ def test_a_cycle_behind_a_grazing_is_nearly_the_same(other, alike):
     ],
 )  # fmt: skip
 def test_a_first_phase_that_has_become_short(monkeypatch, before, after, same, shrinks):
-    monkeypatch.setattr(following, "Family", SimpleNamespace)
     monkeypatch.setattr(following, "beside_the_plane", lambda orbit: np.inf)
 
     def orbit(durations, signature):

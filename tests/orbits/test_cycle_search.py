@@ -384,7 +384,7 @@ def test_which_of_two_cycles_the_motion_goes_to(rate, begins, radius):
 def test_events_that_are_met_at_first_alone():
     """The cycle of x'' = (1 - x^2) x' - x keeps clear of x = 4, from beyond which the motion comes."""
     field = lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x}  # noqa: E731
-    ends = (Event("falls", lambda x, p: x.x - 4, -1, to="smooth"), Event("rises", lambda x, p: x.x - 4, +1, to="smooth"))
+    ends = tuple(Event(name, lambda x, p: x.x - 4, way, to="smooth") for name, way in (("falls", -1), ("rises", +1)))
     orbit = find_cycle(System("stop", ("x", "v"), {}, (Mode("smooth", field, ends=ends),)), x=5.0, v=0.0, tol=1e-9)
     assert_period(orbit, VAN_DER_POL[0.0][0])
 

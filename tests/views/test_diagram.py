@@ -17,7 +17,8 @@ from casahunt.servo.saved import load_branch
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold
 from casahunt.views.commands import orbit as command_orbit
-from problems import table1
+from casahunt.views.pictures.branches import _with_special
+from problems import canudas_gain, canudas_servo, table1
 from problems.taylor import switch_cycle
 
 
@@ -300,3 +301,34 @@ def test_interrupt_before_the_first_point(capsys, tmp_path, monkeypatch, words):
     what = "; no point was computed" if words[0] == "diagram" else ""
     assert run(capsys, *words) == (130, "", f"casahunt {words[0]}: interrupted{what}\n")
     assert not contents(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_lopsided_pair(capsys, tmp_path):
+    """To the end: announced, followed, drawn, written; taken up again without being computed again."""
+    out = tmp_path / "out"
+    command = ["diagram", canudas_servo.TOML, "--model", "lugre", "--from", "44", "--tol", "1e-7", "--out", out]
+    code, text, err = run(capsys, *command)
+    assert code == 0 and all(is_picture(out / name) for name in command_diagram.PICTURES)
+    words = " ".join(text.split())
+    assert "lopsided, one of a pair whose other is its mirror image" in words and "own image" in words
+    branch = load_branch(out / "lugre.npz")
+    (pair,) = branch.lopsided
+    breaking = [special.orbit.gain for special in branch.special if special.kind == "symmetry breaking"]
+    assert breaking == pytest.approx(canudas_gain.BREAKING, rel=1e-7)
+    assert [s.orbit.gain for s in branch.special if s.kind == "fold"] == pytest.approx([canudas_gain.FOLD], rel=1e-7)
+    found = {(special.kind, round(special.orbit.gain, 4)) for special in pair.special}
+    assert found == {("fold", 47.9671), ("flip", 47.9982), ("flip", 48.4332), ("symmetry breaking", 48.4446)}
+    rows = rows_of(out / "lugre.csv")
+    lopsided = [row for row in rows if row["lopsided"]]
+    assert [float(row["gain"]) for row in lopsided if not row["special"]] == [orbit.gain for orbit in pair.orbits]
+    assert {row["special"] for row in lopsided} == {"", "fold", "flip", "symmetry breaking"}
+    assert all(row["lopsided"] == "1" for row in rows[-len(lopsided) :]) and len(rows) > len(lopsided)
+    assert sum(bool(line.endswith("  lopsided")) for line in err.splitlines()) >= len(pair.orbits)
+    _, text, err = run(capsys, *command, "--resume", "--json", "--quiet")
+    (record,) = one_json(text)["branches"]
+    assert [special["gain"] for special in record["lopsided"][0]["special"]] == [s.orbit.gain for s in pair.special]
+    assert rows_of(out / "lugre.csv") == rows
+    kinds = [(kind, orbit.gain) for orbit, kind in zip(*_with_special(branch), strict=True)]
+    at = [kinds.index(("symmetry breaking", gain)) for gain in breaking]
+    assert kinds[at[0] + 1][1] > breaking[0] and kinds[at[1] - 1][1] < breaking[1] and at[1] > at[0] + 1

@@ -14,13 +14,15 @@ from typing import IO, Any
 from ... import effort
 from ...continuation.special_points import FOLD
 from ...design.diagram import DiagramPoint, diagram, starting_gain
-from ...design.diagram_files import SIGNS, Task, Words, begun, keep
+from ...design.diagram_files import SIGNS, Left, Task, Words, begun, branch_of, keep
 from ...errors import NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
 from ...servo.branch import Branch
 from ...servo.hunting import Model
+from ...servo.lopsided import with_lopsided
+from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
 from .arguments import add_common, add_out, add_solver, how_of, models_of, positive, servo_of
 from .console import complain, folder, of_this, progress, progress_line, say
@@ -75,9 +77,9 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     results = _results(options)
     with folder(options.out, results) as out:
-        there = {model: begun(task, model, out) if options.resume else ([], "") for model in models}
+        there = {model: begun(task, model, out) if options.resume else Left([], "") for model in models}
         # What an earlier run has left makes room when this one has its first point, and not before.
-        taken_up = [model for model in models if there[model][0]]
+        taken_up = [model for model in models if there[model].points]
         stale = {name: sign for name, sign in results.items() if Path(name).stem not in taken_up}
         found = _Found(task, out, there, stale, progress(options.quiet))
         try:
@@ -98,7 +100,8 @@ def run(options: argparse.Namespace) -> int:
         "failures": found.failures,
         "wall_s": time.perf_counter() - began,
     }
-    said = {special.kind for branch in found.branches for special in branch.special}
+    every = [one for branch in found.branches for one in (branch, *branch.lopsided)]
+    said = {special.kind for branch in every for special in branch.special}
     give(options, summary, _lines(found.branches, None if options.outputs.troubles else out), said=said)
     return 1 if found.failures else 0
 
@@ -108,6 +111,13 @@ def _lines(branches: list[Branch], out: Path | None) -> Iterator[str]:
         yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
         for special in branch.special:
             yield f"  {special.meaning}"
+        for pair in branch.lopsided:
+            yield (
+                f"  lopsided, one of a pair whose other is its mirror image: {len(pair.orbits)} points from gain "
+                f"{pair.orbits[0].gain:.8g}; {pair.ended}"
+            )
+            for special in pair.special:
+                yield f"    {special.meaning}"
     if out and branches:
         yield f"written to {out}"
 
@@ -118,8 +128,8 @@ class _Found:
 
     task: Task
     out: Path
-    there: dict[Model, tuple[list[DiagramPoint], str]]
-    """By model: the points that an earlier run has left, and why it ended."""
+    there: dict[Model, Left]
+    """By model: what an earlier run has left."""
     stale: dict[str, bytes]
     """Files that an earlier run may have left, and what stands in each."""
     stream: IO[str] | None
@@ -130,7 +140,7 @@ class _Found:
     @property
     def computed(self) -> bool:
         """Whether the folder holds a point of this diagram."""
-        return not self.stale or any(points for points, _ in self.there.values())
+        return not self.stale or any(left.points for left in self.there.values())
 
     def make_room(self) -> None:
         """Set aside what an earlier run has left."""
@@ -152,9 +162,9 @@ class _Found:
         self.branches.append(branch)
         if failure := _shortfall(branch, float(branch.gains[0]), self.task.natural):
             self.lacks(failure)
-        for gap in branch.missed:
+        for gap in (*branch.missed, *(gap for pair in branch.lopsided for gap in pair.missed)):
             complain("casahunt diagram", f"{model}: {gap.meaning}")
-            if gap.kind == FOLD.kind:  # what the diagram is there for
+            if gap.kind == FOLD.kind and gap in branch.missed:  # what the diagram is there for
                 self.failures.append(gap.meaning)
 
     def lacks(self, failure: str) -> None:
@@ -164,7 +174,7 @@ class _Found:
 
     def begins(self, model: Model) -> float:
         """The gain that the branch of a model begins at: as asked for, as begun, or its own."""
-        points = self.there[model][0]
+        points = self.there[model].points
         return self.task.start or (points[0].orbit.gain if points else self.own_start(model))
 
     def own_start(self, model: Model) -> float:
@@ -224,21 +234,22 @@ class _Way:
 def _one_branch(
     task: Task,
     model: Model,
-    there: tuple[list[DiagramPoint], str],
+    there: Left,
     make_room: Callable[[], None],
     out: Path,
     stream: IO[str] | None,
     way: _Way,
 ) -> Branch:
     """Compute a branch, from the points that are there on; each is on disk before the next one is looked at."""
-    found, ended, words = list(there[0]), there[1], Words()
+    found, ended, words = list(there.points), there.ended, Words()
     for point in found:
         way.left(point)
     way.began = None
     if found:
         say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
     if found and ended != INTERRUPTED:
-        return keep(task, model, found, ended, out, words)
+        beside = replace(branch_of(task, model, found, ended), lopsided=there.lopsided)
+        return keep(task, model, found, ended, out, words, beside)
     points = diagram(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
@@ -246,11 +257,13 @@ def _one_branch(
         try:
             point = next(points)
         except StopIteration as end:
-            return keep(task, model, found, str(end.value), out, words)
+            ended = str(end.value)
+            break
         except NoOrbit as error:
             if not found:  # nothing is written for a servo that does not hunt
                 raise
-            return keep(task, model, found, str(error), out, words)
+            ended = str(error)
+            break
         make_room()
         with held():
             found.append(point)
@@ -259,6 +272,18 @@ def _one_branch(
             say(stream, f"{model:7s} {special.meaning}")
         say(stream, progress_line(point.orbit) + way.left(point))
         effort.heard()
+    beside = _beside(branch_of(task, model, found, ended), task, stream)
+    return keep(task, model, found, ended, out, words, beside)
+
+
+def _beside(branch: Branch, task: Task, stream: IO[str] | None) -> Branch:
+    """The branch with one cycle of each lopsided pair that branches off from it, followed too."""
+
+    def shown(orbit: HuntingOrbit) -> None:
+        say(stream, f"{progress_line(orbit)}  lopsided")
+        effort.heard()
+
+    return with_lopsided(branch, options=task.options, progress=shown)
 
 
 def _shortfall(branch: Branch, start: float, natural: bool) -> str:

@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
     add_gain(orbit)
     add_common(orbit)
     add_model(orbit)
-    orbit.add_argument("--branch", default="stable", help="stable (default) or unstable")
+    orbit.add_argument("--branch", default="stable", help="stable (default), unstable or lopsided")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
     add_solver(orbit)
     orbit.add_argument(
@@ -68,10 +68,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _lines(orbit: HuntingOrbit, record: Mapping[str, Any], second: Multipliers | None) -> Iterator[str]:
     m = orbit.multipliers
-    kind = {True: "stable hunting cycle", False: "unstable hunting cycle", None: "hunting cycle of unknown stability"}
+    what = "lopsided hunting cycle" if record["branch"] == "lopsided" else "hunting cycle"
+    kind = {True: f"stable {what}", False: f"unstable {what}", None: f"{what} of unknown stability"}
     yield f"{orbit.model} servo at gain {orbit.gain:.10g} V/rad: {kind[record['stable']]}"
+    if record["branch"] == "lopsided":
+        yield "  one of a pair: the other one is its mirror image"
     if orbit.half and m.leading.real < -1:
-        yield "  past a symmetry breaking (mu < -1): lopsided cycles, which are not computed, may hunt in its place"
+        yield "  past a symmetry breaking (mu < -1): lopsided cycles may hunt in its place; --branch lopsided"
     yield f"  amplitude        {to_error(orbit.amplitude, orbit.amplitude_error)} rad"
     yield f"  period           {to_error(orbit.period, orbit.period_error)} s"
     if m.trusted:

@@ -36,14 +36,16 @@ from .plotting import (
     power,
 )
 
-SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "grazing": "v", "superstable": "*"}
-OTHER_MARKERS = ("P", "d", "p", "h", "<", ">")
+SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "flip": "D", "grazing": "v", "superstable": "*"}
+OTHER_MARKERS = ("P", "H", "p", "h", "<", ">")
 """For the kinds of special points that users define, in turn."""
+LOPSIDED_MARKER, THIN = "d", 0.6
+"""Of lopsided cycles; their line is this part of that of the symmetric ones."""
 FAR = 1e3
 """A detour longer than any in a picture of size one."""
 TINY = 1e-12
 """Span below which all gains, or all amplitudes, are the same."""
-EXCHANGING = ("fold", "symmetry breaking")
+EXCHANGING = ("fold", "symmetry breaking", "flip")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
@@ -76,8 +78,8 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     >>> above.get_ylabel(), below.get_ylabel()
     ('amplitude max |x₁| [rad]', 'period [s]')
     """
-    curves = _curves(branches)
-    markers = _special_markers(branches)
+    curves = [*_curves(branches), *_lopsided(branches)]
+    markers = _special_markers([*branches, *(pair for branch in branches for pair in branch.lopsided)])
     figure, both = panels(axes, 2, sharex=True, height_ratios=(1.35, 1))
     above, below = both
     for ax, quantity in ((above, "amplitude"), (below, "period")):
@@ -188,11 +190,22 @@ def _curves(branches: Sequence[Branch]) -> list[_Curve]:
     return result
 
 
+def _lopsided(branches: Sequence[Branch]) -> list[_Curve]:
+    """One cycle of each lopsided pair, thin; the other one has the same amplitude and period."""
+    result = []
+    for branch in branches:
+        look = LOOKS[branch.model]
+        look = look._replace(width=THIN * look.width, marker=LOPSIDED_MARKER, zorder=look.zorder + 2)
+        name = f"{NAMES[branch.model]}, lopsided"
+        result += [_Curve(look, name, *_with_special(pair)) for pair in branch.lopsided]
+    return result
+
+
 def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
     """The orbits with every special point put in where it belongs, and the kinds ("" for the others).
 
     That is where the detour to it is shortest in gain and logarithm of the amplitude, both over their span;
-    for a point with |mu| = 1, of the places where stability changes.
+    for a point with |mu| = 1, of the places where stability changes, if there is one for each of them.
     """
     orbits, kinds = list(branch.orbits), [""] * len(branch.orbits)
     inside = {id(orbit): i for i, orbit in enumerate(orbits)}
@@ -214,7 +227,8 @@ def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
         if special.kind in EXCHANGING:
             stable = np.array([orbit.stable for orbit in orbits])
             changes = np.concatenate([[False], stable[:-1] != stable[1:], [False]])
-            detours[~changes] += changes.any() * FAR
+            enough = changes.sum() >= sum(each.kind in EXCHANGING for each in branch.special)
+            detours[~changes] += enough * FAR
         where = int(np.argmin(detours))
         orbits.insert(where, special.orbit)
         kinds.insert(where, special.kind)

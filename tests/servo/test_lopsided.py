@@ -1,0 +1,83 @@
+"""servo/lopsided.py: pairs that branch off where the half multiplier passes -1, against maps by Taylor series."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import NoOrbit, Options, Servo, collect, diagram, find_orbit, load_orbit, save_orbit, with_lopsided
+from casahunt.servo.branch import CSV_COLUMNS
+from problems import canudas_gain, canudas_servo
+from problems.taylor import lugre_half_cycle, switch_half_cycle
+
+CANUDAS = canudas_servo.servo()
+FOLD, FLIPS = 47.96710402, (47.99822556, 48.43318444)
+"""Gains at which the LuGre pair has its fold and its flips, to the digits that are given."""
+
+
+@pytest.mark.slow
+def test_two_swings_of_the_switch_servo():
+    """P(a) = b and P(b) = a, by Taylor series, the swings lasting as long as the cycle's halves."""
+    orbit = find_orbit(CANUDAS, "switch", 46.5, branch="lopsided", options=Options(tol=1e-9))
+    sticks = [arc for arc in orbit.arcs if arc.mode == "stick"]
+    a, b = (abs(arc.end[0]) for arc in sticks)
+    assert orbit.gain == 46.5 and orbit.repeats == 1 and abs(a / b - 1) > 0.01 and len(sticks) == 2
+    (first, time_1, _), (second, time_2, _) = (switch_half_cycle(CANUDAS, 46.5, x) for x in (a, b))
+    assert [first, second] == pytest.approx([b, a], rel=1e-8)
+    assert orbit.amplitude == pytest.approx(max(a, b), rel=1e-12)
+    assert time_1 + time_2 == pytest.approx(orbit.period, rel=1e-8)
+    h = 1e-5
+    ends = [switch_half_cycle(CANUDAS, 46.5, a * by)[0] for by in (1 - h, 1 + h)]
+    slope = np.diff([switch_half_cycle(CANUDAS, 46.5, end)[0] for end in ends])
+    assert orbit.multipliers.full[1].real == pytest.approx(slope[0] / (2 * h * a), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_lugre_servo_where_its_symmetric_cycle_is_unstable(tmp_path):
+    """Two half cycles by Taylor series lead back; what is off comes back smaller by the multiplier."""
+    symmetric = find_orbit(CANUDAS, "lugre", 48.44)
+    orbit = find_orbit(CANUDAS, "lugre", 48.44, branch="lopsided", options=Options(tol=1e-9))
+    assert symmetric.half_multiplier < -1 and not symmetric.stable and orbit.stable and orbit.gain == 48.44
+    k = next(k for k, arc in enumerate(orbit.arcs) if arc.event == "centre")
+    x, sign = orbit.arcs[k].end, np.sign(orbit.arcs[k].end[1])
+    middle, first, _ = lugre_half_cycle(CANUDAS, 48.44, x, sign)
+    back, second, _ = lugre_half_cycle(CANUDAS, 48.44, middle, -sign)
+    assert np.max(np.abs(middle + x) / orbit.scale) > 1e-4  # no image of its own
+    assert np.max(np.abs(back - x) / orbit.scale) < 1e-7
+    assert first + second == pytest.approx(orbit.period, rel=1e-7)
+    save_orbit(orbit, tmp_path / "orbit.npz")
+    loaded = load_orbit(tmp_path / "orbit.npz")
+    assert loaded.repeats == 1 and loaded.problem == orbit.problem and loaded.period == orbit.period
+
+
+@pytest.mark.slow
+def test_below_the_loss_of_symmetry_the_pair_comes_back_round_its_fold():
+    """At 47.99 the symmetric cycle is stable; the pair that branches off above leads there first, unstable."""
+    orbit = find_orbit(CANUDAS, "lugre", 47.99, branch="lopsided")
+    assert FOLD < orbit.gain == 47.99 < FLIPS[0] and orbit.multipliers.full[1].real > 1
+    with pytest.raises(NoOrbit, match="does not prove"):
+        find_orbit(CANUDAS, "lugre", 47.9, branch="lopsided")
+
+
+@pytest.mark.slow
+def test_the_pair_of_a_branch():
+    branch = collect(CANUDAS, "lugre", diagram(CANUDAS, "lugre", start=47.0, options=Options(tol=1e-7)))
+    whole = with_lopsided(branch, options=Options(tol=1e-7))
+    (pair,) = whole.lopsided  # it meets the symmetric cycle at the other point: there no second one begins
+    assert not whole.missed and not pair.missed and "own image" in pair.ended
+    kinds = [special.kind for special in pair.special]
+    assert kinds == ["fold", "flip", "flip", "symmetry breaking"]
+    found = [special.orbit.gain for special in pair.special]
+    assert found == pytest.approx([FOLD, *FLIPS, canudas_gain.BREAKING[1]], rel=1e-7)
+    assert "does not hunt" not in pair.special[0].meaning
+    table = whole._columns()
+    assert list(table)[-1] == CSV_COLUMNS[-1] == "lopsided"
+    assert sum(number == 1 for number in table["lopsided"]) == len(pair.orbits) + len(pair.special)
+    assert replace(whole, lopsided=()).gains.tolist() == branch.gains.tolist()
+
+
+def test_a_cycle_that_keeps_its_symmetry():
+    with pytest.raises(NoOrbit, match="does not lose its symmetry"):
+        find_orbit(Servo(), "switch", 0.5, branch="lopsided")
