@@ -291,9 +291,14 @@ def _task(
     return Task(monitor, options, lambda orbit: orbit), orbit
 
 
-def chart_at(task: Task, sheet: Sheet) -> SpecialChart | str:
-    """The chart of the special point that the orbit of a sheet is, or a sentence that says why there is none."""
-    return special_chart(task, Reading(0.0, sheet.orbit), sheet, 0.0)
+def chart_at(task: Task, orbit: Orbit, vary: str, axis: Axis, c: float, spacing: float) -> SpecialChart | str:
+    """The chart of a special point that is known, or a sentence that says why there is none.
+
+    orbit, vary: its orbit, and the first parameter; axis, c, spacing: the second one, where in its range the point is,
+    and the largest step there.
+    """
+    sheet = sheet_of(orbit, vary, axis, c, options=finer(task.options), spacing=spacing, like=None)
+    return special_chart(task, Reading(0.0, orbit), sheet, 0.0)
 
 
 def _first(task: Task, sheet: Sheet) -> SpecialChart | str:

@@ -7,7 +7,7 @@
                                                                        v
                                                          that servo alone (uncertainty/nearby.py)
 
-An expansion costs as much as ten folds of a batch: spread over the plane, folds need half as many as row by row.
+An expansion costs as much as ten folds of a batch: spread over the plane, folds need fewer than row by row.
 
 A fold is solved and confirmed at its own servo: what it was predicted from decides whether it is found, not what it is.
 
@@ -250,15 +250,17 @@ class _Spreading:
         self._reach(near, self.where[at])
 
     def _reach(self, near: Expansion, where: Array) -> None:
-        """The folds that a known one leads to, of those that are nearest to it."""
-        left = np.flatnonzero(self.left)
-        nearest = left[np.argsort(np.linalg.norm(self.where[left] - where, axis=1), kind="stable")[:MEMBERS_OF_A_PASS]]
-        if not nearest.size:
-            return
-        folds = folds_near(near, self.p[nearest], self.options.tol)
-        for j, i in enumerate(nearest.tolist()):
-            if folds.statuses[j] is Status.CONVERGED:
-                self.gains[i], self.found[i], self.left[i] = folds.values[j], near, False
+        """The folds that a known one leads to, the nearest first, until some of a pass are not reached."""
+        whole = True
+        while whole and self.left.any():
+            left = np.flatnonzero(self.left)
+            nearest = left[np.argsort(np.linalg.norm(self.where[left] - where, axis=1), kind="stable")]
+            some = nearest[:MEMBERS_OF_A_PASS]
+            folds = folds_near(near, self.p[some], self.options.tol)
+            for j, i in enumerate(some.tolist()):
+                if folds.statuses[j] is Status.CONVERGED:
+                    self.gains[i], self.found[i], self.left[i] = folds.values[j], near, False
+            whole = not self.left[some].any()
 
     def _alone(self, near: Expansion | None, i: int) -> Expansion | None:
         """Compute one fold; that from which others are predicted, None where there is none."""

@@ -11,12 +11,11 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...checks import known, require, shown
-from ...continuation.sheet import Axis, finer, sheet_of
+from ...continuation.sheet import Axis
 from ...continuation.special_charts import SpecialChart, SpecialOrbit, Task
 from ...continuation.special_points import FOLD
 from ...continuation.two_parameters import chart_at, special_orbits
@@ -124,8 +123,7 @@ class _Task:
     def chart(self, orbit: HuntingOrbit, c: float) -> SpecialChart | str:
         """The chart of the orbit at a fold, or a sentence that says why there is none."""
         followed = Task(FOLD, self.options, lambda orbit: orbit)
-        how: dict[str, Any] = {"options": finer(self.options), "spacing": self.spacing, "like": None}
-        return chart_at(followed, sheet_of(orbit, "gain", self.axis, c, **how))
+        return chart_at(followed, orbit, "gain", self.axis, c, self.spacing)
 
     def point(self, special: SpecialOrbit) -> FoldPoint:
         """A place of the curve as a point of the result."""
