@@ -172,7 +172,7 @@ def _towards_extremum(
     """Newton's step at fixed a and the way along the curve, (du, dlambda) of both, and how large the larger one is."""
     step, tangent = lin.step_and_tangent(row)
     du, along, slope = lin.expand(step, 1.0), lin.expand(tangent, 0.0), tangent[-1:]
-    size, length, one = max(size_of_step(t, u, du), abs(float(step[-1]))), size_of_step(t, u, along), np.zeros(1, int)
+    size, length, one = max(size_of_step(t, u, du), abs(float(step[-1]))), size_of_step(t, u, along), slice(None)
     way = turn.way(one, np.array([size]), np.array([length]), slope)
     further = float(way[0])
     dlam = float(step[-1] + turn.rise(one, way, slope)[0])

@@ -47,7 +47,7 @@ class Turn:
         self._slope, self._way = np.full(len(self.bend), np.nan), np.zeros(len(self.bend))
         self._step = np.full(len(self.bend), np.inf)
 
-    def way(self, members: Array, step: Array, length: Array, slope: Array) -> Array:
+    def way(self, members: Array | slice, step: Array, length: Array, slope: Array) -> Array:
         """(b,) ways along the curve of some members, NaN where the slope bends the other way.
 
         step, length, slope: (b,) sizes of Newton's steps at fixed a, and of the tangents; d lambda/d a.
@@ -55,7 +55,7 @@ class Turn:
         with np.errstate(all="ignore"):
             return self._told(members, step, length, slope)
 
-    def _told(self, members: Array, step: Array, length: Array, slope: Array) -> Array:
+    def _told(self, members: Array | slice, step: Array, length: Array, slope: Array) -> Array:
         bend, gone, last = self.bend[members], self._way[members], self._slope[members]
         fresh = (slope - last) / gone
         limit = CLEAN_STEP * np.abs(gone) * length
@@ -66,7 +66,8 @@ class Turn:
         unknown = ~np.isfinite(bend)
         first = np.where(slope * bend > 0, -FIRST_WAY, FIRST_WAY) / length
         way = np.where(unknown, np.where(step <= CLEAN_STEP * FIRST_WAY, first, 0.0), -slope / bend)
-        way = np.clip(np.where(step <= BELIEVED_STEP, way, 0.0), -LARGEST_WAY / length, LARGEST_WAY / length)
+        longest = LARGEST_WAY / length
+        way = np.maximum(np.minimum(np.where(step <= BELIEVED_STEP, way, 0.0), longest), -longest)
         # Where the slope has not vanished as it should, the bend is told first, from the corrected point at the same a.
         missed = began & ~clean & (unknown | ~(np.abs(slope) <= REDUCED * np.abs(last)))
         way = np.where(missed, 0.0, np.where(unknown & clean, np.nan, way))
@@ -76,7 +77,7 @@ class Turn:
         self._way[members] = np.where(kept, gone, way)
         return way
 
-    def rise(self, members: Array, way: Array, slope: Array) -> Array:
+    def rise(self, members: Array | slice, way: Array, slope: Array) -> Array:
         """(b,) changes of lambda that their ways bring."""
         bend = self.bend[members]
         return way * (slope + np.where(np.isfinite(bend), bend, 0.0) / 2 * way)
