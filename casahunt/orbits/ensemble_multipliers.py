@@ -3,8 +3,8 @@
     u_b on the mesh with halved intervals, one Newton step -> multipliers there, compared with those of the own mesh
 
 Those that are not sure after that, or too large to be, are left to meshes of their own.  One mesh for all takes 1.05 ms
-a member with three states where meshes of their own take 1.36, and side by side the last bits of one depend on the
-others.
+a member (7 intervals, 3 states) where meshes of their own take 1.36, and side by side a member's last bits depend on
+the others.
 
 Symbols: B members.
 """
