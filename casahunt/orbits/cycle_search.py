@@ -34,7 +34,7 @@ from .family import Family, measured_of
 from .orbit import unknowns_of
 from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme
-from .returning import FEW_PHASES, RETURNED, WITHIN, Returning
+from .returning import FEW_PHASES, RESTS, RETURNED, WITHIN, Returning
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
 from .watching import (
@@ -47,6 +47,8 @@ Array = np.ndarray
 
 FIRST_MESH = 1e-3
 """The mesh of a series resolves this part of the tolerance, and the motion: most cycles need no other one."""
+FARTHER = 10.0
+"""A cycle so many times as far from the motion as that comes back is believed where the return map shows it alone."""
 CLEARLY = 0.1
 """Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 SEVERAL_TIMES = 1e-7
@@ -216,8 +218,10 @@ class _Search(Returning):
 
     # Solve and believe -----------------------------------------------------------------------------------------
 
-    def solved(self, r: Recurrence, motion: list[Segment] | None = None) -> SystemOrbit | None:
-        """The cycle of a recurrence, at the end of what was marched or of another motion; or None with a refusal."""
+    def solved(
+        self, r: Recurrence, motion: list[Segment] | None = None, *, sure: bool = False
+    ) -> SystemOrbit | None:
+        """The cycle of a recurrence, of what was marched or of a motion that is `sure`ly one; None with a refusal."""
         sections, passes, closure = self.sections_for(r, motion or self.segments)
         problem = Family(self.system, tuple(self.p), closure, self.followed, self.measured, sections)
         signature = tuple((s.mode, s.event) for s in passes)
@@ -251,7 +255,7 @@ class _Search(Returning):
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None
-        if r.distance >= RETURNED:
+        if not sure and (r.distance >= RETURNED or away > FARTHER * r.distance + orbit.error_estimate + RESTS):
             self.known.append((r, orbit, M))
             if self.confirmed(self.segments) is not orbit:
                 return None
@@ -281,7 +285,7 @@ class _Search(Returning):
             self.system, self.form, round_it, self.p, self.scale, near,
             lambda r: r.phases * r.closure.repeats < whole,
         )  # fmt: skip
-        return self.solved(found[0], None if self.turning else round_it) if found else None
+        return self.solved(found[0], None if self.turning else round_it, sure=True) if found else None
 
     @property
     def hidden(self) -> str:

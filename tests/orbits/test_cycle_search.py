@@ -381,10 +381,23 @@ def test_which_of_two_cycles_the_motion_goes_to(rate, begins, radius):
     assert orbit.stable and orbit.extrema("x").high.value == pytest.approx(radius, rel=1e-8)
 
 
+def test_a_slow_motion_is_not_where_newtons_method_goes():
+    """Circles of radius 1 and 1.1 attract, weakly: from 1.075 Newton's method goes to the wrong one."""
+
+    def field(x, p):
+        square = x.x**2 + x.y**2
+        grows = -0.02 * (square - 1) * (square - 1.05**2) * (square - 1.1**2)
+        return {"x": grows * x.x - x.y, "y": grows * x.y + x.x}
+
+    rings = System("rings", ("x", "y"), {}, (Mode("smooth", field),))
+    orbit = find_cycle(rings, x=1.075, y=0.0, tol=1e-9)
+    assert orbit.extrema("x").high.value == pytest.approx(1.1, rel=1e-8)
+
+
 def test_events_that_are_met_at_first_alone():
     """The cycle of x'' = (1 - x^2) x' - x keeps clear of x = 4, from beyond which the motion comes."""
     field = lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x}  # noqa: E731
-    ends = tuple(Event(name, lambda x, p: x.x - 4, way, to="smooth") for name, way in (("falls", -1), ("rises", +1)))
+    ends = tuple(Event(f"{way}", lambda x, p: x.x - 4, way, to="smooth") for way in (-1, +1))
     orbit = find_cycle(System("stop", ("x", "v"), {}, (Mode("smooth", field, ends=ends),)), x=5.0, v=0.0, tol=1e-9)
     assert_period(orbit, VAN_DER_POL[0.0][0])
 

@@ -57,7 +57,7 @@ def test_any_users_search_finds_the_servos_orbit(form: Servo, model, K):
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 @pytest.mark.parametrize("K", [0.02, 0.04, 0.1, 0.4])
 def test_the_search_ends_with_the_first_returns(form: Servo, model, K):
-    """On half a cycle, with no more work than a few turns of the motion; one that settles takes several times it."""
+    """On half a cycle, with the work of a few turns of the motion; one that settles takes several times it."""
     mode, start = STARTS[model]
     with effort.watched(None) as watch:
         orbit = find_cycle(hunting_system(form, model, K), mode, start=start, follow="gain", tol=1e-9)
