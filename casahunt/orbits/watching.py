@@ -112,11 +112,8 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     """
     form, time, most = system.vector_form, 0.0, ENOUGH_STEPS
     first, counted = max(1.0, float(np.max(np.abs(x)))), turns(system) > 0
-    span, scale = _longest(system, mode, x, p, kind)
-    if least is None:
-        least = np.zeros(x.size)
-    else:
-        scale = np.maximum(np.abs(x), least)
+    least = np.zeros(x.size) if least is None else least
+    span, scale = _longest(system, mode, x, p, kind, least)
     for _ in range(MOST_LOOKS):
         try:
             scale, seen, (times, states) = look(
@@ -143,21 +140,24 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     return Watched(seen, scale, late, events, time)
 
 
-def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind) -> tuple[float, Array]:
+def _longest(
+    system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array
+) -> tuple[float, Array]:
     """How long a motion is watched at most, very long beside what happens at first, and (n,) supposed sizes.
 
-    Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once.
+    Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once, and no
+    smaller than they are known to be: at rest they are rounding, which no interval is short enough for.
     """
-    scale = np.where(x != 0, np.abs(x), 1.0)
+    scale = size = np.where((x != 0) | (least > 0), np.maximum(np.abs(x), least), 1.0)
     probe = march(
         system.vector_form, mode, x, p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
         kind=kind, max_intervals=10**6, max_time=1e-3,
     )[-1]  # fmt: skip
     if probe.event:
-        scale = np.where(probe.end != 0, np.maximum(np.abs(x), np.abs(probe.end)), scale)
+        scale = np.where(probe.end != 0, np.maximum(np.maximum(np.abs(x), least), np.abs(probe.end)), scale)
     if system.forcing_period is not None:
         return FIRST_LOOK * float(system.names.turn(p)), scale
-    moved = np.max(np.abs(probe.end - x) / np.where(x != 0, np.abs(x), 1.0)) / max(probe.duration, 1e-300)
+    moved = np.max(np.abs(probe.end - x) / size) / max(probe.duration, 1e-300)
     return FIRST_LOOK * VERY_LONG / max(float(moved), 1e-3), scale
 
 
