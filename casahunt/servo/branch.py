@@ -141,5 +141,5 @@ def csv_row(orbit: HuntingOrbit, special: str, lopsided: int = 0) -> list[Any]:
         orbit.unknowns,
         orbit.iterations,
         special,
-        lopsided or "",
+        lopsided,
     ]

@@ -12,6 +12,7 @@ from casahunt.orbits import Options
 from problems import dead_band
 from problems.dead_band import FOLD, NARROW, PARAMETERS
 
+TOL = 1e-8
 LARGEST_WORK = 2e5
 """Collocation intervals: were every step looked at inside for tori, as often as it can be halved, ten times as many."""
 KP, KD, KI, J, FS, FC, VS, B = (PARAMETERS[name] for name in ("kp", "kd", "ki", "J", "Fs", "Fc", "vs", "b"))
@@ -20,14 +21,14 @@ KP, KD, KI, J, FS, FC, VS, B = (PARAMETERS[name] for name in ("kp", "kd", "ki", 
 @pytest.fixture(scope="module")
 def branch():
     with effort.watched(None, limit=LARGEST_WORK) as watch:
-        found = follow(dead_band.stable_cycle(), "delta", to=1.0, back=NARROW, options=Options(tol=1e-8))
+        found = follow(dead_band.stable_cycle(), "delta", to=1.0, back=NARROW, options=Options(tol=TOL))
     assert watch.work > 0
     return found
 
 
 def test_the_fold(branch):
     (fold,) = branch.special
-    assert fold.kind == "fold" and fold.value == pytest.approx(FOLD, rel=1e-9) and not branch.missed
+    assert fold.kind == "fold" and fold.value == pytest.approx(FOLD, rel=TOL) and not branch.missed
 
 
 def test_both_cycles_reach_the_narrow_band(branch):
