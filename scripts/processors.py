@@ -95,7 +95,9 @@ def said_of_branch(branch: Any, tol: float) -> Answer:
     """What is said of a branch: its special points, what it missed, how it ended."""
     points = [f"{s.kind}, {len(s.orbit.arcs)} phases" for s in branch.special]
     missed = [f"missed: {m.kind}, {without_numbers(m.meaning)}" for m in branch.missed]
-    words = [*points, *missed, without_numbers(branch.ended)]
+    # Next to a sharp fold no step converges: by what the last of many fails is rounding.
+    ended = branch.end.kind if branch.end.kind == "stuck" else without_numbers(branch.ended)
+    words = [*points, *missed, ended]
     values = {f"{k + 1}, {s.kind}": [s.value, tol * abs(s.value)] for k, s in enumerate(branch.special)}
     return {"words": words, "numbers": values}
 

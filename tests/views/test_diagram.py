@@ -134,7 +134,8 @@ def test_a_gain_below_the_cycles_is_replaced(capsys, tmp_path):
     command = ["diagram", tmp_path / "my.toml", "--model", "switch", "--natural", "--from", 0.0321, "--out", tmp_path]
     code, out, err = run(capsys, *command, "--quiet")
     assert code == 1 and out.startswith("switch: ") and "fold at gain = 4.05296" in out
-    assert "at gain 0.0321 was not found" in err and "it is drawn from gain 0.458" in err
+    assert "no stable hunting cycle of the switch servo at gain 0.0321" in err and "second fold" in err
+    assert "it is drawn from gain 0.458" in err
     assert float(rows_of(tmp_path / "switch.csv")[0]["gain"]) == 0.458 and is_picture(tmp_path / "diagram.png")
 
 
