@@ -33,8 +33,7 @@ of a stiff bristle is said to hold there, and no more (refused.py).
 
 from __future__ import annotations
 
-import math
-
+from .friction import steepest
 from .hunting import Model
 from .servo import Servo, a_servo
 
@@ -70,8 +69,7 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     drop, reset = f.static > f.coulomb, c.reset_time
     if model == "lugre" and (drop or f.damping > f.stiffness * reset):
         return ""
-    steepest = math.sqrt(2 / math.e) * (f.static - f.coulomb) / f.stribeck_velocity if drop else 0.0
-    taken = 4 * f.damping if model == "lugre" else steepest
+    taken = 4 * f.damping if model == "lugre" else steepest(f)
     derivative = gain * servo.motor_gain * c.shape[1]
     if not (derivative + f.viscous - taken) * reset > servo.inertia:
         return ""
@@ -86,7 +84,7 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
             "sustain an oscillation (Bisoffi et al.)"
         )
     return (
-        f"the friction curve falls by at most {steepest:.4g} N m s/rad, and viscous friction and the controller damp "
-        "the loop so well that it stays stable even if that is taken away: over a period more energy is lost than "
+        f"the friction curve falls by at most {steepest(f):.4g} N m s/rad, and viscous friction and the controller "
+        "damp the loop so well that it stays stable even if that is taken away: over a period more energy is lost than "
         "falling friction can supply"
     )

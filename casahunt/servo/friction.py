@@ -11,6 +11,7 @@ sigma0.  Both models have the same steady sliding friction, g(v) sgn(v) + sigma2
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +71,11 @@ def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:
     Returns g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2) [N m].
     """
     return coulomb + (static - coulomb) * ca.exp(-((v / stribeck_velocity) ** 2))
+
+
+def steepest(friction: Friction) -> float:
+    """The largest drop -g'(v) of the Stribeck curve [N m s/rad]: at v = vs/sqrt(2)."""
+    return math.sqrt(2 / math.e) * (friction.static - friction.coulomb) / friction.stribeck_velocity
 
 
 def bristle_rate(v: Any, speed: Any, z: Any, g: Any, stiffness: Any) -> Any:

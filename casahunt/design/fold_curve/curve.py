@@ -22,6 +22,7 @@ from ...continuation.two_parameters import chart_at, special_orbits
 from ...errors import InputError, NoOrbit, Status
 from ...orbits.adapt import Options
 from ...servo.find_fold import find_fold
+from ...servo.friction import steepest
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
@@ -250,5 +251,5 @@ def unfed(servo: Servo) -> bool:
     sigma2 does.
     """
     f = servo.friction
-    least = f.viscous - (f.static - f.coulomb) / f.stribeck_velocity * np.sqrt(2 / np.e)
+    least = f.viscous - steepest(f)
     return bool(least >= servo.inertia / servo.controller.reset_time) or f.static == f.coulomb
