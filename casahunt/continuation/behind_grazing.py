@@ -23,6 +23,7 @@ from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict
+from .cut_elsewhere import same_events
 from .special_points import GRAZING, SpecialPoint, special_point
 from .touching import NEAR_TOUCH, Touch, cycle_near, touching_at, value_of
 from .vanishing import solved_at
@@ -140,7 +141,7 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
         beside = cast(Cycles, family.with_value(vary, family.moved(vary, side * BESIDE_GRAZING)))
         with suppress(NoOrbit):
             other = cycle_near(beside, arc.mode, arc.states[len(arc.states) // 2, 0], options)
-            if other.signature != last.signature and _alike(last, other):
+            if not same_events(last, other) and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None
 

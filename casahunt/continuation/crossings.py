@@ -92,13 +92,17 @@ class Crossings(Generic[AnyOrbit]):
         name of the parameter, the kinds that are looked for, tolerance and method.
     inside
         whether steps are looked at inside.
+    at_kinks
+        whether it is located where phases come or go between which the field has a kink and no more; else it is said.
     """
 
     def __init__(
-        self, start: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options, inside: bool = True
-    ) -> None:
+        self, start: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options, inside: bool = True,
+        at_kinks: bool = True,
+    ) -> None:  # fmt: skip
         self._vary, self._monitors, self._options, self._inside = vary, tuple(monitors), options, inside
         self._start: AnyOrbit = start
+        self.at_kinks = at_kinks
         self._line: list[_Station[AnyOrbit]] = []
         self._looked, self._found = 0, list[Passed[AnyOrbit]]()  # the last station before which all is known; what is
         self._ahead = ORBITS_AHEAD if any(monitor.by_multipliers for monitor in monitors) else 1
@@ -196,7 +200,7 @@ class Crossings(Generic[AnyOrbit]):
         before, after = self._line[k - 1], self._line[k]
         special: list[SpecialPoint[AnyOrbit]] = []
         missed: list[Missed] = []
-        if GRAZING in self._monitors and apart_by_kinks(before.orbit, after.orbit):
+        if GRAZING in self._monitors and not self.at_kinks and apart_by_kinks(before.orbit, after.orbit):
             missed.append(Missed(KINK_PASSED, f"{self._between(before, after)} {KINK_LEFT_OUT}"))
         elif GRAZING in self._monitors:
             grazing = change_of_phases(before.orbit, after.orbit, self._vary, self._options)

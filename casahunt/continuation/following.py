@@ -95,7 +95,7 @@ def follow(
         and is not that of the orbit is taken from the first cycle on.
     monitors
         what is looked for; default fold, branch point, flip or symmetry breaking, Neimark-Sacker and changes of the
-        phases.
+        phases, but for those at a kink (`Mode.unsplit`).
     first_step, smallest_step, largest_step
         arclength of a step, in units of the state, of the logarithm of the first duration, and of the parameter; below
         the smallest one it gives up.
@@ -138,7 +138,7 @@ def follow(
     orbit = replace(orbit, problem=orbit.problem.over(span))
     if not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
-    line = Crossings(orbit, vary=vary, monitors=looked_for, options=options)
+    line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=monitors is not None)
     run = Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, options, max_points, progress, {
         "low": min(to, back), "high": max(to, back), "first_step": first_step, "smallest_step": smallest_step,
         "largest_step": largest_step, "largest_change": largest_change,
@@ -305,7 +305,7 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
         if _first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
         dies = GRAZING in run.looked_for and part == math.inf
-        over = vanishing_soon(before, after, vary, run.options) if dies else None
+        over = vanishing_soon(before, after, vary, run.options, at_kinks=run.line.at_kinks) if dies else None
         if over is not None and run.within(over[0]):
             run.add(passed=run.line.rest())
             run.add(passed=Passed((special_point(GRAZING, over[0], vary),)))

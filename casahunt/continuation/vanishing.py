@@ -139,16 +139,19 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
     return None
 
 
-def vanishing_soon(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> tuple[AnyOrbit, AnyOrbit] | None:
+def vanishing_soon(
+    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, *, at_kinks: bool = True
+) -> tuple[AnyOrbit, AnyOrbit] | None:
     """Where the shortest phase of the last of two orbits is about to vanish: the touch, and the cycle behind it.
 
+    at_kinks: whether it is asked where the motion hardly changes, since the field has but a kink there.
     Returns (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
     """
     k = may_vanish([arc.duration for arc in after.arcs]) if before.signature == after.signature else None
     if k is None or after.arcs[k].duration > SOON * before.arcs[k].duration:
         return None
-    if after.cycle.at_a_kink(k - 1) and after.cycle.at_a_kink(k):
-        return None  # the motion hardly changes there
+    if not at_kinks and after.cycle.at_a_kink(k - 1) and after.cycle.at_a_kink(k):
+        return None
     touch = touched(after, vary, options)
     if touch is None:
         return None
