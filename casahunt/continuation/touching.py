@@ -22,7 +22,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ..collocation.admissibility import judge
+from ..collocation.admissibility import RESOLUTION, judge
 from ..collocation.joints import event_rate
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
@@ -32,6 +32,7 @@ from ..hybrid.system import Cycle, Event, Exit, Signature
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
 from ..orbits.family import Cycles
+from ..orbits.marched_mesh import cleared
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
@@ -141,15 +142,33 @@ class Touch:
         """An orbit of the loose family that touches, as one of the system; a sentence where it is none."""
         family = cast(Loose, orbit.problem)
         t, u, setting = unknowns_of(orbit)
-        cycle = family.asking(family.strict.cycle(orbit.signature, orbit.repeats), TOUCHES)
-        verdict = judge(transcribe(cycle, t.counts, t.degree, t.kind), u, setting)
-        if verdict.violated:
-            return f"beyond, the cycle that touches {self.event!r} is no motion of the system: {verdict.violated}"
+        if violated := self._violated(orbit):
+            return f"beyond, the cycle that touches {self.event!r} is no motion of the system: {violated}"
         for k, way_out in _exits(family, orbit):
             for piece in range(orbit.repeats):
                 if passed(t, u, setting, _scalar(way_out.event), k, way_out.direction, slack=TOUCHES, piece=piece):
                     return f"beyond, phase {k + 1} passes {way_out.event.name!r}: another event is touched"
         return replace(orbit, problem=family.strict)
+
+    def _violated(self, orbit: Any) -> str:
+        """What a touching orbit of the loose family violates, or "".
+
+        Nothing has asked for a mesh that shows the condition of the loose phase: where this one does not, its
+        polynomials are looked at in parts, and believed to what they are known to.
+        """
+        family = cast(Loose, orbit.problem)
+        t, u, setting = unknowns_of(orbit)
+
+        def asked(slack: float) -> Transcription:
+            cycle = family.asking(family.strict.cycle(orbit.signature, orbit.repeats), slack)
+            return transcribe(cycle, t.counts, t.degree, t.kind)
+
+        verdict = judge(asked(TOUCHES), u, setting)
+        if not verdict.violated and verdict.unclear.any():
+            w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[verdict.unclear]
+            known = RESOLUTION * float(np.max(np.abs(t.scheme.last_mode @ w)))
+            verdict = judge(*cleared((asked(TOUCHES + known), u, setting)))
+        return verdict.violated
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
         return None
     k, _ = found
     setting = replace(setting, dp=along(problem, vary))
-    end = _shrunk(t, u, setting, k, 1e-3 * options.tol)
+    end = _shrunk(t, u, setting, k, options.tol)
     if end is None:
         return None
     fine = _on_fine_mesh((t, end[0], setting), end[1], k, options.tol)
@@ -95,10 +95,10 @@ def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     return orbit if found is None else cast(AnyOrbit, found)
 
 
-def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: float) -> tuple[Array, float] | None:
+def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) -> tuple[Array, float] | None:
     """(u, lambda) where phase k has become `VANISHED_PART` times as long; None where it does not get there.
 
-    Nor where lambda turns round on the way.
+    Nor where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding.
     """
     goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
     durations, way = np.zeros(t.phases), 0.0
@@ -106,11 +106,11 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, accuracy: floa
         durations[k] = 1.0 / t.durations_of(u)[k]
         row = t.system.border(durations=durations)
         du, y = t.linearise(u, setting.moved(lam)).tangent(row)
-        if way * y[-1] < 0 and abs(y[-1]) > accuracy:
+        if way * y[-1] < 0 and abs(y[-1]) > tol:
             return None  # lambda turns round: a fold comes first
         way = way or float(y[-1])
         ahead = u + (part - 1) * du, lam + (part - 1) * float(y[-1])
-        solution = newton(t, ahead[0], setting, border=row, parameter=ahead[1], accuracy=accuracy)
+        solution = newton(t, ahead[0], setting, border=row, parameter=ahead[1], accuracy=1e-3 * tol)
         if solution.status.ok:
             u, lam, part = solution.u, solution.parameter, max(part**2, SHRINKS_TO)
         elif (part := float(np.sqrt(part))) > SLOWEST:

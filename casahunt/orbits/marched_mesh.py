@@ -37,6 +37,11 @@ def remeshed(start: Start, options: Options) -> Start:
         return start
     if not (float(e.indicators.sum()) <= options.tol and presentable(e, options)):
         start = on_breaks(start, better_breaks(t, setting.fractions, e, MOTION * options.tol))
+    return cleared(start)
+
+
+def cleared(start: Start) -> Start:
+    """A motion on a mesh cut, by its own polynomials, where it is not clear what its phases are."""
     for _ in range(CLEARED):
         t, u, setting = start
         verdict = judge(t, u, setting)

@@ -363,7 +363,10 @@ def _stuck(*arguments, **options):
 
 @pytest.mark.slow
 def test_grazing_is_located():
-    """Orbits started afresh on both sides have another number of phases, and the located one a vanishing phase."""
+    """Orbits started afresh on both sides have another number of phases, and what one has more vanishes there.
+
+    Its duration T goes like a square root: K = K* - a T^2 - b T^3 - c T^4, by four of these orbits.
+    """
     servo = Servo()
     branch = collect(servo, "lugre", diagram(servo, "lugre", start=0.1, monitors=(FOLD, GRAZING)))
     dying = [s.orbit for s in branch.special if s.kind == "grazing" and s.orbit.stable]
@@ -371,5 +374,9 @@ def test_grazing_is_located():
     for orbit in dying:
         below, above = (find_orbit(servo, "lugre", orbit.gain * factor) for factor in (0.99, 1.01))
         assert len(below.arcs) == len(above.arcs) + 2
-        # The duration of the vanishing pair goes like the square root of the distance.
-        assert min(arc.duration for arc in orbit.arcs) < 1e-2 * min(arc.duration for arc in above.arcs)
+        gains = orbit.gain * np.array([0.96, 0.97, 0.98, 0.99])
+        fresh = [find_orbit(servo, "lugre", gain, options=Options(tol=1e-9)) for gain in gains]
+        T = np.array([min(arc.duration for arc in each.arcs) for each in fresh])
+        vanishes = np.linalg.solve((T[:, None] / T[0]) ** [0, 2, 3, 4], gains)[0]
+        assert orbit.gain == pytest.approx(vanishes, rel=2e-5)
+        assert len(orbit.arcs) == len(above.arcs)

@@ -12,6 +12,7 @@ import pytest
 
 from casahunt import effort
 from casahunt.continuation import follow, largest
+from casahunt.continuation.special_points import GRAZING
 from casahunt.continuation.vanishing import solved_at
 from casahunt.continuation.whole import _whole
 from casahunt.errors import NoOrbit
@@ -114,6 +115,13 @@ def test_its_branch_goes_over_weak_reversals():
     assert len(branch.missed) >= changes and "phases come or go" in str(branch)
     truth = next(row["amplitude"] for row in REFERENCE["lugre"]["unstable"] if row["K"] == 0.1)
     assert branch.end.kind == "range" and branch.amplitudes[-1] == pytest.approx(truth, rel=1e-5)
+
+
+def test_weak_reversals_are_located_where_that_is_asked_for():
+    """The touch that the servo's own branch has, too: tests/servo/test_fold.py has its law."""
+    branch = follow(lugre_cycle(0.12, -0.02), "gain", to=0.14, options=Options(tol=1e-6), monitors=(GRAZING,))
+    (touch,) = branch.special
+    assert touch.value == pytest.approx(0.133998, rel=2e-5) and not branch.missed
 
 
 @pytest.mark.parametrize(("K", "x1"), [
