@@ -50,6 +50,9 @@ BY_THE_LAW = 0.25
 """Next to the point the laws of lowest order in eps hold to this part; at a fold d lambda/d eps is off by all of it."""
 KNOWN_TO = 10.0
 """lambda - lambda_0 is known to so many of the errors of lambda."""
+TOLD_APART = 0.1
+"""Part of the error of the orbit at the special point to which the new cycle is computed: lambda - lambda_0 is second
+order in its distance, and off by what comes of another mesh."""
 NEAR_ONE = 0.5
 """The multiplier that is +1 at the point has moved by less than this; where it has moved by 2 the next flip is met."""
 SINGULAR = 1e-4
@@ -71,7 +74,7 @@ def branch_off(
         how far from the old cycle, in units of the state scale: a quarter of it, a sixteenth ... where the cycle as far
         off lies beyond another special point, or is not found; of a lopsided pair -off gives the other one.
     options
-        tolerance and method; default those of the orbit at the special point.
+        tolerance and method; default a tenth of the error of the orbit at the special point, or 1e-8.
 
     Returns
     -------
@@ -97,7 +100,7 @@ def branch_off(
     orbit, family = special.orbit, cast(Cycles, special.orbit.problem)
     if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or family.system is None:
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
-    options = options or Options(tol=max(orbit.error_estimate, 1e-8))
+    options = options or Options(tol=max(TOLD_APART * orbit.error_estimate, 1e-8))
     problem = family.closing(_twice(family.closure), _both_sections(family))
     t, u, setting = unknowns_of(orbit)
     du = _turned_over(t, u, setting)

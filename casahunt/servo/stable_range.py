@@ -26,7 +26,7 @@ from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..hybrid.roots import Bracket, Search
 from ..motion.march import MarchFailure
-from ..orbits.adapt import Options
+from ..orbits.adapt import Options, refined
 from ..results import Result
 from .basin import stick_position
 from .cold_start import stable_at
@@ -45,6 +45,9 @@ LOOKED_STEP = 0.15
 """Largest arclength between the cycles that are looked at."""
 LOOKED_AGAIN, EDGE_ROUNDS = 4, 30
 """Halvings of a step over which mu may have passed -1 and come back; steps of the search for where it passes."""
+EDGE_CYCLES = 0.1
+"""Part of the tolerance of the gain to which cycles are computed where mu = -1 is sought: next to a sharp fold their
+multipliers follow their errors, and the gain follows the multipliers."""
 SHIFT, SHIFTED_MARCH = 0.02, 1e-9
 """Relative step of the differences that P' to P''' are taken from, and tolerance of a motion of LuGre."""
 NOT_MINUS_ONE, CRITICAL = 0.02, 0.05
@@ -194,6 +197,13 @@ def _looked_closer(orbits: list[HuntingOrbit], options: Options, halvings: int =
 
 def _located(before: HuntingOrbit, after: HuntingOrbit, options: Options) -> HuntingOrbit:
     """The cycle between two whose multiplier is of size one, as nearly as the tolerance of the gain asks for."""
+    finer = replace(options, tol=EDGE_CYCLES * options.tol)
+    try:
+        ends = [refined(orbit, finer) if orbit.error_estimate > finer.tol else orbit for orbit in (before, after)]
+    except NoOrbit:  # there is rounding
+        finer, ends = options, [before, after]
+    if ends[0].stable != ends[1].stable:  # else the change is within the errors that they had: next to one of them
+        before, after = ends
     low = before.gain
 
     def off(orbit: HuntingOrbit) -> float:
@@ -205,7 +215,7 @@ def _located(before: HuntingOrbit, after: HuntingOrbit, options: Options) -> Hun
         if search.bracket.width <= options.tol * after.gain:
             break
         at = search.ask()
-        way = _upwards(before, low + at, options) if low + at > before.gain else []
+        way = _upwards(before, low + at, finer) if low + at > before.gain else []
         if not way or way[-1].gain != low + at:
             search = search.failed()
             continue
