@@ -99,7 +99,7 @@ def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
     equally long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
 
     content, path: the mapping, numbers that are not finite among its values; and the file.
-    Raises InputError: scipy is not installed, or as `files.whole`.; OSError: as `files.whole`.
+    Raises InputError: scipy is not installed, or as `files.whole`; OSError: as `files.whole`.
     """
     savemat, written = extra("scipy.io", "mat", "to_mat").savemat, io.BytesIO()
     savemat(written, {_word(name): _matlab(value) for name, value in content.items()}, long_field_names=True)

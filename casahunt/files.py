@@ -68,7 +68,7 @@ def whole(path: str | Path) -> Iterator[IO[bytes]]:
     Nothing keeps another run from replacing it in turn: of two runs that write one file the last one wins, and what
     stands there is always all of one of them.
 
-    Raises InputError: there can be no file at `path`: no folder, no permission, a folder of that name.; OSError: the
+    Raises InputError: there can be no file at `path`: no folder, no permission, a folder of that name; OSError: the
     file could not be written, the disk being full for example; the message names the file.
     """
     try:

@@ -117,11 +117,12 @@ class Linearisation:
         y = self.transcription.system.solve(self.matrix(border), rhs)
         return self.expand(y, 0.0), y
 
-    def step_and_tangent(self, border: Array) -> Array:
-        """(2, y) the node system's solutions of `step` and of `tangent`, the matrix factorised once."""
-        rhs = np.zeros((2, self.transcription.system.size))
-        rhs[0], rhs[1, -1] = self.rhs(), 1.0
-        return self.transcription.system.solve(self.matrix(border), rhs)
+    def step_and_tangent(self, border: Array) -> tuple[Array, Array]:
+        """Both (..., y): the node system's solutions of `step` and of `tangent`, the matrix factorised once."""
+        rhs = np.zeros((*self.closure.shape[:-2], 2, self.transcription.system.size))
+        rhs[..., 0, :], rhs[..., 1, -1] = self.rhs(), 1.0
+        y = self.transcription.system.solve(self.matrix(border), rhs)
+        return y[..., 0, :], y[..., 1, :]
 
     def return_map(self) -> Array:
         """(n, n) scaled M, the linearised map of the start to S times the end; one of its eigenvalues is zero.

@@ -249,7 +249,7 @@ def confirmed(
 
     special, vary: the fold, and the name of the parameter; options, began, sense: `tol` bounds the relative errors;
     time.perf_counter() when the search began, default: now; +1 where the parameter is largest, -1 where it is smallest.
-    Returns fold, of the class that its problem names. Raises InputError: the special point is no fold.; NoOrbit: the
+    Returns fold, of the class that its problem names. Raises InputError: the special point is no fold; NoOrbit: the
     two values differ by more than the tolerance, an error estimate exceeds it, or it is a fold of the other kind.
     """
     if special.kind != FOLD.kind:

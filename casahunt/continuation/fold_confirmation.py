@@ -23,7 +23,7 @@ from ..collocation.transcription import Setting, Transcription
 from ..orbits.amplitude import amplitudes_off, goals_of_many, row_sums
 from ..orbits.ensemble import sizes_of_steps
 from .fold_expansion import Expansion
-from .turning_points import borders, step_and_tangent
+from .turning_points import borders
 
 Array = np.ndarray
 
@@ -46,11 +46,11 @@ def confirmed_many(known: Expansion, u: Array, settings: Setting, bend: Array) -
     first, _, better = functional_errors(t, u, settings, goals, border=border, halved=halved)
     assert better is not None
     motions = admissible_many(*better)
-    newton, _ = step_and_tangent(fine, finer, lin, known.row)
+    newton, _ = lin.step_and_tangent(borders(fine, finer, known.row))
     finer = finer + lin.expand(newton, 1.0)
     lam = newton[:, -1]
     lin = fine.linearise(finer, halves.moved(lam))
-    newton, tangent = step_and_tangent(fine, finer, lin, known.row)
+    newton, tangent = lin.step_and_tangent(borders(fine, finer, known.row))
     with np.errstate(all="ignore"):
         da = -tangent[:, -1] / bend
         step = lin.expand(newton + da[:, None] * tangent, 1.0)

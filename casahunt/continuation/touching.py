@@ -282,7 +282,7 @@ def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOr
 
     vary, options: the parameter of the branch; tolerance and method.
     Returns touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
-    Raises InputError: it is no cycle of a user's system.; NoOrbit: it touches nothing.
+    Raises InputError: it is no cycle of a user's system; NoOrbit: it touches nothing.
     """
     if orbit.problem.system is None:
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..collocation.linearisation import Linearisation
 from ..collocation.newton import LARGEST_MOVE
 from ..collocation.transcription import Setting, Transcription, settings_of
 from ..collocation.turn import BELIEVED_STEP, MOST_TURNS, Turn
@@ -119,7 +118,7 @@ def turning_points(
         if not active.size:
             break
         lin = t.linearise(u[active], settings.of(active).moved(lam[active]))
-        newton, tangent = step_and_tangent(t, u[active], lin, row)
+        newton, tangent = lin.step_and_tangent(borders(t, u[active], row))
         du, along_curve, g = lin.expand(newton, 1.0), lin.expand(tangent, 0.0), tangent[:, -1]
         with np.errstate(all="ignore"):
             size = np.maximum(sizes_of_steps(t, u[active], du), np.abs(newton[:, -1]))
@@ -143,15 +142,3 @@ def turning_points(
             statuses[active[i]] = Status.INADMISSIBLE
         active = active[finite & positive & ~done & ~grows]
     return Found(u, lam, turn.bend, statuses)
-
-
-def step_and_tangent(t: Transcription, u: Array, lin: Linearisation, row: Array) -> tuple[Array, Array]:
-    """Newton's step at fixed a, and the tangent with da = 1.
-
-    t, u, lin, row: the equations linearised at (B, size) unknowns, and (n + 2,) weights of a. Returns both (B, y).
-    """
-    rhs = np.zeros((len(u), 2, t.system.size))
-    rhs[:, 0] = lin.rhs()
-    rhs[:, 1, -1] = 1.0
-    y = t.system.solve(lin.matrix(borders(t, u, row)), rhs)
-    return y[:, 0], y[:, 1]

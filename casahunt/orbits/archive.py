@@ -164,7 +164,7 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
     """Write a file of this schema.
 
     content: metadata besides those of the schema; a `Text` is JSON already. Raises InputError: there can be no file at
-    `path`, NaN or infinity is to be written, or more than can be read.; OSError: the disk is full.
+    `path`, NaN or infinity is to be written, or more than can be read; OSError: the disk is full.
     """
     path = Path(path)
     metadata = {

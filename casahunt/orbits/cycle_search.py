@@ -37,11 +37,7 @@ from .restart import from_segments, in_scheme
 from .returning import FEW_PHASES, RESTS, RETURNED, WITHIN, Returning
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
-from .watching import (
-    SEARCH_TOLERANCE,
-    STANDSTILL,
-    NotMet,
-)  # fmt: skip
+from .watching import SEARCH_TOLERANCE, STANDSTILL, AtRest, NotMet
 
 Array = np.ndarray
 
@@ -153,7 +149,8 @@ class _Search(Returning):
             sentence = f"the motion of {self.system.name} cannot be followed: {failure}{hidden}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
         except NotMet as why:
-            tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(self.refusals))
+            refusals = [] if isinstance(why, AtRest) else self.refusals
+            tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(refusals))
             sentence = f"no cycle of {self.system.name} was met: {why} (followed for {why.followed:.6g}){tried}"
             raise NoOrbit(sentence, Status.NOT_FOUND) from None
 
@@ -210,7 +207,7 @@ class _Search(Returning):
         """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
         if r.distance < EXACTLY:
             if self.rests(r.phases):
-                raise self.not_met("the motion comes to rest")
+                raise self.at_rest()
             raise self.not_met(f"the motion repeats after {_phases_of(r)}, but its cycle was not computed")
         self.long += r.phases > FEW_PHASES
         if self.long >= MOST_LONG:

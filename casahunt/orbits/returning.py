@@ -23,7 +23,7 @@ from ..motion.simulation import MARCH_DEGREE
 from .closure import Closure, Section, turned, turns, with_sections
 from .recurrence import Recurrence, comes_in, loop_distance, rebased, recurrences
 from .system_orbit import SystemOrbit
-from .watching import MOST_LOOKS, SEARCH_TOLERANCE, NotMet, Turning, counted_on, cut, going_on, watched
+from .watching import MOST_LOOKS, SEARCH_TOLERANCE, AtRest, NotMet, Turning, counted_on, cut, going_on, watched
 
 Array = np.ndarray
 
@@ -84,6 +84,10 @@ class Returning:
     def not_met(self, why: str) -> NotMet:
         """Why there is none, with how long the motion was followed."""
         return NotMet(why, sum(s.duration for s in self.segments))
+
+    def at_rest(self) -> NotMet:
+        """The same where the motion comes to rest."""
+        return AtRest("the motion comes to rest", sum(s.duration for s in self.segments))
 
     def watch(self) -> None:
         """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
@@ -159,7 +163,7 @@ class Returning:
             return
         self.segments += [*new[:-1], replace(last, duration=min(last.duration, AHEAD * self.span))]
         if not moves:
-            raise self.not_met("the motion comes to rest")
+            raise self.at_rest()
         missed = [f"come back to {section.state} = {section.level:.6g}" for section in self.sections[:1]]
         raise self.not_met(f"the motion does not {(missed or ['meet another event'])[0]}")
 

@@ -55,6 +55,10 @@ class NotMet(Exception):
         self.followed = followed
 
 
+class AtRest(NotMet):
+    """The motion comes to rest: what was tried on the way there says nothing of any cycle."""
+
+
 class Watched(NamedTuple):
     """What a look has shown.
 
@@ -136,7 +140,7 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     late = states[:, times > times[-1] / 2]
     if not _moving(system, late, scale):
         what = "" if events else ", and meets no event"
-        raise NotMet(f"the motion comes to rest{what}", time)
+        raise AtRest(f"the motion comes to rest{what}", time)
     return Watched(seen, scale, late, events, time)
 
 

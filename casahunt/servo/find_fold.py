@@ -68,7 +68,7 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     an orbit.  The first gain, from the highest down, at which the model's own cycle is found wins.
 
     Returns HuntingOrbit, stable, at the gain that was found.
-    Raises InputError: unknown model, or times too far apart (`check_times`).; NoOrbit: there is provably none (status
+    Raises InputError: unknown model, or times too far apart (`check_times`); NoOrbit: there is provably none (status
     None), or none of the gains searched has one; says which were searched.
     """
     base = typical_gain(servo)

@@ -13,13 +13,12 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 
 from ..continuation import SpecialPoint, branch_off, follow
 from ..continuation.bifurcations import monitors_of
+from ..continuation.crossings import crossings
 from ..continuation.fold import WALK_TOLERANCE
-from ..continuation.locating import locate
-from ..continuation.special_points import SYMMETRY_BREAKING, Missed, special_point
+from ..continuation.special_points import SYMMETRY_BREAKING, Missed
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options, refined
@@ -103,7 +102,7 @@ def lopsided_at(symmetric: HuntingOrbit, options: Options) -> HuntingOrbit:
     """
     gain, found = symmetric.gain, []
     rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
-    said = f"from gain {LOWEST * gain:.6g} to its fold the symmetric cycle does not lose its symmetry"
+    said = f"from gain {LOWEST * gain:.6g} on, up to its fold, the symmetric cycle was not seen to lose its symmetry"
     for special in sorted(_breakings(symmetric, rough), key=lambda special: abs(special.value - gain)):
         low, high = (0.0, gain) if special.value < gain else (gain, gain * HIGHEST)
         said = f"the pair that branches off at gain {special.value:.8g} does not lead to it"
@@ -123,21 +122,23 @@ def lopsided_at(symmetric: HuntingOrbit, options: Options) -> HuntingOrbit:
 
 
 def _breakings(symmetric: HuntingOrbit, options: Options) -> Iterator[SpecialPoint[HuntingOrbit]]:
-    """The losses of symmetry next to a symmetric cycle on its branch: below it, and above."""
+    """The losses of symmetry next to a symmetric cycle on its branch, below it and above."""
     gain = symmetric.gain
     for sense, low, high in ((-1.0, LOWEST * gain, gain), (1.0, gain, gain * HIGHEST)):
         steps = walk(symmetric, low=low, high=high, sense=sense, options=options)
-        for before, after in pairwise((symmetric, *_up_to_the_fold(steps))):
-            if (before.half_multiplier + 1) * (after.half_multiplier + 1) < 0:
-                orbit = locate(before, after, SYMMETRY_BREAKING, vary="gain", options=options)
-                if orbit is not None:
-                    yield special_point(SYMMETRY_BREAKING, orbit, "gain")
+        way = [symmetric, *_up_to_the_fold(steps)]
+        for earlier, before, after in zip([None, *way], way, way[1:], strict=False):
+            found, _ = crossings(
+                before, after, vary="gain", monitors=(SYMMETRY_BREAKING,), options=options, earlier=earlier, inside=True
+            )
+            if found:
+                yield found[0]
                 break
 
 
 def _up_to_the_fold(steps: Iterator[HuntingOrbit]) -> Iterator[HuntingOrbit]:
-    """The orbits of a walk on this side of the next fold."""
+    """The orbits of a walk on this side of the next fold, and the first one behind it."""
     for orbit in steps:
+        yield orbit
         if orbit.half_multiplier > 1:
             return
-        yield orbit

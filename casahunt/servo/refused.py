@@ -29,7 +29,7 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
     the proof for rigid friction proves nothing either: where a scan shows no cycle of it, none was found.
 
     servo, model, gain: the problem; gain K [V/rad]. Raises InputError: unknown model, or a gain that is not a finite
-    number > 0.; NoOrbit: there is provably no cycle; or a scan of a bristle shows none, and none was found.
+    number > 0; NoOrbit: there is provably no cycle; or a scan of a bristle shows none, and none was found.
     """
     a_servo(servo)
     known("model", model, MODELS)

@@ -79,5 +79,5 @@ def test_the_pair_of_a_branch():
 
 
 def test_a_cycle_that_keeps_its_symmetry():
-    with pytest.raises(NoOrbit, match="does not lose its symmetry"):
+    with pytest.raises(NoOrbit, match="was not seen to lose its symmetry"):
         find_orbit(Servo(), "switch", 0.5, branch="lopsided")

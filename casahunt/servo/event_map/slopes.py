@@ -112,7 +112,7 @@ def map_at(servo: Servo, gain: float, a: float, *, tol: float | None = None, deg
 
     servo, gain: the problem; gain K > 0 [V/rad]; a: stick position [rad], > 0; tol, degree: of the march; by default as
     tight as rounding allows. Returns MapPoint; nan and a note where the motion does not come to stick. Raises
-    InputError: gain or a not a finite number > 0.; MarchFailure: the motion could not be computed.
+    InputError: gain or a not a finite number > 0; MarchFailure: the motion could not be computed.
     """
     require("a", a, above=0)
     stick_map, scheme_degree = StickMap("switch", servo, gain), degree or SCHEMES["switch"][0]

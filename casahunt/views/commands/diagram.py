@@ -67,7 +67,7 @@ def _results(options: argparse.Namespace) -> dict[str, bytes]:
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code.
 
-    Raises InputError: the command line is wrong.; KeyboardInterrupt: interrupted; says where the points computed so far
+    Raises InputError: the command line is wrong; KeyboardInterrupt: interrupted; says where the points computed so far
     are.
     """
     models = models_of(options)

@@ -56,7 +56,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code.
 
-    Raises InputError: the command line is wrong.; NoOrbit: no model has a curve.
+    Raises InputError: the command line is wrong; NoOrbit: no model has a curve.
     """
     desk = _desk_of(options)
     desk.began = time.perf_counter()

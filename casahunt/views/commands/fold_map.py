@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute, write and print; returns the exit code.
 
-    Raises InputError: the command line is wrong.; NoOrbit: no fold was found.
+    Raises InputError: the command line is wrong; NoOrbit: no fold was found.
     """
     model, how = model_of(options), how_of(options)
     servo = servo_of(options)

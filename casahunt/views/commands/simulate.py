@@ -62,7 +62,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code.
 
-    Raises InputError: the command line is wrong.; NoOrbit: the motion could not be computed.
+    Raises InputError: the command line is wrong; NoOrbit: the motion could not be computed.
     """
     model = model_of(options)
     gain = gain_of(options)

@@ -52,7 +52,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code.
 
-    Raises InputError: the command line or the uncertainty file is wrong.; NoOrbit: no fold, or none of the samples was
+    Raises InputError: the command line or the uncertainty file is wrong; NoOrbit: no fold, or none of the samples was
     computed.
     """
     began = time.perf_counter()
