@@ -1,7 +1,7 @@
 """How far a computation has come: who is told where it is, and where one without an end in sight is given up.
 
     work   collocation intervals linearised: N for a boundary value problem of N intervals (transcription.py of the
-           room collocation); an interval that a motion tries (motion/march.py) takes as long as `MARCHED` of those
+           room collocation); an interval that a motion tries (motion/phases.py) takes as long as `MARCHED` of those
 
 That makes some 4e4 a second, whatever is computed, and their number depends on nothing but the problem: what is given
 up is given up at the same place on every machine.  Only the command line watches (cli.py); for a call from Python

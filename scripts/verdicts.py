@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Servo, Trajectory, find_fold, simulate  # noqa: E402
-from casahunt.motion.march import MarchFailure  # noqa: E402
+from casahunt.motion.phases import MarchFailure  # noqa: E402
 from casahunt.servo.linear_loop import routh_hurwitz_gain  # noqa: E402
 
 LONGER = 10.0

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from casahunt.errors import NoOrbit, Status
-from casahunt.hybrid.roots import Bracket
+from casahunt.roots import Bracket
 from casahunt.servo.event_map.fixed_points import FixedPoint, fixed_points
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import scan

@@ -28,7 +28,7 @@ terminations.py     where cycles end: shrunk, grown, at an equilibrium
 through_rest.py     through the rest that a forced cycle shrinks to
 whole.py            half of a symmetric cycle made whole where a parameter breaks the symmetry
 branch.py           a branch as it is handed out
-run.py              a branch on its way
+run.py              a branch on its way; the special points between two orbits of a walk
 closed.py           where a branch closes
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
@@ -53,36 +53,43 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .bifurcations import monitors_of
     from .birth import born_at
     from .branch import Branch
     from .branching import branch_off
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import largest, smallest
-    from .fold import Fold
+    from .fold import Fold, fold_between, next_fold
     from .following import follow
     from .grazing_search import grazing
-    from .special_points import Missed, SpecialPoint, user_monitor
+    from .run import special_points_between
+    from .special_points import FOLD, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve
 
 __all__ = [
-    "Branch", "End", "Equilibrium", "EquilibriumBranch", "Fold", "Missed", "SpecialCurve", "SpecialEquilibrium",
-    "SpecialPoint", "born_at", "branch_off", "equilibria", "follow", "grazing", "largest", "smallest", "special_curve",
-    "user_monitor",
+    "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Branch", "End", "Equilibrium", "EquilibriumBranch", "Fold", "Missed",
+    "Monitor", "SpecialCurve", "SpecialEquilibrium", "SpecialPoint", "born_at", "branch_off", "equilibria",
+    "fold_between", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest", "special_curve",
+    "special_points_between", "user_monitor",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
+        "bifurcations": ("monitors_of",),
         "birth": ("born_at",),
         "branch": ("Branch",),
+        "run": ("special_points_between",),
         "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),
-        "fold": ("Fold",),
+        "fold": ("Fold", "fold_between", "next_fold"),
         "following": ("follow",),
         "terminations": ("End",),
         "two_parameters": ("SpecialCurve", "special_curve"),
-        "special_points": ("Missed", "SpecialPoint", "user_monitor"),
+        "special_points": (
+            "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Missed", "Monitor", "SpecialPoint", "user_monitor",
+        ),
         "grazing_search": ("grazing",),
     },
 )

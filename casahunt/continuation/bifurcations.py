@@ -123,5 +123,15 @@ NEIMARK_SACKER = Monitor(
 
 
 def monitors_of(orbit: Orbit) -> tuple[Monitor, ...]:
-    """What is looked for along a branch of any system: symmetric cycles lose their symmetry, others flip."""
+    """What is looked for along a branch of any system: symmetric cycles lose their symmetry, others flip.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import monitors_of
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> [monitor.kind for monitor in monitors_of(orbit)]
+    ['fold', 'branch point', 'flip', 'Neimark-Sacker']
+    """
     return TURN, BRANCH_POINT, SYMMETRY_LOST if orbit.repeats == 2 else FLIP, NEIMARK_SACKER

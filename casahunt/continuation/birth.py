@@ -23,7 +23,7 @@ from ..collocation.scheme import scheme
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind
-from ..motion.march import Segment
+from ..motion.phases import Segment
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Closure, Section, with_sections
 from ..orbits.family import Family, measured_of

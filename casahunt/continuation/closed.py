@@ -12,9 +12,9 @@ import numpy as np
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from .bifurcations import BRANCH_POINT
 from .branch import Branch
-from .crossings import Passed, crossings
+from .crossings import Passed
 from .reunion import met_at, reunion, short_of
-from .run import Run
+from .run import Run, special_points_between
 from .special_points import FOLD, GRAZING, Missed
 from .terminations import End, ranges
 from .vanishing import solved_at
@@ -74,7 +74,7 @@ def met_itself(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
     others = tuple(monitor for monitor in run.looked_for if monitor.kind not in kinds)
     # Behind the point follow the images: what lies before it is seen between the last orbit and one next to it.
     near = short_of(before, after, met, vary, run.options) or after
-    found, missed = crossings(before, near, vary=vary, monitors=others, options=run.options)
+    found, missed = special_points_between(before, near, vary=vary, monitors=others, options=run.options)
     special = (*(special for special in found if not met.off(special.orbit) <= 0), point)
     run.add(*([point.orbit] if met.same_period else []), passed=Passed(special, tuple(missed)))
     value = run.value(point.orbit)

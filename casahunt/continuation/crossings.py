@@ -27,10 +27,10 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from .. import effort
-from ..hybrid.roots import hides_a_pair
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
+from ..roots import hides_a_pair
 from .bifurcations import BRANCH_POINT
 from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
 from .cut_elsewhere import apart_by_kinks
@@ -380,18 +380,3 @@ class Crossings(Generic[AnyOrbit]):
     def _between(self, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> str:
         low, high = (parameter_value(station.orbit, self._vary) for station in (before, after))
         return f"between {self._vary} = {low:.8g} and {high:.8g}"
-
-
-def crossings(
-    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options,
-    earlier: AnyOrbit | None = None, inside: bool = False,
-) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:  # fmt: skip
-    """The special points between two successive orbits of a walk.
-
-    before, after: the orbits, in the order of the walk; earlier, inside: the orbit before them, where there is one;
-    whether the step is looked at inside, else by what is known at its ends.
-    Returns special points in the order of the walk, and those that are there and were not located.
-    """
-    first, *others = [orbit for orbit in (earlier, before, after) if orbit is not None]
-    found = Crossings(first, vary=vary, monitors=monitors, options=options, inside=inside).seen(*others)
-    return list(found.special), list(found.missed)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, cast
 
 from ..hybrid.vector_form import TURNS
-from ..motion.march import Segment
+from ..motion.phases import Segment
 from ..orbits.adapt import Options
 from ..orbits.closure import Section
 from ..orbits.family import Cycles

@@ -29,8 +29,8 @@ from ..checks import given_once, known, of_kind, require, to_and_back, to_error
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..hybrid.language import System
-from ..hybrid.roots import CLOSED, Bracket, Search
 from ..results import Result
+from ..roots import CLOSED, Bracket, Search
 from .equilibrium import NormalForm, at_rest
 from .equilibrium_curve import BOUNDARY, BRANCH_POINT, FOLD_POINT, HOPF, KINDS, Curve, Place, units_of, value_of
 from .special_points import Missed

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import Any
 
 from ..checks import known
@@ -20,7 +19,7 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from .behind_grazing import from_strongest
 from .curve import parameter_value
-from .fold import WALK_TOLERANCE, Fold, confirmed, located, turns_back
+from .fold import Fold, confirmed, fold_between
 from .recut import cut_by_planes
 from .sheet import finer
 from .special_points import SpecialPoint
@@ -112,11 +111,13 @@ def _extremum(
 ) -> Any:
     """The fold at which the parameter is largest (sense = +1) or smallest (-1)."""
     began = time.perf_counter()
+    special = start if isinstance(start, SpecialPoint) else None
     orbit = start.orbit if isinstance(start, SpecialPoint) else start
     known("parameter", vary, orbit.problem.names)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
-    orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
-    special = start if isinstance(start, SpecialPoint) else _met(orbit, vary, sense, to, options, max_points)
+    if special is None:
+        orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
+        special = _met(orbit, vary, sense, to, options, max_points)
     return confirmed(special, vary, options, began, sense)
 
 
@@ -130,7 +131,7 @@ def _met(
         raise InputError(f"{vary} is {here:.6g} at the start: its way {way} cannot end at {to:g}")
     lowest, highest = orbit.problem.range_of(vary)
     low, high = (lowest, min(to, highest)) if sense > 0 else (max(to, lowest), highest)
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    rough = options.rough()
     if not cut_by_planes(orbit):
         orbit, _ = from_strongest(orbit, None, rough)
     steps, before = walk(orbit, vary=vary, low=low, high=high, sense=sense, options=rough, max_points=max_points), orbit
@@ -141,6 +142,6 @@ def _met(
             word = "largest" if sense > 0 else "smallest"
             sentence = f"{orbit.problem.title} has no {word} {vary} on this branch between {here:.6g} and {to:.6g}"
             raise NoOrbit(f"{sentence}: {end.value}", Status.NOT_FOUND) from None
-        if turns_back(before, after, vary, sense):
-            return located(before, after, vary, finer(options), sense)
+        if (special := fold_between(before, after, vary, finer(options), sense)) is not None:
+            return special
         before = after

@@ -46,8 +46,6 @@ from .walk import walk
 
 Array = np.ndarray
 
-WALK_TOLERANCE = 1e-5
-"""The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
 SECOND_PLACE = 1e-3
 """Part of the tolerance to which the place of the fold on the halved mesh is known."""
 SMALL_STEPS = 6
@@ -146,6 +144,48 @@ def located(
     return special_point(FOLD, next(orbit for orbit in tried if orbit is not None), vary)
 
 
+def fold_between(
+    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float = 1.0
+) -> SpecialPoint[AnyOrbit] | None:
+    """The fold between two successive orbits of a walk.
+
+    Parameters
+    ----------
+    before, after
+        the orbits, in the order of the walk.
+    vary
+        name of the parameter of the walk.
+    options
+        tolerance and method; the place of a fold on the branch takes a finer mesh than its parameter, period and
+        amplitude: ask for a part of the tolerance.
+    sense
+        +1 for a largest value of the parameter, -1 for a smallest one.
+
+    Returns
+    -------
+    SpecialPoint, located and not yet confirmed: `largest` and `smallest` take it and do that; None where the parameter
+    has no such extremum between the two.
+
+    Raises
+    ------
+    NoOrbit : there is one, and it was not located.
+
+    Examples
+    --------
+    >>> from itertools import pairwise
+    >>> from casahunt import walk
+    >>> from casahunt.continuation import fold_between
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import Options, find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> way = [orbit, *walk(orbit, vary="a", low=0.008, high=0.013, sense=-1, max_points=8)]
+    >>> found = [fold_between(*pair, "a", Options(), sense=-1) for pair in pairwise(way)]
+    >>> [round(fold.value, 6) for fold in found if fold]
+    [0.008561]
+    """
+    return located(before, after, vary, options, sense) if turns_back(before, after, vary, sense) else None
+
+
 def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
     return locate(before, after, FOLD, vary=vary, options=options)
 
@@ -153,10 +193,9 @@ def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
 def _in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
     here, unit = parameter_value(before, vary), abs(before.problem.unit(vary))
     step = float(np.linalg.norm(secant(before, after, vary))) / SMALL_STEPS
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
     low, high = sorted((here - 0.5 * sense * unit, here + sense * unit))
     steps = walk(
-        before, vary=vary, low=low, high=high, sense=sense, options=rough, first_step=step, largest_step=step,
+        before, vary=vary, low=low, high=high, sense=sense, options=options.rough(), first_step=step, largest_step=step,
         max_points=4 * SMALL_STEPS,
     )  # fmt: skip
     last = before
@@ -205,8 +244,32 @@ def _along(orbit: Orbit, vary: str, sense: float = 1.0) -> tuple[Transcription, 
 def next_fold(orbit: AnyOrbit, vary: str, options: Options) -> SpecialPoint[AnyOrbit]:
     """The fold right above an orbit, from that orbit alone: where natural continuation ends.
 
-    Returns SpecialPoint, confirmed.
-    Raises NoOrbit: the largest parameter next to the orbit is not found, or not confirmed.
+    Parameters
+    ----------
+    orbit
+        next to the fold.
+    vary
+        name of the parameter, which is largest there.
+    options
+        `tol` bounds the relative errors.
+
+    Returns
+    -------
+    SpecialPoint, confirmed.
+
+    Raises
+    ------
+    NoOrbit : the largest parameter next to the orbit is not found, or not confirmed.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import largest, next_fold
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import Options, find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> near = largest(orbit, "g", options=Options(tol=1e-4)).orbit
+    >>> round(next_fold(near, "g", Options(tol=1e-8)).value, 4)
+    13.751
     """
     best = _optimal(orbit, vary, options)
     found = confirmed(special_point(FOLD, best, vary), vary, options)

@@ -31,7 +31,6 @@ from ..orbits.adapt import Options, on_breaks, solve_adaptively
 from ..orbits.amplitude import estimated
 from ..orbits.border import curve_border, row_along
 from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
-from ..orbits.options import TOLERANCE_RANGE
 from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along
@@ -128,7 +127,7 @@ def expansion_at(orbit: Orbit, vary: str, names: tuple[str, ...], tol: float) ->
     Raises NoOrbit: the fold could not be solved again.
     """
     problem = orbit.problem
-    options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
+    options = Options(tol).finer(ROOM_FOR_KNOWN)
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=along(problem, vary))
     row = row_along(t, u, setting)
@@ -283,7 +282,7 @@ def _verdict(admissible: bool, numbers: Array, tol: float) -> Status:
 
 def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array] | None:
     """The fold that a start leads to which needs other phases or another mesh, and its (6,) numbers; None: to none."""
-    options = Options(tol=max(ROOM_FOR_KNOWN * tol, TOLERANCE_RANGE[0]))
+    options = Options(tol).finer(ROOM_FOR_KNOWN)
     try:
         problem = known.problem.with_values(known.problem.names, start[2].p)
         local = _known(problem, start, known.vary, known.row, known.bend, options)

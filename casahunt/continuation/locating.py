@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import NoOrbit
-from ..hybrid.roots import CLOSED, Bracket, Search
 from ..orbits.adapt import Options, refined
 from ..orbits.orbit import AnyOrbit, Orbit
+from ..roots import CLOSED, Bracket, Search
 from .curve import (
     Point,
     bend,

@@ -13,9 +13,9 @@ from contextlib import suppress
 import numpy as np
 
 from ..errors import NoOrbit
-from ..hybrid.roots import boundary
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Orbit
+from ..roots import boundary
 from .curve import curve_point, in_units_of, parameter_value, secant
 from .cut_elsewhere import same_events
 from .locating import FIRST_PART, STEPS_NEARER

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..hybrid.roots import CLOSED, Bracket, Search, inverse_interpolation
+from ..roots import CLOSED, Bracket, Search, inverse_interpolation
 from .walk import CAUTION, RECOVERY
 
 Array = np.ndarray

@@ -19,14 +19,14 @@ import numpy as np
 
 from ..collocation.interval import field_at
 from ..collocation.scheme import scheme
-from ..hybrid.roots import boundary
 from ..hybrid.vector_form import TURNS
-from ..motion.march import Segment
+from ..motion.phases import Segment
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.closure import Section
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, orbit_of
 from ..orbits.restart import from_segments
+from ..roots import boundary
 from .curve import along, point_at
 
 Array = np.ndarray

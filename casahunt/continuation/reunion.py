@@ -20,7 +20,6 @@ import numpy as np
 
 from ..collocation.mesh import phase_breaks, transfer
 from ..hybrid.language import System
-from ..hybrid.roots import secant as secant_root
 from ..orbits.adapt import Options
 from ..orbits.closure import Closure, turned, with_sections
 from ..orbits.family import Cycles
@@ -28,6 +27,7 @@ from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.recurrence import is_symmetry, symmetries
 from ..orbits.restart import Start, in_scale
 from ..orbits.sequences import segments_of, start_of
+from ..roots import secant as secant_root
 from .bifurcations import FLIP, SYMMETRY_LOST
 from .curve import curve_point, in_units_of, parameter_value, secant
 from .special_points import ACCEPTED_TOLERANCES, Missed, Monitor, SpecialPoint, special_point

@@ -19,7 +19,6 @@ import numpy as np
 from ..errors import InputError
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options
-from ..orbits.options import TOLERANCE_RANGE
 from ..orbits.orbit import Orbit, orbit_of, unknowns_of
 from .curve import Point, along, curve_point, in_units_of, parameter_value, predict
 from .walk import corrected
@@ -46,7 +45,7 @@ NEXT_TO_CUSP = 1e-3
 
 def finer(options: Options) -> Options:
     """Options of the orbits on a sheet, from those of the special points on it."""
-    return replace(options, tol=max(FINER * options.tol, TOLERANCE_RANGE[0]))
+    return options.finer(FINER)
 
 
 @dataclass(frozen=True)

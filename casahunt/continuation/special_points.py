@@ -101,6 +101,12 @@ class Monitor:
     confirmed : (orbit) -> whether a located point is what it is called, and an orbit next to one may be.
     sure : (orbit, point) -> whether the value there is larger than its error, so that its sign counts.
     by_multipliers : whether the value is one of the orbit's multipliers.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import FOLD, SYMMETRY_BREAKING
+    >>> FOLD.kind, FOLD.by_multipliers, SYMMETRY_BREAKING.kind, SYMMETRY_BREAKING.by_multipliers
+    ('fold', False, 'symmetry breaking', True)
     """
 
     kind: str
@@ -134,7 +140,6 @@ GRAZING = Monitor(
     "grazing", lambda orbit, point: float("nan"),
     "grazing at {name} = {value:.8g}: a phase of the cycle shrinks to nothing or is born",
 )  # fmt: skip
-STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
 
 
 def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:

@@ -34,9 +34,9 @@ import numpy as np
 
 from ..checks import to_error
 from ..collocation.interval import field_at
-from ..hybrid.roots import boundary, secant
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
+from ..roots import boundary, secant
 from . import equilibrium
 from .curve import parameter_value
 from .recut import cut_by_planes

@@ -27,7 +27,6 @@ from ..collocation.joints import event_rate
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import System
-from ..hybrid.roots import secant
 from ..hybrid.system import Cycle, Event, Exit, Signature
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
@@ -36,6 +35,7 @@ from ..orbits.marched_mesh import cleared
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
+from ..roots import secant
 from .curve import Point, parameter_value
 from .special_points import GRAZING, Monitor
 from .vanishing import solved_at

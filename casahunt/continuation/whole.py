@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 
 from ..errors import NoOrbit, Status
-from ..motion.march import Segment
+from ..motion.phases import Segment
 from ..orbits.adapt import Options
 from ..orbits.closure import Closure, Section, turned, with_sections
 from ..orbits.family import Cycles

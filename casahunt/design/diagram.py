@@ -17,15 +17,20 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from .. import effort
-from ..continuation.crossings import crossings
-from ..continuation.fold import next_fold
+from ..continuation import (
+    FOLD,
+    SUPERSTABLE,
+    SYMMETRY_BREAKING,
+    Missed,
+    Monitor,
+    SpecialPoint,
+    next_fold,
+    special_points_between,
+)
 from ..continuation.natural_walk import walk_naturally
-from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..orbits.adapt import Options
-from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
+from ..orbits import Options, with_multipliers
 from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST, find_fold
@@ -39,6 +44,8 @@ FIGURES = 3
 """Digits of a gain to start from that nobody asked for."""
 DEEPEST = 20.0
 """Fold gain over the gain to start from, where the linear loop gives none: as for Table 1."""
+STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
+"""Special points that are located where none are named."""
 DRAWING_STEP = 0.15
 """Largest arclength between points: the solver could take three times as much, the eye could not."""
 
@@ -150,42 +157,19 @@ def diagram(
     previous = begun[-2].orbit if len(begun) > 1 else None
     steps = walk_naturally(before, **bounds) if natural else walk(before, previous=previous, **bounds)
     if any(monitor.by_multipliers for monitor in monitors):
-        steps = _some_ahead(steps)
+        steps = with_multipliers(steps)
     while True:
         try:
             after = next(steps)
         except StopIteration as end:
             ended = str(end.value)
             break
-        found, missed = crossings(
+        found, missed = special_points_between(
             before, after, earlier=previous, vary="gain", monitors=monitors, options=options, inside=True
         )
         yield DiagramPoint(after, tuple(found), tuple(missed))
         previous, before = before, after
     return (yield from _fold_behind(before, ended, options)) if natural else ended
-
-
-def _some_ahead(steps: Generator[HuntingOrbit, None, str]) -> Generator[HuntingOrbit, None, str]:
-    """The orbits of a walk that is some steps ahead, whose multipliers are computed side by side.
-
-    What ends it, an interrupt too, comes behind the orbits that were found before.
-    """
-    while True:
-        some: list[HuntingOrbit] = []
-        ended: str | BaseException | None = None
-        while ended is None and len(some) < ORBITS_AHEAD:
-            try:
-                some.append(next(steps))
-            except StopIteration as end:
-                ended = str(end.value)
-            except (NoOrbit, KeyboardInterrupt, effort.GivenUp) as error:
-                ended = error
-        know_multipliers(some)
-        yield from some
-        if isinstance(ended, BaseException):
-            raise ended
-        if ended is not None:
-            return ended
 
 
 def _fold_behind(before: HuntingOrbit, ended: str, options: Options) -> Generator[DiagramPoint, None, str]:

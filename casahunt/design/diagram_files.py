@@ -12,9 +12,9 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..continuation.special_points import SpecialPoint
+from ..continuation import SpecialPoint
 from ..files import together, whole_text
-from ..orbits.adapt import Options
+from ..orbits import Options
 from ..orbits.archive import SIGN, Said
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
 from ..servo.hunting import Model

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..checks import known
 from ..errors import Status
-from ..orbits.adapt import Options
+from ..orbits import Options
 from ..orbits.ensemble import OrbitEnsemble, table_of
 from ..orbits.ensemble import orbit_ensemble as orbits_near
 from ..orbits.rows import Rows

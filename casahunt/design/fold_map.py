@@ -28,7 +28,7 @@ from ..continuation.fold_ensemble import expansion_beside, folds_near
 from ..continuation.fold_expansion import Expansion
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
-from ..orbits.adapt import Options
+from ..orbits import Options
 from ..orbits.ensemble import MEMBERS_OF_A_PASS
 from ..results import Result
 from ..servo.find_fold import find_fold

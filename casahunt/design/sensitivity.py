@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..continuation.adjoint import parameter_slopes
 from ..export import Columns
 from ..results import Result
 from ..servo.problem import HuntingFold
@@ -90,11 +89,5 @@ def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     >>> round(slopes.linear({"friction.static": 0.001}), 4)
     0.6548
     """
-    problem = fold.orbit.problem
-    names = tuple(name for name in problem.names if name != "gain")
-    derivatives: dict[str, float] = {}
-    elasticities: dict[str, float] = {}
-    for name, slope in zip(names, parameter_slopes(fold.orbit, fold.multipliers, names), strict=True):
-        derivatives[name] = fold.gain * float(slope)
-        elasticities[name] = problem.value(name) * float(slope)
-    return Sensitivities(fold, derivatives, elasticities)
+    value, moves = fold.orbit.problem.value, fold.sensitivities
+    return Sensitivities(fold, moves, {name: value(name) * slope / fold.gain for name, slope in moves.items()})

@@ -1,4 +1,4 @@
-"""What a hybrid system is, as data; and the roots of functions of one number.
+"""What a hybrid system is, as data.
 
     x' = f_k(x; p) in mode k,    h(x, T; p) = 0 on the way out of it
 
@@ -8,7 +8,6 @@ problem.py   the contract: what the engine must know of whoever poses a problem
 expressions.py  what a user's functions return, checked
 language.py  what a user writes: Event, Mode, System with names
 examples.py  two small systems, which the examples take
-roots.py     f(x) = 0 in a bracket, the boundary of a condition: bisection, Illinois, Newton, inverse interpolation
 """
 
 from typing import TYPE_CHECKING

@@ -7,11 +7,12 @@ series.py          steps by power series, and the mesh for what they have shown
 interval_newton.py one interval as a compiled function: Newton's step, and chords
 march_step.py      one interval: Newton on its stages
 segment.py         one phase of a motion, as data
+sensitivity.py     how the end of a phase moves with its start and with parameters
 march_watch.py     an interval watched for the exits of its mode
 march_exits.py     where a mode ends: its exits watched, and located to rounding
 march_series.py    a smooth mode to its exit, by series
 march_intervals.py a stiff mode to its exit, interval by interval
-march.py           phase by phase: by series, or interval by interval; what comes out is a mesh with stages
+phases.py          phase by phase: by series, or interval by interval; what comes out is a mesh with stages
 closed_forms.py  a closed form against the field of its mode
 simulation.py      the motion of a user's system, with its events and its error
 """
@@ -21,7 +22,18 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .phases import march
+    from .segment import MarchFailure, Segment
+    from .sensitivity import forward_sensitivity
     from .simulation import Motion, simulate
 
-__all__ = ["Motion", "simulate"]
-__getattr__ = lazily(__name__, {"simulation": ("Motion", "simulate")})
+__all__ = ["MarchFailure", "Motion", "Segment", "forward_sensitivity", "march", "simulate"]
+__getattr__ = lazily(
+    __name__,
+    {
+        "phases": ("march",),
+        "segment": ("MarchFailure", "Segment"),
+        "sensitivity": ("forward_sensitivity",),
+        "simulation": ("Motion", "simulate"),
+    },
+)

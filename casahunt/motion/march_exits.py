@@ -18,8 +18,8 @@ import numpy as np
 
 from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
-from ..hybrid.roots import Bracket, secant
 from ..hybrid.system import Exit, Mode, Reset
+from ..roots import Bracket, secant
 from .march_step import Foretold, Solved
 from .march_watch import EVENT_LIMIT, WATCHED, Watch
 

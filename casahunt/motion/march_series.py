@@ -28,8 +28,8 @@ import numpy as np
 from .. import effort
 from ..collocation.admissibility import hides
 from ..collocation.scheme import Scheme
-from ..hybrid.roots import Bracket
 from ..hybrid.system import Exit, Mode
+from ..roots import Bracket
 from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS
 from .march_step import Foretold, Stepper
 from .march_watch import EVENT_LIMIT, ON_EVENT

@@ -15,7 +15,22 @@ Array = np.ndarray
 
 
 class MarchFailure(Exception):
-    """The march could not go on; the message says where."""
+    """The march could not go on; the message says where.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import MarchFailure, march
+    >>> try:
+    ...     march(
+    ...         belt.vector_form, "slip", np.zeros(2), np.array(list(belt.parameters.values())),
+    ...         scale=np.ones(2), until=lambda segment: False, max_intervals=1,
+    ...     )
+    ... except MarchFailure as failure:
+    ...     print(failure)
+    mode 'slip': no exit after 0.262 s and 1 intervals
+    """
 
 
 class NoEnd(MarchFailure):
@@ -39,6 +54,18 @@ class Segment:
     end : (n,) state at the end.
     jumped : (n,) state behind the event where it jumps there, else None.
     length : [s] of the interval that would have come next; 0 where the phase was not followed by intervals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import march
+    >>> slip, stick = march(
+    ...     belt.vector_form, "slip", np.zeros(2), np.array(list(belt.parameters.values())),
+    ...     scale=np.ones(2), until=lambda segment: segment.mode == "stick",
+    ... )
+    >>> slip.end.round(4).tolist() == stick.start.round(4).tolist()
+    True
     """
 
     mode: str
@@ -60,8 +87,18 @@ class Segment:
     ) -> Segment:
         """A phase whose intervals are made when somebody asks for them, as few who only want its end do.
 
-        ends: mode, event, duration, (n,) start and end, and the state behind the event; mesh, tol: makes `breaks` and
-        `w` from the last Legendre coefficient of an interval; that coefficient.
+        Parameters
+        ----------
+        ends
+            mode, event, duration, (n,) start and end, and the state behind the event.
+        count
+            number of the steps in which it was followed.
+        mesh, tol
+            makes `breaks` and `w` from the last Legendre coefficient of an interval; that coefficient.
+
+        Returns
+        -------
+        Segment.
         """
         self = object.__new__(cls)
         names = ("mode", "event", "duration", "_start", "end", "jumped", "length", "_count", "_mesh", "_tol")

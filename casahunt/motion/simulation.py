@@ -2,9 +2,9 @@
 
     x' = f_k(x; p) in mode k, to the first of its exits, x+ = R(x; p) there, the next mode, ...
 
-The motion is marched twice (march.py), the second time to `SECOND_RUN` of the tolerance; what the two differ by, in the
-states and in the times of the events, is the error estimate of the first, and a bound in practice of the second, which
-is returned.
+The motion is marched twice (phases.py), the second time to `SECOND_RUN` of the tolerance; what the two differ by, in
+the states and in the times of the events, is the error estimate of the first, and a bound in practice of the second,
+which is returned.
 States are measured in units of their size in the motion itself, which a first look finds: a bristle of 1e-5 rad counts
 as much as an angle of 1 rad.
 
@@ -29,7 +29,7 @@ from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
 from ..results import Result
 from .closed_forms import check_closed_forms
-from .march import MARCHED_AT_MOST, MarchFailure, Segment, march
+from .phases import MARCHED_AT_MOST, MarchFailure, Segment, march
 from .segment import NoEnd
 
 Array = np.ndarray

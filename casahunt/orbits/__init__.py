@@ -42,22 +42,31 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
-    from .adapt import Options
+    from .adapt import refined
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
-    from .orbit import Orbit
+    from .floquet import Multipliers
+    from .options import Options
+    from .orbit import Arc, Orbit
     from .saved_cycle import load_orbit
+    from .side_by_side import with_multipliers
     from .system_orbit import SystemOrbit
 
-__all__ = ["Options", "Orbit", "OrbitEnsemble", "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble"]
+__all__ = [
+    "Arc", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "SystemOrbit", "find_cycle", "load_orbit",
+    "orbit_ensemble", "refined", "with_multipliers",
+]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
-        "adapt": ("Options",),
+        "adapt": ("refined",),
         "cycle_search": ("find_cycle",),
         "saved_cycle": ("load_orbit",),
-        "orbit": ("Orbit",),
+        "options": ("Options",),
+        "floquet": ("Multipliers",),
+        "orbit": ("Arc", "Orbit"),
         "ensemble": ("OrbitEnsemble", "orbit_ensemble"),
+        "side_by_side": ("with_multipliers",),
         "system_orbit": ("SystemOrbit",),
     },
 )

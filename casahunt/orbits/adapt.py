@@ -330,7 +330,28 @@ def finished(solved: Solved, problem: Problem, options: Options, began: float, w
 def refined(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     """The same orbit to another tolerance.
 
-    Raises NoOrbit: the tolerance is not reached.
+    Parameters
+    ----------
+    orbit
+        the orbit.
+    options
+        the tolerance, and the method.
+
+    Returns
+    -------
+    Orbit, of the class of the given one.
+
+    Raises
+    ------
+    NoOrbit : the tolerance is not reached.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import Options, find_cycle, refined
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> refined(orbit, Options(tol=1e-10)).error_estimate < 1e-10
+    True
     """
     began = time.perf_counter()
     solved = solve_adaptively(orbit.problem, unknowns_of(orbit), options, solver="newton")

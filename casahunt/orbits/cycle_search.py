@@ -25,8 +25,8 @@ from ..collocation.scheme import scheme
 from ..errors import NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..motion.closed_forms import check_closed_forms
-from ..motion.march import HIDES, MarchFailure, Segment, march
 from ..motion.march_intervals import VANISHED
+from ..motion.phases import HIDES, MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections

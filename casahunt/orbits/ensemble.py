@@ -37,7 +37,6 @@ from .adapt import LEFT_OUT, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
 from .ensemble_multipliers import leading_of_many
 from .fold_side import Side, odd_beyond_one, side_of
-from .options import TOLERANCE_RANGE
 from .orbit import Orbit, unknowns_of
 from .restart import Start
 from .rows import Rows
@@ -178,7 +177,7 @@ def orbit_ensemble(
     """
     names, options = tuple(names), options or Options()
     table = table_of(orbit.problem, names, rows)
-    fine = replace(options, tol=max(ROOM_FOR_KNOWN * options.tol, TOLERANCE_RANGE[0]))
+    fine = options.finer(ROOM_FOR_KNOWN)
     sharp = orbit if orbit.error_estimate <= fine.tol else refined(orbit, fine)
     side = side_of(*unknowns_of(sharp))
     batches = [table[i : i + ROWS_OF_A_TASK] for i in range(0, len(table), ROWS_OF_A_TASK)]

@@ -31,10 +31,10 @@ from ..collocation.error_estimate import Functional, functional_errors
 from ..collocation.joints import flow_at
 from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
-from ..hybrid.roots import Bracket
 from ..hybrid.system import Mode
 from ..motion.march_step import Foretold, Stepper
 from ..results import Result
+from ..roots import Bracket
 from .observables import Expression, Later, Values, flow_sensitivity, is_mirrored, kept_values
 
 Array = np.ndarray

@@ -21,7 +21,7 @@ from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Phase, Signature
 from ..hybrid.vector_form import Names
-from ..motion.march import Segment
+from ..motion.phases import Segment
 from .closure import Closure, Plane, Section, with_sections
 from .observables import check_expression, scalar_of
 from .recurrence import image_of

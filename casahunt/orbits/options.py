@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
 from ..checks import known, of_kind, require, shown, whole
 from ..collocation.scheme import Kind
 from ..errors import InputError
 from ..hybrid.problem import Problem
 
-TOLERANCE_RANGE = (1e-12, 1e-2)
-"""Reachable tolerances: rounding below, meaningless meshes above."""
-SOLVERS = ("auto", "ipopt", "newton")
+WALK_TOLERANCE = 1e-5
+"""The way to a fold and round it needs no more accuracy than this; its end is computed to the tolerance."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +27,8 @@ class Options:
     degree, kind : collocation scheme; None for the default of the problem.
     half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
     sketched : orbits on a way whose end is computed anew: their errors, which are not estimated, stand as infinite.
+    TOLERANCES : the smallest and the largest tolerance: rounding below, meaningless meshes above.
+    SOLVERS : what `solver` may be.
 
     Examples
     --------
@@ -35,6 +36,9 @@ class Options:
     >>> Options(tol=1e-9, solver="newton").tol
     1e-09
     """
+
+    TOLERANCES: ClassVar[tuple[float, float]] = (1e-12, 1e-2)
+    SOLVERS: ClassVar[tuple[str, ...]] = ("auto", "ipopt", "newton")
 
     tol: float = 1e-6
     solver: Literal["auto", "ipopt", "newton"] = "auto"
@@ -44,12 +48,20 @@ class Options:
     sketched: bool = False
 
     def __post_init__(self) -> None:
-        low, high = TOLERANCE_RANGE
+        low, high = self.TOLERANCES
         if not low <= require("tol", self.tol) <= high:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
-        known("solver", self.solver, SOLVERS)
+        known("solver", self.solver, self.SOLVERS)
         whole("degree", self.degree or 1, at_least=1)
         of_kind("half", self.half, bool)
+
+    def rough(self) -> Options:
+        """The same for a way whose end is computed to the tolerance: no more accuracy than that needs."""
+        return replace(self, tol=max(self.tol, WALK_TOLERANCE))
+
+    def finer(self, part: float) -> Options:
+        """The same to a part of the tolerance, as far as rounding allows."""
+        return replace(self, tol=max(part * self.tol, self.TOLERANCES[0]))
 
     def scheme_of(self, problem: Problem) -> tuple[int, Kind]:
         """(degree, kind) for a problem."""

@@ -19,8 +19,8 @@ import numpy as np
 from ..collocation.interval import field_at
 from ..hybrid import system as engine
 from ..hybrid.language import System
-from ..motion.march import Segment
 from ..motion.march_exits import behind
+from ..motion.phases import Segment
 from .closure import Closure, Plane, turned, turns
 
 Array = np.ndarray

@@ -16,7 +16,7 @@ import numpy as np
 from ..collocation.joints import flow_at
 from ..collocation.mesh import evaluate_phase
 from ..hybrid.system import Signature
-from ..motion.march import MarchFailure, Segment, march
+from ..motion.phases import MarchFailure, Segment, march
 from .restart import Start
 from .sequences import Posed, joined, segments_of, start_of
 

@@ -3,7 +3,7 @@
 The states of every phase are polynomials (start and stages of its intervals): a phase can be cut at chosen times, three
 phases joined to one, or the same unknowns read as those of another cycle with as many phases and intervals.
 
-    from_segments   a marched motion (motion/march.py) becomes the unknowns of a cycle
+    from_segments   a marched motion (motion/phases.py) becomes the unknowns of a cycle
     in_scheme       the same motion in another collocation scheme
     relabelled      the same unknowns for another cycle
     assembled       unknowns from the pieces of every phase
@@ -24,7 +24,7 @@ from ..collocation.mesh import breaks_of_phase, evaluate_phase, phase_breaks, si
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..hybrid.system import Cycle
-from ..motion.march import Segment
+from ..motion.phases import Segment
 
 Array = np.ndarray
 Start = tuple[Transcription, Array, Setting]

@@ -17,7 +17,7 @@ import numpy as np
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.problem import Kind
-from ..motion.march import MARCHED_AT_MOST, Segment, march
+from ..motion.phases import MARCHED_AT_MOST, Segment, march
 from ..motion.segment import NoEnd
 from ..motion.simulation import MARCH_DEGREE
 from .closure import Closure, Section, turned, turns, with_sections

@@ -29,7 +29,7 @@ from ..collocation.mesh import evaluate_phase
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Signature
-from ..motion.march import Segment
+from ..motion.phases import Segment
 from .closure import Closure
 from .restart import Start, breaks_of, from_segments, in_scale, piece
 

@@ -6,10 +6,12 @@ rounding (multiplier_mesh.py).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
+from .. import effort
+from ..errors import NoOrbit
 from .multiplier_mesh import multipliers_of_many
-from .orbit import Orbit, linearised, unknowns_of
+from .orbit import AnyOrbit, Orbit, linearised, unknowns_of
 
 ORBITS_AHEAD = 8
 """Orbits of a branch that are waited for: multipliers take half as long for eight at once."""
@@ -29,3 +31,47 @@ def know_multipliers(orbits: Sequence[Orbit]) -> None:
         ]
         for orbit, found in zip(some, multipliers_of_many(places, solver), strict=True):
             vars(orbit)["multipliers"] = found  # where its cached property looks for them
+
+
+def with_multipliers(steps: Generator[AnyOrbit, None, str]) -> Generator[AnyOrbit, None, str]:
+    """The orbits of a walk that is some steps ahead, whose multipliers are computed side by side.
+
+    Parameters
+    ----------
+    steps
+        orbits one by one, such as `casahunt.walk` gives them.
+
+    Yields
+    ------
+    The same orbits, whose multipliers take half as long.  The generator returns what `steps` does.
+
+    Raises
+    ------
+    NoOrbit, KeyboardInterrupt, GivenUp : as `steps`, behind the orbits that were found before.
+
+    Examples
+    --------
+    >>> from casahunt import walk
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle, with_multipliers
+    >>> start = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> orbits = list(with_multipliers(walk(start, vary="belt", low=0.2, high=0.21)))
+    >>> all(orbit.stable for orbit in orbits)
+    True
+    """
+    while True:
+        some: list[AnyOrbit] = []
+        ended: str | BaseException | None = None
+        while ended is None and len(some) < ORBITS_AHEAD:
+            try:
+                some.append(next(steps))
+            except StopIteration as end:
+                ended = str(end.value)
+            except (NoOrbit, KeyboardInterrupt, effort.GivenUp) as error:
+                ended = error
+        know_multipliers(some)
+        yield from some
+        if isinstance(ended, BaseException):
+            raise ended
+        if ended is not None:
+            return ended

@@ -19,7 +19,7 @@ from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..hybrid.vector_form import TURNS
-from ..motion.march import MarchFailure, Segment, march
+from ..motion.phases import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, look
 from .closure import Section, turns
 from .recurrence import turns_over

@@ -30,8 +30,8 @@ import numpy as np
 from ..checks import of_kind, require
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns, columns_from
-from ..motion.march import MarchFailure
-from ..orbits.adapt import Options
+from ..motion import MarchFailure
+from ..orbits import Options
 from ..results import Result
 from .cycles import motor_torque
 from .event_map.half_cycle import SECTION, half_cycle

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation.special_points import FOLD, Missed, SpecialPoint
+from ..continuation import FOLD, Missed, SpecialPoint
 from ..export import Columns, columns_from
 from ..results import Result
 from .hunting import Model

@@ -37,7 +37,7 @@ from ..collocation.newton import Solver
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import Kind
 from ..errors import NoOrbit, Status
-from ..motion.march import MarchFailure, Segment
+from ..motion import MarchFailure, Segment
 from ..orbits.adapt import Options, finished, solve_adaptively
 from ..orbits.marched_mesh import remeshed
 from ..orbits.orbit import unknowns_of

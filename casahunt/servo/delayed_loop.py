@@ -36,8 +36,8 @@ import casadi as ca
 import numpy as np
 
 from ..checks import COMPUTED, require, sensible
-from ..hybrid.roots import boundary
 from ..results import Result
+from ..roots import boundary
 from .controller import Pid
 from .linear_loop import gain_crossovers, loop_polynomials, stable
 from .servo import Servo, a_servo

@@ -16,17 +16,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 
 from .. import effort
 from ..checks import of_kind
-from ..continuation.fold import WALK_TOLERANCE, confirmed, located, turns_back
+from ..continuation import fold_between, largest
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..motion.march import MarchFailure
-from ..orbits.adapt import Options
-from ..orbits.options import TOLERANCE_RANGE
+from ..motion import MarchFailure
+from ..orbits import Options
 from .cold_start import quickly_at, stable_at
 from .denial import no_cycle
 from .event_map.fixed_points import fixed_points
@@ -271,7 +271,7 @@ def find_fold(
     began = time.perf_counter()
     a_servo(servo)
     options = of_kind("options", options or Options(), Options)
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE), sketched=True)
+    rough = replace(options.rough(), sketched=True)
     first = start or find_any_orbit(servo, model, options=rough)
     with suppress(NoOrbit):
         return _walked(first, rough, options, began)
@@ -293,17 +293,17 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
                 f"{end.value}",
                 Status.NOT_CONVERGED,
             ) from None
-        if turns_back(before, after, "gain"):
-            return _located(before, after, options, began)
+        if (fold := _fold_between(before, after, options)) is not None:
+            return replace(fold, wall_s=time.perf_counter() - began)
         before = after
 
 
-def _located(before: HuntingOrbit, after: HuntingOrbit, options: Options, began: float) -> HuntingFold:
+def _fold_between(before: HuntingOrbit, after: HuntingOrbit, options: Options) -> HuntingFold | None:
     """The confirmed fold between two orbits, located to a part of the tolerance and confirmed to the whole of it."""
     for part in LOCATED_TO:
-        sharp = replace(options, tol=max(options.tol * part, TOLERANCE_RANGE[0]))
         try:
-            return confirmed(located(before, after, "gain", sharp), "gain", options, began)
+            special = fold_between(before, after, "gain", options.finer(part))
+            return None if special is None else cast(HuntingFold, largest(special, "gain", options=options))
         except NoOrbit:
             if part == LOCATED_TO[-1]:
                 raise

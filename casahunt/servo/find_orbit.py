@@ -21,13 +21,10 @@ from itertools import pairwise
 from typing import Literal
 
 from ..checks import known, of_kind, to_error
-from ..continuation.curve import curve_point
-from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
-from ..continuation.locating import locate
-from ..continuation.special_points import FOLD, SpecialPoint
+from ..continuation import fold_between, smallest
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..orbits.adapt import Options, refined
+from ..orbits import Options, refined
 from .cold_start import Met, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
@@ -135,7 +132,7 @@ class _Search:
     @property
     def rough(self) -> Options:
         """Enough for a way whose end is refined."""
-        return replace(self.options, tol=max(self.options.tol, WALK_TOLERANCE))
+        return self.options.rough()
 
     @property
     def stiff(self) -> bool:
@@ -302,9 +299,8 @@ def _followed_down(
 
     Raises NoOrbit: the branch turns back to larger gains in another fold, which is located above `gain`.
     """
-    row = curve_point(fold.orbit, "gain").row
-    for heading in (row, -row):
-        steps = walk(fold.orbit, low=gain, high=2 * fold.gain, heading=heading, first_step=DOWNWARDS, options=options)
+    for sense in (1.0, -1.0):  # of rounding, at a fold: one is either way along the branch
+        steps = walk(fold.orbit, low=gain, high=2 * fold.gain, sense=sense, first_step=DOWNWARDS, options=options)
         last = next(steps, None)
         if last is None or not _on_the_side(last, branch):
             continue
@@ -343,21 +339,19 @@ def _deny_below(
 
     A fold above a gain at which a cycle was met is not where they end.
     """
-    smallest = min(orbit.gain for orbit in around) * (1 + options.tol)
-    for before, after in reversed(list(pairwise(around))):
-        lowest = locate(before, after, FOLD, vary="gain", options=options)
-        if lowest is not None and lowest.gain <= smallest:
-            break
-    else:
-        return
+    least = min(orbit.gain for orbit in around) * (1 + options.tol)
     try:
-        lower = confirmed_smallest(SpecialPoint(FOLD.kind, lowest, ""), "gain", options)
+        folds = (fold_between(*pair, "gain", options, sense=-1.0) for pair in reversed(list(pairwise(around))))
+        lowest = next((found for found in folds if found is not None and found.value <= least), None)
+        if lowest is None:
+            return
+        lower = smallest(lowest, "gain", options=options)
     except NoOrbit:
         return
-    if gain < lower.gain * (1 - 2 * lower.gain_error):
+    if gain < lower.value * (1 - 2 * lower.value_error):
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: followed down from their "
             f"largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn back at "
-            f"{to_error(lower.gain, lower.gain_error)}, in a second fold (located on their branch, and again as the "
+            f"{to_error(lower.value, lower.value_error)}, in a second fold (located on their branch, and again as the "
             "smallest gain of all cycles near it)"
         )

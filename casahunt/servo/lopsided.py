@@ -14,14 +14,18 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 
-from ..continuation import SpecialPoint, branch_off, follow
-from ..continuation.bifurcations import monitors_of
-from ..continuation.crossings import crossings
-from ..continuation.fold import WALK_TOLERANCE
-from ..continuation.special_points import SYMMETRY_BREAKING, Missed
+from ..continuation import (
+    SYMMETRY_BREAKING,
+    Missed,
+    SpecialPoint,
+    branch_off,
+    follow,
+    monitors_of,
+    special_points_between,
+)
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..orbits.adapt import Options, refined
+from ..orbits import Options, refined
 from .branch import Branch
 from .find_fold import HIGHEST
 from .problem import HuntingOrbit
@@ -101,7 +105,7 @@ def lopsided_at(symmetric: HuntingOrbit, options: Options) -> HuntingOrbit:
     Raises NoOrbit: none was found.
     """
     gain, found = symmetric.gain, []
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    rough = options.rough()
     said = f"from gain {LOWEST * gain:.6g} on, up to its fold, the symmetric cycle was not seen to lose its symmetry"
     for special in sorted(_breakings(symmetric, rough), key=lambda special: abs(special.value - gain)):
         low, high = (0.0, gain) if special.value < gain else (gain, gain * HIGHEST)
@@ -128,7 +132,7 @@ def _breakings(symmetric: HuntingOrbit, options: Options) -> Iterator[SpecialPoi
         steps = walk(symmetric, low=low, high=high, sense=sense, options=options)
         way = [symmetric, *_up_to_the_fold(steps)]
         for earlier, before, after in zip([None, *way], way, way[1:], strict=False):
-            found, _ = crossings(
+            found, _ = special_points_between(
                 before, after, vary="gain", monitors=(SYMMETRY_BREAKING,), options=options, earlier=earlier, inside=True
             )
             if found:

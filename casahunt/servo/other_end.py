@@ -19,7 +19,7 @@ import numpy as np
 
 from ..checks import of_kind
 from ..errors import NoOrbit
-from ..orbits.adapt import Options
+from ..orbits import Options
 from ..results import Result
 from .basin import stick_position
 from .event_map.half_cycle import SECTION

@@ -18,9 +18,9 @@ from ..collocation.transcription import Setting, Transcription
 from ..continuation.fold import Fold
 from ..hybrid import System
 from ..hybrid.system import Cycle, Signature
+from ..orbits import Orbit
 from ..orbits.closure import Closure, Section
 from ..orbits.family import Cycles
-from ..orbits.orbit import Orbit
 from ..orbits.restart import Start
 from .cycles import SCHEMES, closed_cycle, system_of
 from .hunting import STATES, Model

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..checks import known, require
-from ..continuation.special_points import Missed, SpecialPoint
+from ..continuation import Missed, SpecialPoint
 from ..errors import InputError
 from ..orbits import archive
 from ..orbits.archive import Said, Text, Writer, checked, orbit_from, read, save_orbit, write

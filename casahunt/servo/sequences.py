@@ -20,7 +20,7 @@ from ..collocation.mesh import evaluate_phase
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.system import Cycle, Signature
-from ..motion.march import MarchFailure, Segment, march
+from ..motion import MarchFailure, Segment, march
 from ..orbits.restart import Start, assembled, breaks_of, cut, from_segments, merged, piece, relabelled
 from .cycles import automaton, closed_cycle, hunting_cycle, mirrored, softened
 from .hunting import Model

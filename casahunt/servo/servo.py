@@ -257,19 +257,6 @@ def _values(tree: Mapping[str, Any]) -> dict[str, float]:
     return values
 
 
-def dump(servo: Servo) -> str:
-    """The servo as TOML text; `load` reads back exactly the same numbers."""
-    lines: list[str] = []
-    section = ""
-    for key, value in flatten(servo).items():
-        head, name = key.split(".")
-        if head != section:
-            lines += ([""] if lines else []) + [f"[{head}]"]
-            section = head
-        lines.append(f"{name} = {value!r}")
-    return "\n".join(lines) + "\n"
-
-
 def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
     """Apply texts as the command line's --set gives them.
 

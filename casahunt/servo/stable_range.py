@@ -21,13 +21,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..checks import of_kind
-from ..continuation.fold import WALK_TOLERANCE
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
-from ..hybrid.roots import Bracket, Search
-from ..motion.march import MarchFailure
-from ..orbits.adapt import Options, refined
+from ..motion import MarchFailure
+from ..orbits import Options, refined
 from ..results import Result
+from ..roots import Bracket, Search
 from .basin import stick_position
 from .cold_start import stable_at
 from .event_map.half_cycle import half_cycle
@@ -116,7 +115,7 @@ def stable_range(fold: HuntingFold, *, options: Options | None = None) -> Stable
     """
     of_kind("fold", fold, HuntingFold, "such as find_fold gives")
     options = of_kind("options", options or Options(), Options)
-    rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+    rough = options.rough()
     first = _stable_one(fold, rough)
     orbits = _looked_closer(_up_to_the_fold(first, fold, rough), rough)
     last = orbits[-1]

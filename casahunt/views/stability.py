@@ -12,7 +12,7 @@ from typing import Any
 
 from ..checks import to_error
 from ..errors import NoOrbit
-from ..orbits.adapt import Options
+from ..orbits import Options
 from ..servo.problem import HuntingFold
 from ..servo.stable_range import StableRange, stable_range
 

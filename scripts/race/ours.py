@@ -17,7 +17,7 @@ import numpy as np
 from casahunt import NoOrbit, Options, find_fold, find_orbit
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
-from casahunt.continuation.crossings import crossings
+from casahunt.continuation import special_points_between
 from casahunt.continuation.special_points import FOLD
 from casahunt.continuation.walk import run as run_walk
 from casahunt.continuation.walk import walk
@@ -103,7 +103,7 @@ def whole_diagram(first: Any, tol: float, fold_tol: float) -> tuple[int, float]:
     fold = float("nan")
     for before, after in ((top - 1, top), (top, top + 1)):
         options = Options(tol=fold_tol)
-        found, _ = crossings(orbits[before], orbits[after], vary="gain", monitors=(FOLD,), options=options)
+        found, _ = special_points_between(orbits[before], orbits[after], vary="gain", monitors=(FOLD,), options=options)
         fold = found[0].orbit.gain if found else fold
     return len(orbits) + 1, fold
 
@@ -118,7 +118,7 @@ SHARES = (
     (
         "checks that a root is a motion",
         (
-            "admissibility.py", "hunting.py", "sequences.py", "restart.py", "march.py", "march_step.py",
+            "admissibility.py", "hunting.py", "sequences.py", "restart.py", "phases.py", "march_step.py",
             "march_exits.py", "march_intervals.py", "march_watch.py", "segment.py", "interval_newton.py",
         ),  # fmt: skip
     ),

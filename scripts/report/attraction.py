@@ -16,7 +16,7 @@ that P maps into themselves, each shown by `WITNESSES` motions: the largest a0 u
 around the stable cycle's amplitude A with |P(a) - A| < |a - A| (it hunts).
 
 Integration: Dormand and Prince 5(4), a step of its own for each motion, errors per step below `TOLERANCE` of the
-swing's size sqrt(x1^2 + J x2^2/kp).  It shares nothing but the parameters with motion/march.py, so that the two check
+swing's size sqrt(x1^2 + J x2^2/kp).  It shares nothing but the parameters with motion/phases.py, so that the two check
 each other; it is for classifying some ten thousand states a second, not for digits.
 
 Symbols: m motions, s sign of the slip, h step [s], P event map.

@@ -12,11 +12,11 @@ import pytest
 
 from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.cli import main
-from casahunt.continuation.crossings import crossings
+from casahunt.continuation import special_points_between
 from casahunt.continuation.natural_walk import walk_naturally
-from casahunt.continuation.special_points import FOLD, STANDARD, user_monitor
+from casahunt.continuation.special_points import FOLD, user_monitor
 from casahunt.continuation.walk import run, step_along, walk
-from casahunt.design.diagram import collect, diagram
+from casahunt.design.diagram import STANDARD, collect, diagram
 from problems import table1
 
 FOLDS = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lugre")}
@@ -158,7 +158,7 @@ def test_a_fold_takes_few_corrections(model, monkeypatch):
     found = []
     monkeypatch.setattr("casahunt.continuation.locating.step_along", counting)
     for before, after in ((orbits[top - 1], orbits[top]), (orbits[top], orbits[top + 1])):
-        found += crossings(before, after, vary="gain", monitors=(FOLD,), options=Options(tol=1e-10))[0]
+        found += special_points_between(before, after, vary="gain", monitors=(FOLD,), options=Options(tol=1e-10))[0]
     (fold,) = found
     assert fold.orbit.gain == pytest.approx(FOLDS[model], rel=1e-10)
     assert len(steps) <= 6  # none; where the sequence of phases changes on the way, a few
@@ -189,7 +189,7 @@ def test_user_monitor_is_located(orbit):
     found = [
         s
         for first, second in itertools.pairwise([before, *points])
-        for s in crossings(first, second, vary="gain", monitors=(monitor,), options=Options(tol=1e-9))[0]
+        for s in special_points_between(first, second, vary="gain", monitors=(monitor,), options=Options(tol=1e-9))[0]
     ]
     assert len(found) == 1
     assert found[0].orbit.period == pytest.approx(15, abs=1e-8)
@@ -206,7 +206,7 @@ def test_a_monitor_that_jumps_over_zero(orbit, jump, most):
         return seen[-1]
 
     monitor, ends = user_monitor("period of 15 s", value), (orbit("switch", 0.3), orbit("switch", 0.4))
-    found, missed = crossings(*ends, vary="gain", monitors=(monitor,), options=Options())
+    found, missed = special_points_between(*ends, vary="gain", monitors=(monitor,), options=Options())
     assert not missed and abs(found[0].orbit.period - 15) < 1e-6 and len(seen) <= most
 
 
@@ -266,6 +266,8 @@ def test_a_walk_starts_in_the_sense_asked_for_however_long_its_first_step():
     assert times[0] < times[1] < LONGEST_LEAD
     (fold,) = [
         s for pair in itertools.pairwise(points)
-        for s in crossings(*pair, vary="controller.lead_time", monitors=(FOLD,), options=Options(tol=1e-9))[0]
+        for s in special_points_between(
+            *pair, vary="controller.lead_time", monitors=(FOLD,), options=Options(tol=1e-9)
+        )[0]
     ]  # fmt: skip
     assert fold.orbit.servo.controller.lead_time == pytest.approx(LONGEST_LEAD, rel=1e-9)

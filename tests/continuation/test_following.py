@@ -17,9 +17,9 @@ from casahunt.continuation.special_points import Monitor
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import ball, belt
-from casahunt.hybrid.roots import hides_a_pair
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.floquet import Multipliers
+from casahunt.roots import hides_a_pair
 
 RELAY = System(
     "relay", ("x",), {"level": 0.5},

@@ -20,9 +20,8 @@ from casahunt.collocation.mesh import halved, phase_breaks, transfer
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import crossings as crossings_module
 from casahunt.continuation import fold as folds
-from casahunt.continuation import locating
+from casahunt.continuation import locating, special_points_between
 from casahunt.continuation import walk as walks
-from casahunt.continuation.crossings import crossings
 from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.fold_conditions import data_of, fold_conditions
@@ -258,14 +257,14 @@ def test_the_fold_between_two_cycles(monkeypatch, low, high, swap):
     assert orbit.amplitude**2 == pytest.approx(B / (2 * LARGEST), rel=1e-7)  # c is of second order in it
     assert not steps
     assert turns_back(before, after, "c")
-    found, missed = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
+    found, missed = special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
     assert [s.kind for s in found] == ["fold"] and not missed
 
 
 def test_where_there_is_none():
     for branch in (1, -1):
         before, after = cycle(3.2, branch), cycle(3.3, branch)
-        assert crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL)) == ([], [])
+        assert special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL)) == ([], [])
         assert not turns_back(before, after, "c") and not turns_back(after, before, "c")
 
 
@@ -276,7 +275,8 @@ def test_where_a_function_of_the_users_vanishes(wanted):
     monitor = user_monitor("that size", lambda o: o.amplitude**2 - wanted)
     c = (B * wanted - 1 + NU) / wanted**2
     for first, last in ((before, after), (after, before)):
-        ((special,), missed) = crossings(first, last, vary="c", monitors=(monitor,), options=Options(tol=TOL))
+        found, missed = special_points_between(first, last, vary="c", monitors=(monitor,), options=Options(tol=TOL))
+        (special,) = found
         assert not missed and special.kind == "that size"
         assert c_of(special.orbit) == pytest.approx(c, rel=1e-7)
         said = float(special.meaning.rpartition(" ")[2])
@@ -286,13 +286,13 @@ def test_where_a_function_of_the_users_vanishes(wanted):
 def test_a_fold_that_is_not_located_is_told(monkeypatch):
     monkeypatch.setattr(crossings_module, "locate", lambda *_, **__: None)
     before, after = cycle(3.59), cycle(3.595, -1)
-    found, (missed,) = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
+    found, (missed,) = special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
     assert not found and missed.kind == "fold" and "c = 3.59 and 3.595" in missed.meaning
     # Where both sides of it agree to the tolerance, the larger parameter is it.
-    (special,), missed = crossings(before, after, vary="c", monitors=(FOLD,), options=Options(tol=1e-2))
+    (special,), missed = special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=1e-2))
     assert not missed and special.orbit is after
     other = user_monitor("size", lambda o: o.amplitude**2 - B / 7.2)
-    found, (missed,) = crossings(before, after, vary="c", monitors=(other,), options=Options(tol=1e-2))
+    found, (missed,) = special_points_between(before, after, vary="c", monitors=(other,), options=Options(tol=1e-2))
     assert not found and missed.kind == "size"
 
 
@@ -320,16 +320,17 @@ def test_where_the_sequence_changes():
     before, after = cycle(2.8), cycle(3.55, -1)
     before = replace(before, problem=Narrow(WIDE, values(2.8), "c"), arcs=(replace(before.arcs[0], mode="wide"),))
     after = replace(after, problem=Narrow(NARROW, values(3.55), "c"), arcs=(replace(after.arcs[0], mode="narrow"),))
-    found, missed = crossings(before, after, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))
+    found, missed = special_points_between(before, after, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))
     (special,) = found
     assert special.kind == "grazing" and not missed and special.orbit.signature == before.signature
     assert 0 <= special.orbit.amplitude**2 - 0.5 < 1e-5
-    assert not crossings(before, before, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))[0]
+    assert not special_points_between(before, before, vary="c", monitors=(GRAZING,), options=Options(tol=1e-8))[0]
 
 
 def test_a_jump_is_not_located():
     jump = user_monitor("a jump", lambda o: 1.0 if o.amplitude**2 > 0.5 else -1.0)
-    found, (missed,) = crossings(cycle(2.8), cycle(3.5), vary="c", monitors=(jump,), options=Options(tol=1e-6))
+    options = Options(tol=1e-6)
+    found, (missed,) = special_points_between(cycle(2.8), cycle(3.5), vary="c", monitors=(jump,), options=options)
     assert not found and missed.kind == "a jump" and "was not located" in missed.meaning
 
 

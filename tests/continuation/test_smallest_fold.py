@@ -13,7 +13,7 @@ from casahunt import NoOrbit, Options
 from casahunt.collocation.graphs import graphs
 from casahunt.collocation.solve import solve
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.continuation.crossings import crossings
+from casahunt.continuation import special_points_between
 from casahunt.continuation.fold import confirmed_smallest
 from casahunt.continuation.fold_conditions import data_of
 from casahunt.continuation.special_points import FOLD, SpecialPoint
@@ -51,7 +51,7 @@ def test_where_it_lies_and_how_it_moves(solver):
     points = [start, *itertools.islice(walk(start, low=0.3, high=0.9, sense=-1.0, options=options), 12)]
     found = [
         s for pair in itertools.pairwise(points)
-        for s in crossings(*pair, vary="nu", monitors=(FOLD,), options=options)[0]
+        for s in special_points_between(*pair, vary="nu", monitors=(FOLD,), options=options)[0]
     ]  # fmt: skip
     assert len(found) == 1
     fold = confirmed_smallest(found[0], "nu", options)

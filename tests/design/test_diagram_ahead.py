@@ -7,8 +7,9 @@ from functools import cache
 import pytest
 
 from casahunt import NoOrbit, Servo, effort, find_orbit
-from casahunt.continuation.special_points import FOLD, STANDARD
+from casahunt.continuation import FOLD
 from casahunt.design import diagram as design
+from casahunt.orbits.side_by_side import ORBITS_AHEAD
 from casahunt.servo.problem import HuntingOrbit
 
 START, GAINS = 0.2, [0.21 + 0.01 * k for k in range(11)]
@@ -37,7 +38,7 @@ def walking(monkeypatch, gains: list[float], with_what: str | BaseException) -> 
     return reached
 
 
-@pytest.mark.parametrize("count", [0, 1, design.ORBITS_AHEAD, len(GAINS)])
+@pytest.mark.parametrize("count", [0, 1, ORBITS_AHEAD, len(GAINS)])
 @pytest.mark.parametrize("end", [NoOrbit("lost"), KeyboardInterrupt(), effort.GivenUp("enough")], ids=type)
 def test_what_ends_a_walk_comes_behind_the_orbits_that_it_found(monkeypatch, count, end):
     walking(monkeypatch, GAINS[:count], end)
@@ -48,7 +49,7 @@ def test_what_ends_a_walk_comes_behind_the_orbits_that_it_found(monkeypatch, cou
     assert found == [START, *GAINS[:count]]
 
 
-@pytest.mark.parametrize("count", [0, 1, design.ORBITS_AHEAD, len(GAINS)])
+@pytest.mark.parametrize("count", [0, 1, ORBITS_AHEAD, len(GAINS)])
 def test_the_sentence_at_the_end(monkeypatch, count):
     walking(monkeypatch, GAINS[:count], "that is all")
     points, found = design.diagram(Servo(), "switch", start=START), []
@@ -60,7 +61,7 @@ def test_the_sentence_at_the_end(monkeypatch, count):
             return
 
 
-@pytest.mark.parametrize(("monitors", "ahead"), [(STANDARD, design.ORBITS_AHEAD), ((FOLD,), 1)])
+@pytest.mark.parametrize(("monitors", "ahead"), [(design.STANDARD, ORBITS_AHEAD), ((FOLD,), 1)])
 def test_how_far_ahead(monkeypatch, monitors, ahead):
     """As many as are computed side by side; where no multipliers are asked for, none, and none are computed."""
     orbit.cache_clear()

@@ -15,7 +15,7 @@ import pytest
 from casahunt import InputError, Options, Servo, cli, find_fold
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.uncertainty import batch, nearby
-from casahunt.design.uncertainty.linear import linear_gains, linear_interval, linear_moments, linear_range
+from casahunt.design.uncertainty.linear import linear_gains, linear_moments, linear_range
 from casahunt.design.uncertainty.nearby import fold_beside
 from casahunt.design.uncertainty.samples import draw, sample
 from casahunt.design.uncertainty.set import Uncertainty
@@ -29,6 +29,11 @@ EXAMPLE = Path(table1.__file__).with_name("table1_uncertainty.toml")
 FRICTION = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.435, 0.445)})
 PAIR = ("friction.static", "friction.coulomb")
 QUICK = Options(tol=1e-6)
+
+
+def linear_interval(fold, uncertainty):
+    """(low, high) of the linear function over intervals; (mean, std) for a covariance."""
+    return (linear_range if uncertainty.covariance is None else linear_moments)(fold, uncertainty)
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from casahunt.collocation.scheme import scheme
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid import system as engine
 from casahunt.motion import march_series, series
-from casahunt.motion.march import Segment, march
 from casahunt.motion.march_step import Stepper
+from casahunt.motion.phases import Segment, march
 from casahunt.motion.recursion import coefficients
 from casahunt.motion.simulation import simulate
 

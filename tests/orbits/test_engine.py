@@ -14,7 +14,7 @@ import pytest
 from casahunt.continuation.natural_walk import walk_naturally
 from casahunt.continuation.walk import walk
 from casahunt.errors import InputError
-from casahunt.motion.march import march
+from casahunt.motion.phases import march
 from casahunt.orbits import archive
 from casahunt.orbits.adapt import Options, finished, refined, solve_adaptively
 from casahunt.orbits.orbit import Orbit, unknowns_of

@@ -8,7 +8,7 @@ import pytest
 from casahunt.collocation.mesh import evaluate_phase, phase_breaks
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.hybrid.system import Cycle, Event, Mode, Phase
-from casahunt.motion.march import Segment
+from casahunt.motion.phases import Segment
 from casahunt.orbits.restart import assembled, breaks_of, cut, from_segments, merged, piece, relabelled
 
 DEGREE = 4

@@ -42,14 +42,14 @@ def test_four_servos_in_two_orders(large_caches):
 
 def test_a_history_is_seen(monkeypatch):
     """A last bit that depends on how many folds were located before, and the run that differs is named."""
-    honest, before = find_fold.confirmed, []
+    honest, before = find_fold.largest, []
 
-    def with_memory(special, vary, options, began):
+    def with_memory(special, vary, *, options):
         before.append(special)
-        found = honest(special, vary, options, began)
+        found = honest(special, vary, options=options)
         return replace(found, value=np.nextafter(found.value, 1)) if len(before) > 1 else found
 
-    monkeypatch.setattr(find_fold, "confirmed", with_memory)
+    monkeypatch.setattr(find_fold, "largest", with_memory)
     question = history.Question(48, "switch", "fold", 0.0)
     runs = {name: dict(history.answers(1, [question], "kept", Options(), history.WORK)) for name in ("alone", "again")}
     assert history.differences(runs) == {question: ["again"]}

@@ -11,7 +11,7 @@ import pytest
 from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.collocation.mesh import shape
 from casahunt.collocation.remesh import shape_limit
-from casahunt.motion.march import MarchFailure, Segment
+from casahunt.motion.phases import MarchFailure, Segment
 from casahunt.servo import cold_start
 from casahunt.servo import find_orbit as orbits
 from casahunt.servo.event_map import near as near_by

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from map_support import map_fold
+from servo_files import dump
 
 from casahunt import (
     InputError,
@@ -39,7 +40,7 @@ from casahunt.servo.linear_loop import (
     lowest_stable_gain,
     routh_hurwitz_gain,
 )
-from casahunt.servo.servo import dump, flatten, load, with_overrides
+from casahunt.servo.servo import flatten, load, with_overrides
 from problems.taylor import lugre_half_cycle, switch_cycle, switch_half_cycle
 
 FINE = Options(tol=1e-9)

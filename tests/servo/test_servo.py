@@ -7,11 +7,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+from servo_files import dump
 
 from casahunt.errors import InputError
 from casahunt.servo.controller import Controller, Pid
 from casahunt.servo.friction import Friction
-from casahunt.servo.servo import KEYS, PARAMETERS, Servo, dump, flatten, load, unflatten, with_overrides
+from casahunt.servo.servo import KEYS, PARAMETERS, Servo, flatten, load, unflatten, with_overrides
 from problems import table1
 
 # Table 1 of the report, typed in once more.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Servo, Status, Trajectory, cli, simulate
-from casahunt.motion.march import MarchFailure
+from casahunt.motion.phases import MarchFailure
 from casahunt.servo.simulation.simulate import _Run
 from problems import taylor
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 from command_line import contents, run
 from file_support import ROOT, cheap_tuning, posix, results
+from servo_files import dump
 
 from casahunt import Servo, cli, files, find_orbit, pictures
 from casahunt.errors import InputError
-from casahunt.servo.servo import dump
 from casahunt.views.commands import completion, written
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve

@@ -20,7 +20,7 @@ from ...continuation.special_charts import SpecialChart, SpecialOrbit, Task
 from ...continuation.special_points import FOLD
 from ...continuation.two_parameters import chart_at, special_orbits
 from ...errors import InputError, NoOrbit, Status
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...servo.find_fold import find_fold
 from ...servo.friction import steepest
 from ...servo.hunting import MODELS, Model

@@ -24,7 +24,7 @@ import numpy as np
 
 from ... import effort
 from ...errors import InputError, NoOrbit
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points

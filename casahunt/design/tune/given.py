@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import NoOrbit
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...servo.find_fold import find_fold
 from ...servo.hunting import Model
 from ...servo.linear_loop import integral_gain

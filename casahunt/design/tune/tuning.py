@@ -25,7 +25,7 @@ from typing import Any
 
 from ...checks import known, of_kind
 from ...errors import InputError, Status
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, a_servo, flatten

@@ -19,7 +19,7 @@ import numpy as np
 from ...continuation.fold_ensemble import Folds, expansion, folds_near
 from ...continuation.fold_expansion import Expansion
 from ...errors import NoOrbit, Status
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...orbits.ensemble import ROWS_OF_A_TASK
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold

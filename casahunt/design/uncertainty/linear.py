@@ -17,15 +17,6 @@ from ..sensitivity import fold_sensitivities
 from .set import Array, Uncertainty, values_of
 
 
-def linear_interval(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
-    """The fold gain by linearisation about the servo of a fold.
-
-    fold: where it is linearised. Returns (low, high) [V/rad] of the linear function over intervals (`linear_range`);
-    (mean, std) for a covariance (`linear_moments`).
-    """
-    return (linear_range if uncertainty.covariance is None else linear_moments)(fold, uncertainty)
-
-
 def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """Range of the linearised fold gain.
 

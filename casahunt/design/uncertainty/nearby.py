@@ -12,13 +12,12 @@ Units: K in V/rad.  Symbols: k uncertain parameters, n servos, q (k,) values.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...continuation.fold import WALK_TOLERANCE
 from ...errors import NoOrbit, Status
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...servo.cold_start import stable_at
 from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import scan
@@ -42,7 +41,7 @@ def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> 
     start = None
     if np.isfinite(expected):
         try:
-            rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
+            rough = options.rough()
             met = stable_at(servo, model, BELOW * expected, options=rough)  # where it meets none, that proves nothing
             if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
                 start = met.orbit

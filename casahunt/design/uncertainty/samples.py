@@ -16,7 +16,7 @@ import numpy as np
 from ...checks import known, of_kind, quoted
 from ...errors import InputError
 from ...export import Columns
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold

@@ -21,9 +21,9 @@ import numpy as np
 
 from ...checks import known
 from ...errors import InputError, NoOrbit, Status
-from ...hybrid.roots import Bracket
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import Result
+from ...roots import Bracket
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo

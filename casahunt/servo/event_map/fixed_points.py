@@ -19,8 +19,8 @@ import numpy as np
 
 from ...checks import COMPUTED, sensible
 from ...errors import InputError
-from ...hybrid.roots import Bracket
-from ...motion.march import MarchFailure
+from ...motion import MarchFailure
+from ...roots import Bracket
 from ..servo import Servo, a_servo
 from .points import FixedPoint, FixedPoints, Jump
 from .scan import SCAN_HIGH, SCAN_LOW

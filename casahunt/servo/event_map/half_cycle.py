@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from ...collocation.scheme import Kind
-from ...motion.march import Segment, march
+from ...motion import Segment, march
 from ..cycles import SCHEMES, automaton, motor_torque
 from ..hunting import Model
 from ..servo import Servo

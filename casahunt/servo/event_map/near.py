@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ...motion.march import MarchFailure
+from ...motion import MarchFailure
 from ..denial import no_cycle
 from .half_cycle import HalfCycle, StickMap
 
@@ -47,7 +47,7 @@ def near_stable(
 ) -> HalfCycle | None:
     """A half cycle close to a stable fixed point; a short cut that replaces no scan.
 
-    Secant steps in (log a, log P/a), without a bracket (hybrid/roots.py). Only a step of the Switch servo too far
+    Secant steps in (log a, log P/a), without a bracket (roots.py). Only a step of the Switch servo too far
     inwards, where it creeps to rest, is taken back by half. The fixed point is taken for the stable one only where the
     ratio falls with a, as it does at P'(a) < 1, and falls so steeply that the next step would reach the fixed point: at
     tiny gains P(a)/a is next to one over decades of a and crosses it nowhere.

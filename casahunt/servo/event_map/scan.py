@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...hybrid.roots import Bracket
-from ...motion.march import MarchFailure
+from ...motion import MarchFailure
+from ...roots import Bracket
 from .half_cycle import HalfCycle, StickMap
 
 SCAN_POINTS = 44

@@ -4,7 +4,7 @@ Breakaway at x1 = -a with m = Fs, state x0(a, K) = (-a, 0, (kp a - Fs)/ki); the 
 must, and is stuck again at x1 = P(a).  P(a) > 0 is the far side of the set point.  Symmetric hunting cycles are
 P(a) = a, their half multiplier is mu = -P'(a) times the sign of the closure -I, that is mu = P'(a).
 
-Slope.  The condensed interval maps of the march (collocation/interval.py) carry d x along each slip at a fixed
+Slope.  The condensed interval maps of the march (motion/sensitivity.py) carry d x along each slip at a fixed
 duration; at the stop, x2 = 0, the duration yields by dT = -dx2/x2':
 
     d x0/d a = (-1, 0, kp/ki),   d x0/d K = (0, 0, Fs/(ki K)),   dx1 = dx1,  dx2 = 0,  dx3 = dx3 + x1 dT.
@@ -32,15 +32,12 @@ Symbols: n states, d stages, R = n (d + 1).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...checks import require
-from ...collocation.interval import field_at, interval_map
-from ...hybrid.system import Mode
-from ...motion.march import MarchFailure, Segment, march
+from ...motion import MarchFailure, Segment, forward_sensitivity, march
 from ..cycles import SCHEMES, automaton, slips_back
 from ..servo import Servo
 from .half_cycle import StickMap
@@ -57,8 +54,6 @@ SWINGING_ON = 100.0
 """A motion that stops this many times farther out than it started, with more torque than static friction holds, counts
 as swinging on."""
 MOST_SLIP_INTERVALS = 3000
-ELIMINATED = 16
-"""Intervals whose stages are eliminated together."""
 GROWS = 3.0
 """A motion that goes this many times farther out than it started is marched again in its own scale."""
 AT_SET_POINT = 1e-9
@@ -175,11 +170,8 @@ def _sensitivities(
     column = dx / scale[:, None]
     duration = 0.0
     for segment in segments:
-        mode = automaton("switch", p.size).modes[segment.mode]
-        for through, forced in _interval_slopes(mode, segment, dp, p, scale, degree):
-            column = through @ column
-            column[:, 1] += forced
-        f = field_at(mode.field, segment.end / scale, mode.sign, p, scale)  # at the stop
+        form = automaton("switch", p.size)
+        column, f = forward_sensitivity(form, segment, column, p, dp, scale=scale, degree=degree)  # f at the stop
         if f[1] == 0:  # the stop grazes: P has no derivative there
             nan = float("nan")
             return (nan, nan), nan, nan
@@ -187,29 +179,6 @@ def _sensitivities(
         column = column - np.outer(f, column[1] / f[1])
     slope = column[0] * scale[0]
     return (float(slope[0]), float(slope[1])), duration, float(column[2, 0] * scale[2])
-
-
-def _interval_slopes(
-    mode: Mode, segment: Segment, dp: Array, p: Array, scale: Array, degree: int
-) -> Iterator[tuple[Array, Array]]:
-    """Of each interval d end/d start (n, n) and d end/d lambda (n,), scaled; stages eliminated many at a time."""
-    n = scale.size
-    rows = n * (degree + 1)
-    d_rows = rows - n
-    function = interval_map(mode.field, n, p.size, degree, "gauss", ELIMINATED)
-    scaled, lengths = segment.w / np.tile(scale, degree + 1), np.diff(segment.breaks)
-    for first in range(0, len(scaled), ELIMINATED):
-        w, fractions = scaled[first : first + ELIMINATED], lengths[first : first + ELIMINATED]
-        count = len(w)
-        w = np.concatenate([w, np.repeat(w[-1:], ELIMINATED - count, axis=0)])
-        fractions = np.append(fractions, np.zeros(ELIMINATED - count))
-        block = function(w, np.zeros(n), segment.duration, fractions, mode.sign, p, dp, scale)[:count]
-        # Residual columns of the block are its rows here: d/dw at 1..R, d/d lambda last.
-        known = block[:, [*range(1, n + 1), rows + 2]].swapaxes(1, 2)
-        by_stages = block[:, n + 1 : rows + 1].swapaxes(1, 2)
-        stages = np.linalg.solve(by_stages[:, :d_rows], known[:, :d_rows])
-        ends = by_stages[:, d_rows:] @ stages - known[:, d_rows:]
-        yield from ((end[:, :n], end[:, n]) for end in ends)
 
 
 def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...motion.march import MarchFailure, march
+from ...motion import MarchFailure, march
 from .. import stick_band as band
 from ..cycles import SCHEMES, automaton
 from ..event_map.half_cycle import StickMap, half_cycle

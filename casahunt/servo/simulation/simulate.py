@@ -32,8 +32,8 @@ from ...collocation.scheme import scheme
 from ...compiled import alone
 from ...errors import InputError, NoOrbit, Status
 from ...hybrid.system import System
-from ...motion.march import MarchFailure, Segment, march
-from ...orbits.options import TOLERANCE_RANGE
+from ...motion import MarchFailure, Segment, march
+from ...orbits import Options
 from .. import stick_band as band
 from ..cycles import SCHEMES, automaton, names_of
 from ..event_map.half_cycle import StickMap
@@ -125,7 +125,7 @@ def simulate(
     sensible("gain", gain, power=COMPUTED)
     sensible("time", time, power=COMPUTED)
     tol = number("tol", tol)
-    low, high = TOLERANCE_RANGE
+    low, high = Options.TOLERANCES
     if not low <= tol <= high:
         raise InputError(f"tol = {tol:g}: must lie between {low:g} and {high:g}")
     if regularised and model != "switch":

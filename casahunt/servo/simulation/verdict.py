@@ -26,7 +26,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from ...motion.march import MarchFailure, march
+from ...motion import MarchFailure, march
 from ...results import Result
 from ..cycles import SCHEMES, automaton, motor_torque
 from ..event_map.half_cycle import StickMap

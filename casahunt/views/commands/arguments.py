@@ -14,7 +14,7 @@ from typing import Any
 
 from ...checks import known, quoted, sensible, shortened
 from ...errors import InputError
-from ...orbits.options import SOLVERS, TOLERANCE_RANGE, Options
+from ...orbits import Options
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, load, with_overrides
 from .printed import LINE_WIDTH, folded, meanings
@@ -94,7 +94,7 @@ def add_common(command: Parser, *, tol: bool = True) -> None:
 
     tol: it computes to a tolerance, and has --tol.
     """
-    low, high = TOLERANCE_RANGE
+    low, high = Options.TOLERANCES
     command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
     if tol:
         command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
@@ -126,7 +126,7 @@ def model_of(options: argparse.Namespace) -> Model:
 
 def how_of(options: argparse.Namespace) -> Options:
     """The tolerance of the command line, and the solver where there is a choice."""
-    solver: Any = known("solver", getattr(options, "solver", "auto"), SOLVERS)
+    solver: Any = known("solver", getattr(options, "solver", "auto"), Options.SOLVERS)
     return Options(tol=finite("tol", options.tol), solver=solver)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ...design.sensitivity import NAMES
 from ...design.tune.demands import COSTS, NUMBERS
-from ...orbits.options import SOLVERS
+from ...orbits import Options
 from ...servo.find_orbit import BRANCHES
 from ...servo.hunting import MODELS
 from ...servo.servo import KEYS
@@ -31,7 +31,7 @@ FILES = {
 WORDS = {
     "model": MODELS,
     "branch": BRANCHES,
-    "solver": SOLVERS,
+    "solver": Options.SOLVERS,
     "multipliers": ROUTES,
     "cost": tuple(COSTS),
     "free": tuple(NUMBERS),

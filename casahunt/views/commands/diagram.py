@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ... import effort
-from ...continuation.special_points import FOLD
+from ...continuation import FOLD
 from ...design.diagram import DiagramPoint, diagram, starting_gain
 from ...design.diagram_files import SIGNS, Left, Task, Words, begun, branch_of, keep
 from ...errors import NoOrbit

@@ -11,7 +11,7 @@ from typing import Any
 
 from ...checks import error_text, known_decimals, to_error
 from ...design.sensitivity import Sensitivities, fold_sensitivities
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.problem import HuntingFold

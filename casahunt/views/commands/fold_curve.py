@@ -18,7 +18,7 @@ from ...errors import InputError, NoOrbit, Status
 from ...export import write_csv
 from ...files import together
 from ...interrupts import held, word
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import tables_of
 from ...servo.hunting import Model
 from ...servo.saved import INTERRUPTED

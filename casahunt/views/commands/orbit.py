@@ -11,8 +11,8 @@ from typing import Any
 
 from ...checks import error_text, known, to_error
 from ...export import Columns
+from ...orbits import Multipliers
 from ...orbits.archive import save_orbit
-from ...orbits.floquet import TRUSTED, Multipliers
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.problem import HuntingOrbit
 from ...servo.units import column
@@ -100,7 +100,7 @@ def _full_text(m: Multipliers) -> str:
 
 def _doubt(m: Multipliers) -> str:
     """Why they are not trusted."""
-    if m.trivial_error < TRUSTED:
+    if m.trivial_trusted:
         return f"the error of the largest one but the shift in time may be {error_text(m.error)}"
     return f"the one that must be 1 is off by {m.trivial_error:.1e}"
 

@@ -18,7 +18,7 @@ from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.toml import load_uncertainty
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import NoOrbit, Status
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.problem import HuntingFold

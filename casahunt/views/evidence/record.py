@@ -12,7 +12,7 @@ from typing import Any
 from ...design.tune.tasks import Task, regulator_tasks
 from ...design.tune.tuning import Tuning
 from ...export import plain
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ..stability import stability_of
 
 GAIN_BEFORE = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...motion.march import MarchFailure
+from ...motion import MarchFailure
 from ...servo.event_map.fixed_points import FixedPoints
 from ...servo.event_map.slopes import map_at
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, legend, logarithmic, panels

@@ -12,7 +12,7 @@ from ...design.sensitivity import fold_sensitivities
 from ...design.tune.tasks import Task
 from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
-from ...orbits.adapt import Options
+from ...orbits import Options
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities

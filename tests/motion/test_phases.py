@@ -11,14 +11,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
-import casahunt.motion.march as march_module
 from casahunt.collocation.scheme import scheme
 from casahunt.hybrid.system import Event, Exit, Mode, System
+from casahunt.motion import phases
 from casahunt.motion.interval_newton import newton_steps
-from casahunt.motion.march import MarchFailure, Segment, march
 from casahunt.motion.march_exits import end_of_flow, flow_to, locate
 from casahunt.motion.march_step import Foretold, Stepper
 from casahunt.motion.march_watch import TooLong, Watch, _first_beyond
+from casahunt.motion.phases import MarchFailure, Segment, march
 
 NO_PARAMETERS = np.zeros(1)
 
@@ -256,8 +256,8 @@ def test_the_first_watched_time_beyond_zero(h: list[float], first: int | None) -
 def test_a_phase_has_its_intervals_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Who wants the end of a motion pays for no mesh; copied, sent elsewhere or replaced it has them."""
     made: list[int] = []
-    honest = march_module.intervals_of
-    monkeypatch.setattr(march_module, "intervals_of", lambda *a: made.append(1) or honest(*a))
+    honest = phases.intervals_of
+    monkeypatch.setattr(phases, "intervals_of", lambda *a: made.append(1) or honest(*a))
     (segment,) = marched(END, start=0.5)
     assert (segment.start == [math.sin(0.5), math.cos(0.5), 0.5]).all() and segment.count > 0 and not made
     assert not hasattr(segment, "widths")

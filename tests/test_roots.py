@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from casahunt.hybrid.roots import Bracket, Search, boundary, inverse_interpolation, secant
+from casahunt.roots import Bracket, Search, boundary, inverse_interpolation, secant
 
 Function = Callable[[float], float]
 NEXT: dict[str, Callable[[Bracket], float]] = {

@@ -75,13 +75,44 @@ def march(
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
-    system, mode: the hybrid system and the mode that it starts in; x, p: (n,) initial state; parameter vector; scale:
-    (n,) size of the states; until: called with every finished segment; True ends the march; tol, degree, kind: bound on
-    the last Legendre coefficient of each interval, relative to `scale`; collocation scheme; max_time, max_intervals,
-    strict, met, after: [s], stop there; give up beyond; give up where a mode goes on that does not hold any more; event
-    that has just been met in x, if any; segment that ended in x, if any.
-    Returns the segments.  Where the motion comes to rest, or `max_time` has passed, they end without `until`.
-    Raises MarchFailure: NaN, a step size that vanishes, too many intervals, or a mode that does not hold (`strict`).
+    Parameters
+    ----------
+    system, mode
+        the hybrid system in vectors (`System.vector_form`), and the mode that it starts in.
+    x, p
+        (n,) initial state, and (np,) the parameters.
+    scale
+        (n,) size of the states.
+    until
+        called with every finished segment; True ends the march.
+    tol, degree, kind
+        bound on the last Legendre coefficient of each interval, relative to `scale`; collocation scheme.
+    max_time, max_intervals
+        [s], stop there; give up beyond.
+    strict, met, after
+        give up where a mode goes on that does not hold any more; event that has just been met in x, if any; segment
+        that ended in x, if any.
+
+    Returns
+    -------
+    The segments.  Where the motion comes to rest, or `max_time` has passed, they end without `until`.
+
+    Raises
+    ------
+    MarchFailure : NaN, a step size that vanishes, or a mode that does not hold (`strict`).
+    NoEnd : a MarchFailure: too many intervals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import march
+    >>> segments = march(
+    ...     belt.vector_form, "slip", np.zeros(2), np.array(list(belt.parameters.values())),
+    ...     scale=np.ones(2), until=lambda segment: segment.mode == "stick",
+    ... )
+    >>> [(segment.mode, segment.event, round(segment.duration, 4)) for segment in segments]
+    [('slip', 'catches up', 0.2624), ('stick', 'breaks away', 4.8783)]
     """
     effort.motion()
     s = scheme(degree, kind)
