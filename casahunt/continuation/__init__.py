@@ -28,7 +28,7 @@ terminations.py     where cycles end: shrunk, grown, at an equilibrium
 through_rest.py     through the rest that a forced cycle shrinks to
 whole.py            half of a symmetric cycle made whole where a parameter breaks the symmetry
 branch.py           a branch as it is handed out
-run.py              a branch on its way; the special points between two orbits of a walk
+run.py              a branch on its way
 closed.py           where a branch closes
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
@@ -57,12 +57,12 @@ if TYPE_CHECKING:
     from .birth import born_at
     from .branch import Branch
     from .branching import branch_off
+    from .crossings import special_points_between
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import largest, smallest
     from .fold import Fold, fold_between, next_fold
     from .following import follow
     from .grazing_search import grazing
-    from .run import special_points_between
     from .special_points import FOLD, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve
@@ -79,7 +79,7 @@ __getattr__ = lazily(
         "bifurcations": ("monitors_of",),
         "birth": ("born_at",),
         "branch": ("Branch",),
-        "run": ("special_points_between",),
+        "crossings": ("special_points_between",),
         "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),

@@ -12,9 +12,9 @@ import numpy as np
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from .bifurcations import BRANCH_POINT
 from .branch import Branch
-from .crossings import Passed
+from .crossings import Passed, special_points_between
 from .reunion import met_at, reunion, short_of
-from .run import Run, special_points_between
+from .run import Run
 from .special_points import FOLD, GRAZING, Missed
 from .terminations import End, ranges
 from .vanishing import solved_at

@@ -82,18 +82,10 @@ class _Signs(Generic[AnyOrbit]):
 
 
 class Crossings(Generic[AnyOrbit]):
-    """The special points of a branch whose orbits come one by one.
+    """The special points of a branch whose orbits come one by one, from its first orbit `start` on.
 
-    Parameters
-    ----------
-    start
-        the first orbit.
-    vary, monitors, options
-        name of the parameter, the kinds that are looked for, tolerance and method.
-    inside
-        whether steps are looked at inside.
-    at_kinks
-        whether it is located where phases come or go between which the field has a kink and no more; else it is said.
+    inside: steps are looked at inside; at_kinks: it is located where phases come or go between which the field has a
+    kink and no more, else it is said.
     """
 
     def __init__(
@@ -380,3 +372,42 @@ class Crossings(Generic[AnyOrbit]):
     def _between(self, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> str:
         low, high = (parameter_value(station.orbit, self._vary) for station in (before, after))
         return f"between {self._vary} = {low:.8g} and {high:.8g}"
+
+
+def special_points_between(
+    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options,
+    earlier: AnyOrbit | None = None, inside: bool = False,
+) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:  # fmt: skip
+    """The special points between two successive orbits of a walk.
+
+    Parameters
+    ----------
+    before, after, vary
+        the orbits, in the order of the walk, and the name of its parameter.
+    monitors, options
+        the kinds that are looked for; tolerance and method of the orbits there.
+    earlier, inside
+        the orbit before the two, where there is one; whether the step is looked at inside, else by what is known at its
+        ends.
+
+    Returns
+    -------
+    Special points in the order of the walk, and those that are there and were not located.
+
+    Examples
+    --------
+    >>> from casahunt import walk
+    >>> from casahunt.continuation import monitors_of, special_points_between
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import Options, find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> after = list(walk(orbit, vary="a", low=0.0119, high=0.027))[-1]
+    >>> found, missed = special_points_between(
+    ...     orbit, after, vary="a", monitors=monitors_of(orbit), options=Options()
+    ... )
+    >>> [special.kind for special in found], missed
+    (['flip'], [])
+    """
+    first, *others = [orbit for orbit in (earlier, before, after) if orbit is not None]
+    found = Crossings(first, vary=vary, monitors=monitors, options=options, inside=inside).seen(*others)
+    return list(found.special), list(found.missed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Generic
 
@@ -11,7 +11,7 @@ from ..orbits.orbit import AnyOrbit
 from .branch import Branch
 from .crossings import Crossings, Passed
 from .curve import parameter_value
-from .special_points import Missed, Monitor, SpecialPoint
+from .special_points import Monitor
 
 
 @dataclass
@@ -57,42 +57,3 @@ class Run(Generic[AnyOrbit]):
         self.add(passed=self.line.rest())
         self.branch = replace(self.branch, orbits=(*self.branch.orbits[:-1], orbit))
         self.line.go_on_from(orbit, same=True)
-
-
-def special_points_between(
-    before: AnyOrbit, after: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options,
-    earlier: AnyOrbit | None = None, inside: bool = False,
-) -> tuple[list[SpecialPoint[AnyOrbit]], list[Missed]]:  # fmt: skip
-    """The special points between two successive orbits of a walk.
-
-    Parameters
-    ----------
-    before, after, vary
-        the orbits, in the order of the walk, and the name of its parameter.
-    monitors, options
-        the kinds that are looked for; tolerance and method of the orbits there.
-    earlier, inside
-        the orbit before the two, where there is one; whether the step is looked at inside, else by what is known at its
-        ends.
-
-    Returns
-    -------
-    Special points in the order of the walk, and those that are there and were not located.
-
-    Examples
-    --------
-    >>> from casahunt import walk
-    >>> from casahunt.continuation import monitors_of, special_points_between
-    >>> from casahunt.hybrid.examples import ball
-    >>> from casahunt.orbits import Options, find_cycle
-    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
-    >>> after = list(walk(orbit, vary="a", low=0.0119, high=0.027))[-1]
-    >>> found, missed = special_points_between(
-    ...     orbit, after, vary="a", monitors=monitors_of(orbit), options=Options()
-    ... )
-    >>> [special.kind for special in found], missed
-    (['flip'], [])
-    """
-    first, *others = [orbit for orbit in (earlier, before, after) if orbit is not None]
-    found = Crossings(first, vary=vary, monitors=monitors, options=options, inside=inside).seen(*others)
-    return list(found.special), list(found.missed)
