@@ -18,6 +18,7 @@ import html
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -267,3 +268,37 @@ def _of_numbers(column: Any) -> bool:
 
 def _error_text(error: float | None) -> str:
     return "" if error is None else "0" if error == 0 else error_text(error)
+
+
+class Rows(Result):
+    """A frozen record of n members: `names` (k) and `parameters` (n, k), arrays of results, `statuses`, `how`.
+
+    Its table has a row for every member: the parameters, every array of n values by the singular of its name, a complex
+    one as two columns, its real and its imaginary parts, and status and how.
+    """
+
+    _quantities = ("members = how.size", "names")
+    _details = ("failures",)
+
+    names: tuple[str, ...]
+    parameters: np.ndarray
+    statuses: tuple[Any, ...]
+    how: tuple[str, ...]
+
+    def _columns(self) -> Columns:
+        n, columns = len(self.how), dict(zip(self.names, self.parameters.T, strict=True))
+        for field in fields(self):  # type: ignore[arg-type]
+            values, word = getattr(self, field.name), _singular(field.name)
+            if field.name == "parameters" or not isinstance(values, np.ndarray) or values.shape[:1] != (n,):
+                continue
+            if np.iscomplexobj(values):
+                columns |= {f"{word}_real": values.real, f"{word}_imag": values.imag}
+                continue
+            columns |= {word: values} if values.ndim == 1 else {
+                f"{word} of {name}": column for name, column in zip(self.names, values.T, strict=False)
+            }  # fmt: skip
+        return {**columns, "status": self.statuses, "how": self.how}
+
+
+def _singular(word: str) -> str:
+    return f"{word[:-3]}y" if word.endswith("ies") else word.removesuffix("s")

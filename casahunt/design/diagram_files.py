@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 from ..continuation import SpecialPoint
 from ..files import together, whole_text
-from ..orbits import Options
-from ..orbits.archive import SIGN, Said
+from ..orbits import Archive, Options
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
 from ..servo.hunting import Model
 from ..servo.problem import HuntingOrbit
@@ -24,7 +23,7 @@ from ..servo.servo import Servo
 from ..tables import table
 from .diagram import DiagramPoint
 
-SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": SIGN}
+SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": Archive.SIGN}
 """What stands in a table and in an archive of a diagram, and in no other file."""
 
 
@@ -58,7 +57,7 @@ class Words:
     orbits, rows : records of orbits, and the lines of points in the table.
     """
 
-    orbits: Said = field(default_factory=dict)
+    orbits: dict[Any, Any] = field(default_factory=dict)
     rows: dict[DiagramPoint, str] = field(default_factory=dict)
 
     def of(self, point: DiagramPoint) -> str:

@@ -20,10 +20,9 @@ import numpy as np
 
 from ..checks import known
 from ..errors import Status
-from ..orbits import Options
-from ..orbits.ensemble import OrbitEnsemble, table_of
-from ..orbits.ensemble import orbit_ensemble as orbits_near
-from ..orbits.rows import Rows
+from ..orbits import Options, OrbitEnsemble
+from ..orbits import orbit_ensemble as orbits_near
+from ..results import Rows
 from ..servo.find_orbit import BranchName, find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
@@ -139,7 +138,7 @@ def fold_ensemble(
     a_servo(servo)
     known("model", model, MODELS)
     names = tuple(names)
-    table = table_of(Hunting(model, servo, 1.0), names, rows)
+    table = Hunting(model, servo, 1.0).rows(names, rows)
     options = options or Options()
     done = folds_of(
         servo, model, names, table, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,

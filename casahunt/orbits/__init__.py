@@ -18,7 +18,6 @@ options.py   how orbits are computed
 border.py    the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 marched_mesh.py  the mesh of a motion that is not yet the orbit
-rows.py      an ensemble as a table
 fold_side.py on which side of a fold a cycle lies
 ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
@@ -43,6 +42,7 @@ from ..lazy import lazily
 
 if TYPE_CHECKING:
     from .adapt import refined
+    from .archive import Archive, write_archive
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
     from .floquet import Multipliers
@@ -53,13 +53,14 @@ if TYPE_CHECKING:
     from .system_orbit import SystemOrbit
 
 __all__ = [
-    "Arc", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "SystemOrbit", "find_cycle", "load_orbit",
-    "orbit_ensemble", "refined", "with_multipliers",
+    "Arc", "Archive", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "SystemOrbit", "find_cycle", "load_orbit",
+    "orbit_ensemble", "refined", "with_multipliers", "write_archive",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
         "adapt": ("refined",),
+        "archive": ("Archive", "write_archive"),
         "cycle_search": ("find_cycle",),
         "saved_cycle": ("load_orbit",),
         "options": ("Options",),

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -40,13 +40,13 @@ Said = dict[Orbit, tuple[int, str, Array]]
 """Orbits as they were written before: where their numbers stood, their record as JSON text, their numbers."""
 
 
-class Writer:
-    """Collects arrays; hands out their place.
+class _Writer:
+    """Puts content into words, and its arrays one after the other.
 
     Attributes
     ----------
     parts, used : the arrays, and how many numbers they are.
-    finite : no record held NaN or infinity.
+    finite : nothing held NaN or infinity.
     said : orbits that were written before, which are not put into words again.
     """
 
@@ -67,33 +67,37 @@ class Writer:
         """All of them, one after the other."""
         return np.concatenate(self.parts) if self.parts else np.zeros(0)
 
-    def orbit(self, orbit: Orbit) -> str:
-        """The record of an orbit as JSON text."""
-        at, text, numbers = self.said.get(orbit, (-1, "", np.zeros(0)))
-        if at == self.used:
-            self.parts.append(numbers)
-            self.used += numbers.size
-            return text
-        at, count = self.used, len(self.parts)
-        text = self.text(orbit_record(orbit, self))
-        numbers = np.concatenate(self.parts[count:])
-        self.said[orbit] = at, text, numbers
-        return text
-
     def text(self, content: Any) -> str:
-        """Content as JSON text; `finite` says whether there is one."""
+        """Content as JSON text, in which orbits may stand; `finite` says whether there is one."""
+        if isinstance(content, Orbit):
+            return self._orbit(content)
+        if isinstance(content, Mapping):
+            return "{" + ", ".join(f"{json.dumps(name)}: {self.text(value)}" for name, value in content.items()) + "}"
+        if isinstance(content, list | tuple):
+            return f"[{', '.join(map(self.text, content))}]"
+        return self._plain(content)
+
+    def _plain(self, content: Any) -> str:
         try:
             return json.dumps(content, allow_nan=False)
         except ValueError:
             self.finite = False
             return "null"
 
+    def _orbit(self, orbit: Orbit) -> str:
+        at, text, numbers = self.said.get(orbit, (-1, "", np.zeros(0)))
+        if at == self.used:
+            self.parts.append(numbers)
+            self.used += numbers.size
+            return text
+        at, count = self.used, len(self.parts)
+        text = self._plain(orbit_record(orbit, self))
+        numbers = np.concatenate(self.parts[count:])
+        self.said[orbit] = at, text, numbers
+        return text
 
-class Text(str):
-    """JSON text that stands in the metadata as it is."""
 
-
-def orbit_record(orbit: Orbit, writer: Writer) -> dict[str, Any]:
+def orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
     """One orbit as JSON can say it.
 
     Returns numbers, texts, lists and tables; of each array its shape and its place among the numbers of the writer.
@@ -156,17 +160,41 @@ def save_orbit(orbit: Orbit, path: str | Path) -> None:
     ...     print(round(load_orbit(Path(folder, "orbit.npz"), belt).period, 6))
     12.001031
     """
-    writer = Writer()
-    write(path, "orbit", {"orbit": Text(writer.orbit(orbit))}, writer)
+    write_archive(path, "orbit", {"orbit": orbit})
 
 
-def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) -> None:
-    """Write a file of this schema.
+def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, said: Said | None = None) -> None:
+    """Write an archive (npz): orbits, and what belongs to them.
 
-    content: metadata besides those of the schema; a `Text` is JSON already. Raises InputError: there can be no file at
-    `path`, NaN or infinity is to be written, or more than can be read; OSError: the disk is full.
+    Parameters
+    ----------
+    path
+        the file.
+    kind
+        what it holds, in a word: its reader asks for that.
+    content
+        what JSON can say, by names; orbits may stand in it anywhere.
+    said
+        orbits as a file written before has put them into words; what is new is added.
+
+    Raises
+    ------
+    InputError : there can be no file at `path`, NaN or infinity is to be written, or more than can be read.
+    OSError : the disk is full.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import Archive, find_cycle, write_archive
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_archive(Path(folder, "pair.npz"), "pair", {"why": "an example", "orbits": [orbit, orbit]})
+    ...     Archive(Path(folder, "pair.npz"), "pair").metadata["why"]
+    'an example'
     """
-    path = Path(path)
+    path, writer = Path(path), _Writer(said)
     metadata = {
         "schema": SCHEMA,
         "version": VERSION,
@@ -175,12 +203,8 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
         "casadi": ca.__version__,
         **content,
     }
+    text = np.frombuffer(writer.text(metadata).encode(), dtype=np.uint8)
     numbers = writer.numbers()
-    entries = [
-        f"{json.dumps(name)}: {value if isinstance(value, Text) else writer.text(value)}"
-        for name, value in metadata.items()
-    ]
-    text = np.frombuffer(("{" + ", ".join(entries) + "}").encode(), dtype=np.uint8)
     if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     for what, array in (("metadata", text), ("numbers", numbers)):
@@ -192,13 +216,83 @@ def write(path: str | Path, kind: str, content: dict[str, Any], writer: Writer) 
         np.savez(stream, metadata=text, numbers=numbers)
 
 
+class Archive:
+    """A file that `write_archive` has written.
+
+    Parameters
+    ----------
+    path, kind
+        the file (npz), and what it must hold.
+
+    Attributes
+    ----------
+    path : the file.
+    metadata : its content, orbits as records (`orbit`).
+    numbers : (m,) the numbers of all arrays, finite.
+    SIGN : how the metadata begin, near the beginning of the file.
+
+    Raises
+    ------
+    InputError : no such file, none of this schema, version and kind, or damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import Archive, find_cycle, write_archive
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_archive(Path(folder, "cycle.npz"), "cycle", {"cycle": orbit})
+    ...     archive = Archive(Path(folder, "cycle.npz"), "cycle")
+    >>> again = archive.checked(lambda: archive.orbit(archive.metadata["cycle"], lambda record: orbit.problem))
+    >>> again.period == orbit.period
+    True
+    """
+
+    SIGN: ClassVar[bytes] = SIGN
+
+    def __init__(self, path: str | Path, kind: str) -> None:
+        self.path = path
+        self.metadata, self.numbers = read(path, kind)
+
+    def orbit(self, record: Mapping[str, Any], pose: Pose) -> Any:
+        """The orbit of a record.
+
+        Parameters
+        ----------
+        record
+            where an orbit stood in the content.
+        pose
+            from what `Problem.record` gave, with "half", whether half a cycle was computed, to the problem.
+
+        Returns
+        -------
+        Orbit, of the class that its problem names.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError : the record is none, or does not fit its numbers; see `checked`.
+        """
+        return orbit_from(record, self.numbers, pose)
+
+    def checked(self, build: Callable[[], T]) -> T:
+        """What a function makes of the content.
+
+        Raises
+        ------
+        InputError : the content does not fit: the function has raised what wrong content makes it raise.
+        """
+        return checked(self.path, build)
+
+
 def load_orbit(path: str | Path, pose: Pose) -> Any:
     """Read an orbit of one kind of problem, written by `save_orbit`.
 
     Returns Orbit, of the class that its problem names. Raises InputError: anything else, saying what is wrong.
     """
-    metadata, numbers = read(path, "orbit")
-    return checked(path, lambda: orbit_from(metadata["orbit"], numbers, pose))
+    archive = Archive(path, "orbit")
+    return archive.checked(lambda: archive.orbit(archive.metadata["orbit"], pose))
 
 
 def checked(path: str | Path, build: Callable[[], T]) -> T:
@@ -263,7 +357,7 @@ def _taken(numbers: Array, place: dict[str, Any], *shape: int) -> Array:
     return numbers[at : at + size].reshape(found).copy()
 
 
-def orbit_from(record: dict[str, Any], numbers: Array, pose: Pose) -> Any:
+def orbit_from(record: Mapping[str, Any], numbers: Array, pose: Pose) -> Any:
     """The orbit of a record.
 
     record: of `orbit_record`; numbers: (m,) the numbers of all arrays. Returns Orbit, of the class that its problem

@@ -26,20 +26,19 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import known as one_of
 from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import functional_errors
 from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Setting, Transcription, settings_of
-from ..errors import InputError, NoOrbit, Status
+from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
+from ..results import Rows
 from .adapt import LEFT_OUT, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
 from .ensemble_multipliers import leading_of_many
 from .fold_side import Side, odd_beyond_one, side_of
 from .orbit import Orbit, unknowns_of
 from .restart import Start
-from .rows import Rows
 
 Array = np.ndarray
 
@@ -176,7 +175,7 @@ def orbit_ensemble(
     ['r', 'period', 'period_error']
     """
     names, options = tuple(names), options or Options()
-    table = table_of(orbit.problem, names, rows)
+    table = orbit.problem.rows(names, rows)
     fine = options.finer(ROOM_FOR_KNOWN)
     sharp = orbit if orbit.error_estimate <= fine.tol else refined(orbit, fine)
     side = side_of(*unknowns_of(sharp))
@@ -206,30 +205,6 @@ def _ensemble(
         orbit.problem.title, names, table, period, period_error, amplitude, amplitude_error, leading[0],
         leading[1].real, statuses, how, failures,
     )  # fmt: skip
-
-
-def table_of(problem: Problem, names: Sequence[str], rows: Array) -> Array:
-    """Rows of parameters as numbers, each of which the problem can have.
-
-    problem, names, rows: the problem, k of its parameters, and (n, k) values of them. Returns (n, k). Raises
-    InputError: an unknown parameter, a table of another shape, or values that the problem cannot have.
-    """
-    for name in names:
-        one_of("parameter", name, problem.names)
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
-    try:
-        table = np.array(rows, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"rows: must be a table of numbers with {len(names)} columns") from None
-    if table.ndim != 2 or table.shape[1] != len(names):
-        raise InputError(f"rows: must be a table with {len(names)} columns, not of shape {table.shape}")
-    for i, row in enumerate(table):
-        try:
-            problem.with_values(tuple(names), row)
-        except InputError as error:
-            raise InputError(f"row {i + 1} of {len(table)}: {error}") from None
-    return table
 
 
 def work(task: _Task) -> _Done:

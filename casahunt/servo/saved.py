@@ -7,19 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..checks import known, require
 from ..continuation import Missed, SpecialPoint
 from ..errors import InputError
-from ..orbits import archive
-from ..orbits.archive import Said, Text, Writer, checked, orbit_from, read, save_orbit, write
+from ..orbits import Archive, write_archive
+from ..orbits.archive import save_orbit
 from .branch import Branch
 from .hunting import MODELS
 from .problem import Hunting, HuntingOrbit
 from .servo import Servo, flatten, unflatten
-
-Array = np.ndarray
 
 __all__ = ["load_branch", "load_orbit", "load_run", "of_another_run", "same_task", "save_branch", "save_orbit"]
 
@@ -60,11 +56,13 @@ def load_orbit(path: str | Path) -> HuntingOrbit:
     ...     load_orbit(Path(folder, "orbit.npz")).period == orbit.period
     True
     """
-    return archive.load_orbit(path, _pose)
+    archive = Archive(path, "orbit")
+    orbit: HuntingOrbit = archive.checked(lambda: archive.orbit(archive.metadata["orbit"], _pose))
+    return orbit
 
 
 def save_branch(
-    branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None, said: Said | None = None
+    branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None, said: dict[Any, Any] | None = None
 ) -> None:
     """Write a branch to `path` (npz).
 
@@ -94,37 +92,26 @@ def save_branch(
     >>> again.gains.tolist(), again.ended
     ([0.1], 'one point')
     """
-    writer = Writer(said)
-    own, pairs = _content(branch, writer), [_content(pair, writer) for pair in branch.lopsided]
     content = {
         "model": branch.model,
         "servo": flatten(branch.servo),
-        **own,
-        "lopsided": Text(f"[{', '.join(map(_object, pairs))}]"),
+        **_content(branch),
+        "lopsided": [_content(pair) for pair in branch.lopsided],
         "run": dict(run or {}),
     }
-    write(path, "branch", content, writer)
+    write_archive(path, "branch", content, said=said)
 
 
-def _content(branch: Branch, writer: Writer) -> dict[str, Text]:
-    """What a branch has of its own, as JSON text."""
-    special = [
-        f'{{"kind": {writer.text(s.kind)}, "meaning": {writer.text(s.meaning)}, "at": {writer.text(s.at)}, '
-        f'"vary": {writer.text(s.vary)}, "orbit": {writer.orbit(s.orbit)}}}'
-        for s in branch.special
-    ]
-    missed = [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed]
+def _content(branch: Branch) -> dict[str, Any]:
+    """What a branch has of its own."""
     return {
-        "ended": Text(writer.text(branch.ended)),
-        "orbits": Text(f"[{', '.join(writer.orbit(orbit) for orbit in branch.orbits)}]"),
-        "special": Text(f"[{', '.join(special)}]"),
-        "missed": Text(writer.text(missed)),
+        "ended": branch.ended,
+        "special": [
+            {"kind": s.kind, "meaning": s.meaning, "at": s.at, "vary": s.vary, "orbit": s.orbit} for s in branch.special
+        ],
+        "orbits": branch.orbits,
+        "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
     }
-
-
-def _object(content: Mapping[str, Text]) -> str:
-    """A JSON object of texts."""
-    return "{" + ", ".join(f'"{name}": {text}' for name, text in content.items()) + "}"
 
 
 def load_branch(path: str | Path) -> Branch:
@@ -160,9 +147,9 @@ def load_branch(path: str | Path) -> Branch:
 
 def load_run(path: str | Path) -> tuple[Branch, dict[str, Any]]:
     """A branch, and what `save_branch` was told about its run; empty where nothing was.  Raises as `load_branch`."""
-    metadata, numbers = read(path, "branch")
-    run = metadata.get("run", {})
-    return checked(path, lambda: _branch(metadata, numbers)), run if isinstance(run, dict) else {}
+    archive = Archive(path, "branch")
+    run = archive.metadata.get("run", {})
+    return archive.checked(lambda: _branch(archive)), run if isinstance(run, dict) else {}
 
 
 def same_task(
@@ -187,22 +174,22 @@ def of_another_run(path: Path, why: str) -> InputError:
     )
 
 
-def _branch(metadata: dict[str, Any], numbers: Array) -> Branch:
-    branch = _own(metadata, metadata, numbers)
-    return replace(branch, lopsided=tuple(_own(metadata, pair, numbers) for pair in metadata.get("lopsided", [])))
+def _branch(archive: Archive) -> Branch:
+    branch = _own(archive, archive.metadata)
+    return replace(branch, lopsided=tuple(_own(archive, pair) for pair in archive.metadata.get("lopsided", [])))
 
 
-def _own(metadata: dict[str, Any], content: dict[str, Any], numbers: Array) -> Branch:
+def _own(archive: Archive, content: Mapping[str, Any]) -> Branch:
     """What `_content` has said of a branch, of the model and the servo that a file is about."""
     branch = Branch(
-        model=metadata["model"],
-        servo=unflatten(metadata["servo"]),
-        orbits=tuple(orbit_from(record, numbers, _pose) for record in content["orbits"]),
+        model=archive.metadata["model"],
+        servo=unflatten(archive.metadata["servo"]),
+        orbits=tuple(archive.orbit(record, _pose) for record in content["orbits"]),
         ended=str(content["ended"]),
         special=tuple(
             SpecialPoint(
                 kind=str(s["kind"]),
-                orbit=orbit_from(s["orbit"], numbers, _pose),
+                orbit=archive.orbit(s["orbit"], _pose),
                 meaning=str(s["meaning"]),
                 at=None if s.get("at") is None else float(s["at"]),  # version 0.2 wrote neither this nor the next
                 vary=str(s.get("vary", "")),
