@@ -10,6 +10,7 @@ MODULES = {
     "casahunt": "The servo",
     "casahunt.pictures": "Pictures",
     "casahunt.hybrid": "Any system",
+    "casahunt.collocation": "Collocation",
     "casahunt.motion": "Its motion",
     "casahunt.orbits": "Its cycles",
     "casahunt.continuation": "Followed in parameters",

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted(path for folder in ("casahunt", "problems") for path in (ROOT / folder).rglob("*.py"))
 
 
-ROOMS = ("hybrid", "motion", "orbits", "continuation")
+ROOMS = ("hybrid", "collocation", "motion", "orbits", "continuation")
 
 
 def named_in_an_all() -> set[tuple[str, str]]:

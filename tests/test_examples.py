@@ -19,7 +19,7 @@ import pytest
 
 import casahunt
 
-ROOMS = ("casahunt", *(f"casahunt.{room}" for room in ("hybrid", "motion", "orbits", "continuation", "pictures")))
+ROOMS = ("casahunt", *(f"casahunt.{room}" for room in ("hybrid", "collocation", "motion", "orbits", "continuation", "pictures")))
 SHARED = {
     "casahunt": ("find_fold", "find_orbit", "fixed_points", "simulate", "tune"),
     "casahunt.orbits": ("find_cycle",),

@@ -26,3 +26,13 @@ conditions.py     what the phases say of solutions: conditions, features, events
 near_events.py    is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
 """
+
+from typing import TYPE_CHECKING
+
+from ..lazy import lazily
+
+if TYPE_CHECKING:
+    from .scheme import Scheme
+
+__all__ = ["Scheme"]
+__getattr__ = lazily(__name__, {"scheme": ("Scheme",)})

@@ -40,6 +40,19 @@ class Scheme:
     matrix : (d, d) Runge-Kutta matrix A.
     weights : (d,) quadrature weights b.
     order : classical order at the end of an interval.
+    points : (d + 1,) interpolation points: the start of the interval, then the stages.
+    last_mode : (d + 1,) row that gives the degree-d Legendre coefficient of the polynomial through `points`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.collocation import Scheme
+    >>> scheme = Scheme.of(3, "radau")
+    >>> scheme.order, scheme.points.round(3).tolist()
+    (5, [0.0, 0.155, 0.645, 1.0])
+    >>> cubic = scheme.interpolation(np.array([0.5])) @ scheme.points**3
+    >>> round(float(cubic[0]), 12)
+    0.125
     """
 
     kind: Kind
@@ -49,9 +62,26 @@ class Scheme:
     weights: Array
     order: int
     points: Array = field(repr=False)
-    """(d + 1,) interpolation points: the start of the interval, then the stages."""
     last_mode: Array = field(repr=False)
-    """(d + 1,) row that gives the degree-d Legendre coefficient of the polynomial through `points`."""
+
+    @staticmethod
+    def of(degree: int, kind: Kind = "gauss") -> Scheme:
+        """The scheme of a degree and a kind, such as an orbit or a segment of a motion is computed in.
+
+        Parameters
+        ----------
+        degree, kind
+            number of stages, 1 to 12; "gauss" or "radau".
+
+        Returns
+        -------
+        Scheme.
+
+        Raises
+        ------
+        InputError : another degree or kind.
+        """
+        return scheme(degree, kind)
 
     def __post_init__(self) -> None:
         c, d = self.stages, self.degree

@@ -28,7 +28,7 @@ import numpy as np
 
 from ... import effort
 from ...checks import COMPUTED, known, moderate, number, sensible
-from ...collocation.scheme import scheme
+from ...collocation import Scheme
 from ...compiled import alone
 from ...errors import InputError, NoOrbit, Status
 from ...hybrid.system import System
@@ -339,7 +339,7 @@ def _alive_until(trajectory: Trajectory) -> float:
 
 def _laid_out(run: _Run, motion: _Motion, tol: float, set_point: float) -> Trajectory:
     """A motion as a Trajectory, without error estimates."""
-    s = scheme(*SCHEMES[run.model])
+    s = Scheme.of(*SCHEMES[run.model])
     n = run.start.size
     times: list[Array] = []
     stages: list[Array] = []

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...collocation.scheme import Scheme, scheme
+from ...collocation import Scheme
 from ...errors import InputError, Status
 from ...export import Columns
 from ...results import Result
@@ -123,7 +123,7 @@ class Trajectory(Result):
     @property
     def scheme(self) -> Scheme:
         """The collocation scheme."""
-        return scheme(*SCHEMES[self.model])
+        return Scheme.of(*SCHEMES[self.model])
 
     def sample(self, times: Array) -> Array:
         """States at any times of the motion.
