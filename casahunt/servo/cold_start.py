@@ -41,14 +41,13 @@ from ..motion.march import MarchFailure, Segment
 from ..orbits.adapt import Options, finished, solve_adaptively
 from ..orbits.marched_mesh import remeshed
 from ..orbits.orbit import unknowns_of
-from ..orbits.restart import Start
-from .cycles import SCHEMES
+from ..orbits.restart import Start, from_segments
+from .cycles import SCHEMES, mirrored
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.near import CLOSER, near_stable, near_typical
 from .event_map.scan import SCAN_LOW, Scan, scan
 from .hunting import Model
 from .problem import Hunting, HuntingOrbit, hunting
-from .sequences import from_half_cycle
 from .servo import Servo
 
 CLEARLY_STABLE = -0.8
@@ -285,10 +284,14 @@ def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
         P = StickMap(problem.model, problem.servo, problem.gain)
         motion = P(motion.start, tol=RINGS_OUT, degree=degree, kind=kind)
     segments = [segment.meshed(shape_limit(options.tol)) for segment in motion.segments]
-    return from_half_cycle(
-        problem.model, segments, problem.vector(), problem.direction(problem.principal),
-        degree=degree, kind=kind, half=options.half,
-    )  # fmt: skip
+    signature, sign = tuple((s.mode, s.event) for s in segments), 1.0
+    if segments[0].mode.endswith("-"):  # every cycle begins with the positive slip
+        signature, sign = mirrored(signature), -1.0
+    whole = signature if options.half else signature + mirrored(signature)
+    cycle = problem.cycle(whole, problem.closure.repeats)
+    passes = [(factor, segment) for factor in (sign, -sign)[: 3 - cycle.repeats] for segment in segments]
+    direction = problem.direction(problem.principal)
+    return from_segments(cycle, passes, problem.vector(), direction, degree=degree, kind=kind)
 
 
 def inner_cycle(P: StickMap, outer: float, moving: float, options: Options) -> HuntingOrbit | None:

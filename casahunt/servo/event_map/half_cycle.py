@@ -36,6 +36,7 @@ FAR_OUT = 3.0
 PATIENCE = 1e6
 """Longest half period looked for, in units of the controller's times."""
 MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
+"""A guess is all that is asked for; who wants more says so."""
 
 
 @dataclass(frozen=True, eq=False)
