@@ -141,13 +141,6 @@ def test_the_servo_is_written_as_a_user_writes_a_system(module):
 
 
 NOT_YET: dict[str, set[str]] = {
-    "design.diagram_files": {"orbits.archive.SIGN", "orbits.archive.Said"},
-    "design.ensemble": {"orbits.ensemble.table_of", "orbits.rows.Rows"},
-    "design.fold_curve.curve": {
-        "continuation.sheet.Axis", "continuation.special_charts.SpecialChart",
-        "continuation.special_charts.SpecialOrbit", "continuation.special_charts.Task",
-        "continuation.two_parameters.chart_at", "continuation.two_parameters.special_orbits",
-    },
     "design.fold_map": {
         "continuation.fold_ensemble.expansion_beside", "continuation.fold_ensemble.folds_near",
         "continuation.fold_expansion.Expansion", "orbits.ensemble.MEMBERS_OF_A_PASS",
@@ -161,34 +154,6 @@ NOT_YET: dict[str, set[str]] = {
         "continuation.fold_ensemble.folds_near", "continuation.fold_expansion.Expansion",
         "orbits.ensemble.ROWS_OF_A_TASK",
     },
-    "servo.cold_start": {
-        "collocation.newton.Solver", "collocation.remesh.shape_limit", "collocation.scheme.Kind",
-        "orbits.adapt.finished", "orbits.adapt.solve_adaptively", "orbits.marched_mesh.remeshed",
-        "orbits.orbit.unknowns_of", "orbits.restart.Start",
-    },
-    "servo.cycles": {
-        "collocation.scheme.Kind", "hybrid.system", "hybrid.system.Cycle", "hybrid.system.Phase",
-        "hybrid.system.Signature", "hybrid.vector_form.Always", "hybrid.vector_form.Names",
-    },
-    "servo.event_map.half_cycle": {"collocation.scheme.Kind"},
-    "servo.problem": {
-        "collocation.scheme.Kind", "collocation.transcription.Setting",
-        "collocation.transcription.Transcription", "hybrid.system.Cycle", "hybrid.system.Signature",
-        "orbits.closure.Closure", "orbits.closure.Section", "orbits.family.Cycles", "orbits.restart.Start",
-    },
-    "servo.saved": {
-        "orbits.archive", "orbits.archive.Said", "orbits.archive.Text", "orbits.archive.Writer",
-        "orbits.archive.checked", "orbits.archive.orbit_from", "orbits.archive.read", "orbits.archive.write",
-    },
-    "servo.sequences": {
-        "collocation.mesh.evaluate_phase", "collocation.scheme.Kind", "collocation.transcription.Setting",
-        "collocation.transcription.Transcription", "hybrid.system.Cycle", "hybrid.system.Signature",
-        "orbits.restart.Start", "orbits.restart.assembled", "orbits.restart.breaks_of", "orbits.restart.cut",
-        "orbits.restart.from_segments", "orbits.restart.merged", "orbits.restart.piece",
-        "orbits.restart.relabelled",
-    },
-    "servo.simulation.simulate": {"collocation.scheme.scheme", "hybrid.system.System"},
-    "servo.simulation.trajectory": {"collocation.scheme.Scheme", "collocation.scheme.scheme"},
 }  # fmt: skip
 """By module what it still uses of the engine that is in no `__all__`: it only gets less."""
 

@@ -19,7 +19,8 @@ import pytest
 
 import casahunt
 
-ROOMS = ("casahunt", *(f"casahunt.{room}" for room in ("hybrid", "collocation", "motion", "orbits", "continuation", "pictures")))
+PUBLIC_ROOMS = ("hybrid", "collocation", "motion", "orbits", "continuation", "pictures")
+ROOMS = ("casahunt", *(f"casahunt.{room}" for room in PUBLIC_ROOMS))
 SHARED = {
     "casahunt": ("find_fold", "find_orbit", "fixed_points", "simulate", "tune"),
     "casahunt.orbits": ("find_cycle",),

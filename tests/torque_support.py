@@ -17,7 +17,7 @@ import numpy as np
 from casahunt.collocation.interval import point_function
 from casahunt.compiled import alone
 from casahunt.hybrid.system import Mode
-from casahunt.servo.cycles import automaton
+from casahunt.servo.cycles import system_of
 from casahunt.servo.friction import Friction, stribeck
 from casahunt.servo.simulation.trajectory import Trajectory
 from casahunt.servo.stick_band import parameters
@@ -35,7 +35,7 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     x = trajectory.sample(t)
     servo, gain = trajectory.servo, trajectory.gain
     p = parameters(servo, gain) if trajectory.regularised else servo.parameters(gain)
-    system = automaton(trajectory.model, p.size)
+    system = system_of(trajectory.model, p.size).vector_form
     modes = np.array(trajectory.mode_at(t))
     acceleration = np.zeros(t.size)
     for name in dict.fromkeys(modes.tolist()):

@@ -32,7 +32,8 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .joints import flow_at
     from .scheme import Scheme
 
-__all__ = ["Scheme"]
-__getattr__ = lazily(__name__, {"scheme": ("Scheme",)})
+__all__ = ["Scheme", "flow_at"]
+__getattr__ = lazily(__name__, {"joints": ("flow_at",), "scheme": ("Scheme",)})

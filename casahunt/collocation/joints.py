@@ -85,7 +85,27 @@ def _flow_map(mode: Mode, n: int, parameters: int, points: int) -> Caller:
 def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
     """States of a mode in closed form.
 
-    x: (n,) state at its start; times: (m,) after that. Returns (m, n) states.
+    Parameters
+    ----------
+    mode
+        of a system in vectors (`System.vector_form`), with a flow.
+    x, times
+        (n,) state at its start, and (m,) times after that.
+    p
+        (np,) the parameters.
+
+    Returns
+    -------
+    (m, n) states.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.collocation import flow_at
+    >>> from casahunt.hybrid.examples import belt
+    >>> stick, p = belt.vector_form.modes["stick"], np.array(list(belt.parameters.values()))
+    >>> flow_at(stick, np.array([0.5, 0.2]), np.array([0.0, 1.0]), p).round(3).tolist()
+    [[0.5, 0.2], [0.7, 0.2]]
     """
     buffers = _flow_map(mode, x.size, p.size, times.size).buffers
     for store, value in zip(buffers.inputs, (x, times, p), strict=True):

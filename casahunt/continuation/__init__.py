@@ -63,15 +63,17 @@ if TYPE_CHECKING:
     from .fold import Fold, fold_between, next_fold
     from .following import follow
     from .grazing_search import grazing
+    from .sheet import Axis
+    from .special_charts import SpecialOrbit
     from .special_points import FOLD, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
     from .terminations import End
-    from .two_parameters import SpecialCurve, special_curve
+    from .two_parameters import SpecialCurve, special_curve, special_walk
 
 __all__ = [
-    "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Branch", "End", "Equilibrium", "EquilibriumBranch", "Fold", "Missed",
-    "Monitor", "SpecialCurve", "SpecialEquilibrium", "SpecialPoint", "born_at", "branch_off", "equilibria",
-    "fold_between", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest", "special_curve",
-    "special_points_between", "user_monitor",
+    "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch", "Fold",
+    "Missed", "Monitor", "SpecialCurve", "SpecialEquilibrium", "SpecialOrbit", "SpecialPoint", "born_at", "branch_off",
+    "equilibria", "fold_between", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest",
+    "special_curve", "special_points_between", "special_walk", "user_monitor",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -86,7 +88,9 @@ __getattr__ = lazily(
         "fold": ("Fold", "fold_between", "next_fold"),
         "following": ("follow",),
         "terminations": ("End",),
-        "two_parameters": ("SpecialCurve", "special_curve"),
+        "sheet": ("Axis",),
+        "special_charts": ("SpecialOrbit",),
+        "two_parameters": ("SpecialCurve", "special_curve", "special_walk"),
         "special_points": (
             "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Missed", "Monitor", "SpecialPoint", "user_monitor",
         ),

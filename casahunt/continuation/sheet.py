@@ -50,7 +50,20 @@ def finer(options: Options) -> Options:
 
 @dataclass(frozen=True)
 class Axis:
-    """The second parameter: its name and range."""
+    """The second parameter: its name and range, in which c is the place, from 0 to 1.
+
+    Attributes
+    ----------
+    vary : name of the parameter.
+    start, end : the range; where it is wide and above zero, c is spread over the logarithm.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import Axis
+    >>> axis = Axis("stiffness", 1.0, 100.0)
+    >>> axis.wide, round(axis.value(0.5), 6), round(axis.place(10.0), 6)
+    (True, 10.0, 0.5)
+    """
 
     vary: str
     start: float

@@ -55,6 +55,17 @@ class SpecialOrbit:
         where it is smallest, 0 at a cusp.
     turns : whether the curve turns back in the second parameter here.
     how : "followed" step by step, or in a "batch" with others (folds_ahead.py).
+
+    Examples
+    --------
+    >>> from casahunt.continuation import Axis, largest, special_walk
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import Options, find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> walk = special_walk(largest(orbit, "g").orbit, "g", Axis("r", 0.8, 0.79), sense=1.0, options=Options())
+    >>> first = next(walk)
+    >>> first.how, first.turns, first.across < 0
+    ('followed', False, True)
     """
 
     orbit: Any

@@ -206,6 +206,56 @@ def _curve(
     )
 
 
+def special_walk(
+    orbit: AnyOrbit, vary: str, axis: Axis, *, sense: float, options: Options, monitor: Monitor = FOLD,
+    spacing: float = 1 / SPECIAL_PLACES, turned: bool = False, again: Callable[[float], Any] = lambda c: None,
+) -> Generator[SpecialOrbit, None, str]:  # fmt: skip
+    """The special points along a curve in two parameters, one by one: that of a known orbit first.
+
+    Parameters
+    ----------
+    orbit
+        at a special point, where the second parameter is in its range.
+    vary, axis
+        name of the parameter it was located in; the second one with its range.
+    sense
+        +1 to start towards the end of the range, -1 towards its start.
+    options, monitor
+        tolerance and method; what vanishes at the special point: a fold, a flip, a loss of symmetry, a torus.
+    spacing
+        largest step, as a part of the range.
+    turned
+        whether the curve has turned already: parts of it that go ahead in batches do not.
+    again
+        from a place in the range to the orbit of a special point there, by another way, None where there is none: asked
+        a little further on where the curve was lost.
+
+    Yields
+    ------
+    SpecialOrbit.  The generator returns "" at an end of the range, or the sentence that says why it ends.
+
+    Raises
+    ------
+    NoOrbit : the first one is none that a curve goes through.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import Axis, largest, special_walk
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import Options, find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> fold, axis = largest(orbit, "g"), Axis("r", 0.8, 0.79)
+    >>> *_, last = special_walk(fold.orbit, "g", axis, sense=1.0, options=Options(tol=1e-7))
+    >>> last.orbit.problem.value("r"), round(last.orbit.problem.value("g"), 3)
+    (0.79, 13.023)
+    """
+    task, c = Task(monitor, options, lambda orbit: orbit), axis.place(orbit.problem.value(axis.vary))
+    chart = chart_at(task, orbit, vary, axis, c, spacing)
+    if isinstance(chart, str):
+        raise NoOrbit(chart, Status.NOT_CONVERGED)
+    return (yield from special_orbits(chart, sense=sense, turned=turned, again=again))
+
+
 def special_orbits(
     chart: SpecialChart,
     *,

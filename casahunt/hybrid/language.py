@@ -93,6 +93,7 @@ class Mode:
     unsplit : name of a mode with the same field that this one is a part of.  Where an event leads from one part to
         another the field has a kink, and no more: that a phase comes or goes there hardly changes the motion, and
         `follow` says between which cycles it does, without a search for the touch unless its `monitors` ask for it.
+        Where the kinks of a phase are too weak for boundaries, it is computed in one, as of that mode.
     sign : a number of the mode's own, p.sign in its functions and in those of its events: modes that differ in it alone
         share their functions, and what is compiled of them.
 

@@ -96,13 +96,35 @@ class Problem(ABC):
     def with_value(self, name: str, value: float) -> Self:
         """The problem with one parameter changed.
 
-        name, value: one of `names`, and its value. Raises InputError: it cannot have that value.
+        Parameters
+        ----------
+        name, value
+            one of `names`, and its value.
+
+        Returns
+        -------
+        The problem there.
+
+        Raises
+        ------
+        InputError : it cannot have that value.
         """
 
     def with_values(self, names: tuple[str, ...], values: Array) -> Self:
         """The problem with several parameters changed at once.
 
-        names, values: k of `names`, and (k,) their values. Raises InputError: it cannot have them.
+        Parameters
+        ----------
+        names, values
+            k of `names`, and (k,) their values.
+
+        Returns
+        -------
+        The problem there.
+
+        Raises
+        ------
+        InputError : it cannot have them.
         """
         problem = self
         for name, value in zip(names, values, strict=True):
@@ -113,8 +135,18 @@ class Problem(ABC):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
 
-        signature: the phases, (mode, event) each; repeats: how often they are passed, mirrored by the closure, in a
-        period. Raises ValueError: the problem has no such cycle.
+        Parameters
+        ----------
+        signature, repeats
+            the phases, (mode, event) each; how often they are passed, mirrored by the closure, in a period.
+
+        Returns
+        -------
+        Cycle.
+
+        Raises
+        ------
+        ValueError : the problem has no such cycle.
         """
 
     def record(self) -> dict[str, Any]:
@@ -128,8 +160,18 @@ class Problem(ABC):
     def rows(self, names: Sequence[str], rows: Any) -> Array:
         """Rows of parameters as numbers, each of which the problem can have.
 
-        names, rows: k of `names`, and (n, k) values of them. Returns (n, k). Raises InputError: an unknown parameter, a
-        table of another shape, or values that the problem cannot have.
+        Parameters
+        ----------
+        names, rows
+            k of `names`, and (n, k) values of them.
+
+        Returns
+        -------
+        (n, k).
+
+        Raises
+        ------
+        InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
         """
         for name in names:
             known("parameter", name, self.names)
@@ -155,22 +197,42 @@ class Problem(ABC):
     def unit(self, name: str, value: float | None = None) -> float:
         """How far lambda = 1 moves a parameter along a branch: by its value.
 
-        name, value: one of `names`; where it stands, default the problem's own value.
+        Parameters
+        ----------
+        name, value
+            one of `names`; where it stands, default the problem's own value.
+
+        Returns
+        -------
+        The unit of the parameter there.
         """
         return self.value(name) if value is None else value
 
     def moved(self, name: str, lam: float, more: float = 0.0) -> float:
         """Value of a parameter along a branch.
 
-        name, lam, more: one of `names`; lambda, 0 at the problem's own value, in two parts.
+        Parameters
+        ----------
+        name, lam, more
+            one of `names`; lambda, 0 at the problem's own value, in two parts.
+
+        Returns
+        -------
+        The value.
         """
         return self.value(name) * (1 + lam + more)
 
     def distance(self, name: str, value: float, here: float | None = None) -> float:
         """The lambda that leads from here to a value of a parameter.
 
-        name, value, here: one of `names`, the value, and where it stands: default the problem's own value.
-        Returns lambda, so that `moved(name, lambda)` is the value.
+        Parameters
+        ----------
+        name, value, here
+            one of `names`, the value, and where it stands: default the problem's own value.
+
+        Returns
+        -------
+        lambda, so that `moved(name, lambda)` is the value.
         """
         return value / self.unit(name, here) - 1
 
@@ -192,60 +254,133 @@ class Problem(ABC):
     def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> Iterable[Any]:
         """Starting points for other phase sequences, where one has stopped being a motion.
 
-        phase: index of the phase that is none any more; soft: also last resorts that converge everywhere, but slowly.
-        Returns starting points, most promising first.
+        Parameters
+        ----------
+        t, u, setting
+            a root of the equations that is no motion: transcription, unknowns, setting.
+        phase, soft
+            index of the phase that is none any more; whether also last resorts, that converge everywhere, but slowly.
+
+        Returns
+        -------
+        Starting points, most promising first.
         """
         return []
 
     def parted(self, t: Any, u: Array, setting: Any, phase: int) -> Any | None:
         """An orbit with boundaries where one of its phases passes events.
 
-        Returns starting point; None where it has no such phases.
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+        phase
+            number of the phase.
+
+        Returns
+        -------
+        Starting point; None where it has no such phases.
         """
         return None
 
     def remarch(self, t: Any, u: Array, setting: Any) -> Any | None:
         """The phases that the motion from the start of an orbit really has.
 
-        Returns starting point; None where unknown.
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where unknown.
         """
         return None
 
     def expected(self, t: Any, u: Array, setting: Any) -> Iterable[Any]:
         """Starting points to try from a predicted point of a branch, before any last resort.
 
-        Returns starting points, in turn.
+        Parameters
+        ----------
+        t, u, setting
+            that point: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting points, in turn.
         """
         return [(t, u, setting)]
 
     def vanishing(self, t: Any, u: Array, setting: Any) -> tuple[int, Any] | None:
         """The phase of a cycle that may be about to vanish, and the cycle without it.
 
-        Returns number of the phase, and starting point; None where there is none, or nobody knows.
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Number of the phase, and starting point; None where there is none, or nobody knows.
         """
         return None
 
     def strongest(self, t: Any, u: Array, setting: Any) -> int:
-        """Number of the phase at whose start an event is crossed the fastest: with which the cycle had best begin."""
+        """The phase at whose start an event is crossed the fastest: with which the cycle had best begin.
+
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Number of the phase.
+        """
         return 0
 
     def starting_at(self, first: int, t: Any, u: Array, setting: Any) -> Any | None:
         """The same cycle from another phase on.
 
-        Returns starting point; None where it cannot be had.
+        Parameters
+        ----------
+        first
+            number of the phase.
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where it cannot be had.
         """
         return None
 
     def with_touch(self, phase: int, event: str, t: Any, u: Array, setting: Any) -> Any | None:
         """A cycle that touches an event inside a phase, as one that meets it with no speed.
 
-        Returns starting point; None where it does not, or nobody knows.
+        Parameters
+        ----------
+        phase, event
+            number of the phase, and name of the event.
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Starting point; None where it does not, or nobody knows.
         """
         return None
 
     def nearest_touch(self, t: Any, u: Array, setting: Any) -> tuple[float, str, str]:
         """How near a cycle comes to an event that it does not meet.
 
-        Returns relative distance, mode and event; infinite where nobody knows.
+        Parameters
+        ----------
+        t, u, setting
+            an orbit: transcription, unknowns, setting.
+
+        Returns
+        -------
+        Relative distance, mode and event; infinite where nobody knows.
         """
         return math.inf, "", ""

@@ -17,7 +17,6 @@ restart.py   starting points for another phase sequence
 options.py   how orbits are computed
 border.py    the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
-marched_mesh.py  the mesh of a motion that is not yet the orbit
 fold_side.py on which side of a fold a cycle lies
 ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
@@ -32,6 +31,7 @@ sequences.py   other phase sequences, where one has stopped being a motion
 remarched.py the phases that the motion itself has
 starts.py    the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
+marched_mesh.py  from a motion that is not yet the orbit to the orbit
 saved_cycle.py cycles of a user's system in files
 cycle_search.py the cycle that a motion of a user's system settles on
 """
@@ -43,9 +43,12 @@ from ..lazy import lazily
 if TYPE_CHECKING:
     from .adapt import refined
     from .archive import Archive, write_archive
+    from .closure import Closure
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
+    from .family import Cycles
     from .floquet import Multipliers
+    from .marched_mesh import orbit_from_motion
     from .options import Options
     from .orbit import Arc, Orbit
     from .saved_cycle import load_orbit
@@ -53,17 +56,21 @@ if TYPE_CHECKING:
     from .system_orbit import SystemOrbit
 
 __all__ = [
-    "Arc", "Archive", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "SystemOrbit", "find_cycle", "load_orbit",
-    "orbit_ensemble", "refined", "with_multipliers", "write_archive",
+    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "SystemOrbit",
+    "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined", "with_multipliers",
+    "write_archive",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
         "adapt": ("refined",),
         "archive": ("Archive", "write_archive"),
+        "closure": ("Closure",),
         "cycle_search": ("find_cycle",),
         "saved_cycle": ("load_orbit",),
+        "marched_mesh": ("orbit_from_motion",),
         "options": ("Options",),
+        "family": ("Cycles",),
         "floquet": ("Multipliers",),
         "orbit": ("Arc", "Orbit"),
         "ensemble": ("OrbitEnsemble", "orbit_ensemble"),

@@ -69,6 +69,13 @@ class Closure:
     matrix : the rows of S.
     shift : c.
     repeats : how often the phases make up the period.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.orbits import Closure
+    >>> Closure.of(-np.eye(2), np.zeros(2), 2).matrix
+    ((-1.0, -0.0), (-0.0, -1.0))
     """
 
     matrix: tuple[tuple[float, ...], ...]
@@ -79,7 +86,14 @@ class Closure:
     def of(cls, matrix: Array, shift: Array, repeats: int) -> Closure:
         """The closure of arrays.
 
-        matrix, shift, repeats: S (n, n), c (n,), and how often the phases make up the period.
+        Parameters
+        ----------
+        matrix, shift, repeats
+            S (n, n), c (n,), and how often the phases make up the period.
+
+        Returns
+        -------
+        Closure.
         """
         return cls(tuple(tuple(map(float, row)) for row in matrix), tuple(map(float, shift)), repeats)
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ..checks import known, number
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
-from ..hybrid.system import Cycle, Phase, Signature
+from ..hybrid.system import Cycle, Feature, Phase, Signature
 from ..hybrid.vector_form import Names
 from ..motion.phases import Segment
 from .closure import Closure, Plane, Section, with_sections
@@ -27,7 +27,7 @@ from .observables import check_expression, scalar_of
 from .recurrence import image_of
 from .remarched import marched
 from .restart import Start
-from .sequences import Posed, nearest_touch, split, with_touch, without
+from .sequences import Posed, in_parts, nearest_touch, parts_of, split, unsplit, with_touch, without
 from .starts import rotated, strongest
 from .system_orbit import SystemOrbit
 
@@ -43,15 +43,35 @@ class Cycles(Problem):
     closure : how they close.
     sections : planes at which phases may end besides the events of the system.
     measured : name of a state, or a function (x, p), whose largest magnitude over the cycle is the amplitude.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import Cycles, find_cycle
+    >>> problem = find_cycle(belt, "slip", x=0.0, v=0.0).problem
+    >>> isinstance(problem, Cycles), problem.measured, problem.closure.repeats
+    (True, 'x', 1)
     """
 
     system: System
     closure: Closure
     sections: tuple[Section, ...]
     measured: str | Function
+    watched: ClassVar[bool] = True
+    """Whether the exits of a mode are looked for inside its phases: where its condition says it all, they need not."""
 
     def closing(self, closure: Closure, sections: tuple[Section, ...] = ()) -> Self:
-        """The problem of the cycles that close otherwise, or are cut by other planes."""
+        """The problem of the cycles that close otherwise, or are cut by other planes.
+
+        Parameters
+        ----------
+        closure, sections
+            how they close, and planes at which phases may end.
+
+        Returns
+        -------
+        The problem.
+        """
         return replace(self, closure=closure, sections=sections)  # type: ignore[type-var]
 
     @property
@@ -72,49 +92,92 @@ class Cycles(Problem):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """The cycle with these phases.
 
-        signature: the phases, (mode, event) each; repeats: how often they make up the period: that of the closure.
-        Raises ValueError: the system has no such phase, or its cycles close otherwise.
+        Parameters
+        ----------
+        signature, repeats
+            the phases, (mode, event) each; how often they make up the period: that of the closure.
+
+        Returns
+        -------
+        Cycle.
+
+        Raises
+        ------
+        ValueError : the system has no such phase, or its cycles close otherwise.
         """
         if repeats != self.closure.repeats:
-            raise ValueError(f"a cycle of {self.title} closes {self.closure.repeats} times, not {repeats}")
-        return _cycle(self.system, self.sections, self.closure, self.measured, signature)
+            raise ValueError(f"{self.title}: no cycle closes {repeats} times, but {self.closure.repeats} times")
+        return _cycle(self.system, self.sections, self.closure, self.amplitude_of(), self.watched, signature)
+
+    def amplitude_of(self) -> int | Feature:
+        """What is measured, as a cycle knows it: `Cycle.measured`."""
+        return scalar_of(self.measured, self.system.names)
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
         """Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself.
 
-        t, u, setting: a root of the equations that is no motion; phase, soft: number of the phase that is none; whether
-        last resorts are allowed: there are no others. Yields starting points, most promising first: to follow the
-        motion takes longer than all else, and is not done where a point before it serves.
+        Parameters
+        ----------
+        t, u, setting, phase, soft
+            as in `Problem`; the last resort is a part of a mode left unsplit.
+
+        Yields
+        ------
+        Starting points, most promising first: to follow the motion takes longer than all else, and is not done where a
+        point before it serves.
         """
         start, posed = (t, u, setting), self.asked()
         if (more := split(posed, start, phase)) is not None:
             yield more
         if (fewer := without(posed, start)) is not None:
             yield fewer[1]
+        if soft and (softer := unsplit(posed, start, phase)) is not None:
+            yield softer
         yield from marched(posed, start)
 
     def parted(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
         """Boundaries put in where a phase passes events: see `sequences.split`.
 
-        t, u, setting, phase: an orbit: transcription, unknowns, setting; number of the phase.
-        Returns starting point; None where it does not come back.
+        Parameters
+        ----------
+        t, u, setting, phase
+            as in `Problem`.
+
+        Returns
+        -------
+        Starting point; None where it does not come back.
         """
         return split(self.asked(), (t, u, setting), phase)
 
     def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The phases that the motion really has.
 
-        Returns starting point; None where the motion does not lead back.
+        Parameters
+        ----------
+        t, u, setting
+            as in `Problem`.
+
+        Returns
+        -------
+        Starting point; None where the motion does not lead back.
         """
         return next(iter(marched(self.asked(), (t, u, setting))), None)
 
     def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
         """The sequence at hand; then without a phase that is about to vanish, and without its image in the other half.
 
-        t, u, setting: a predicted point of a branch: transcription, unknowns, setting.
-        Yields starting points, in turn.
+        Unsplit phases are the parts that they mostly are by now.
+
+        Parameters
+        ----------
+        t, u, setting
+            as in `Problem`.
+
+        Yields
+        ------
+        Starting points, in turn.
         """
-        yield (start := (t, u, setting))
+        yield (start := in_parts(self.asked(), (t, u, setting)))
         for _ in range(2):
             if (fewer := self.vanishing(*start)) is None:
                 return
@@ -123,32 +186,70 @@ class Cycles(Problem):
     def vanishing(self, t: Transcription, u: Array, setting: Setting) -> tuple[int, Start] | None:
         """The shortest phase, where it may be about to vanish, and the cycle without it.
 
-        Returns number of the phase, and starting point; None where there is none.
+        Parameters
+        ----------
+        t, u, setting
+            as in `Problem`.
+
+        Returns
+        -------
+        Number of the phase, and starting point; None where there is none.
         """
         return without(self.asked(), (t, u, setting))
 
     def strongest(self, t: Transcription, u: Array, setting: Setting) -> int:
-        """Number of the phase at whose start an event is crossed the fastest: the last one to become a touch."""
+        """The phase at whose start an event is crossed the fastest: the last one to become a touch.
+
+        Parameters
+        ----------
+        t, u, setting
+            as in `Problem`.
+
+        Returns
+        -------
+        Number of the phase.
+        """
         return strongest((t, u, setting))
 
     def starting_at(self, first: int, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """The same cycle from another phase on.
 
-        Returns starting point; None where the images of its phases are not known.
+        Parameters
+        ----------
+        first, t, u, setting
+            as in `Problem`.
+
+        Returns
+        -------
+        Starting point; None where the images of its phases are not known.
         """
         return rotated(self.asked(), (t, u, setting), first)
 
     def with_touch(self, phase: int, event: str, t: Transcription, u: Array, setting: Setting) -> Start | None:
         """A cycle that touches an event, as one that meets it with no speed: see `sequences.with_touch`.
 
-        phase, event: number of the phase, name of the event. Returns starting point, or None.
+        Parameters
+        ----------
+        phase, event, t, u, setting
+            as in `Problem`.
+
+        Returns
+        -------
+        Starting point; None where it does not.
         """
         return with_touch(self.asked(), (t, u, setting), phase, event)
 
     def nearest_touch(self, t: Transcription, u: Array, setting: Setting) -> tuple[float, str, str]:
         """How near a cycle comes to an exit that it does not meet: see `sequences.nearest_touch`.
 
-        Returns relative distance, mode and event.
+        Parameters
+        ----------
+        t, u, setting
+            as in `Problem`.
+
+        Returns
+        -------
+        Relative distance, mode and event.
         """
         return nearest_touch(self.asked(), (t, u, setting))
 
@@ -282,19 +383,23 @@ def measured_of(system: System, measure: str | Function | None) -> str | Functio
 
 @lru_cache(maxsize=256)
 def _cycle(
-    system: System, sections: tuple[Section, ...], closure: Closure, measured: str | Function, signature: Signature
-) -> Cycle:
+    system: System, sections: tuple[Section, ...], closure: Closure, measured: int | Feature, watched: bool,
+    signature: Signature,
+) -> Cycle:  # fmt: skip
     form = with_sections(system, sections)
     phases = []
     for mode, event in signature:
-        ways_out = form.ways_out(mode, event)
+        ways_out = form.ways_out(mode, event) or tuple(
+            way for part in parts_of(form, mode) for way in form.ways_out(part.name, event)
+        )
         if not ways_out:
-            raise ValueError(f"{system.name} has no mode {mode!r} that ends with {event!r}")
+            raise ValueError(f"{system.name}: no cycle with the phases {signature}: no {mode!r} ends with {event!r}")
         way_out, direction = ways_out[0], sum(e.direction for e in ways_out)  # 0 for either way
         exits = tuple(e for e in form.exits[mode] if not isinstance(e.event.function, Plane))
-        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, direction, exits))
+        watch = (direction, exits) if watched else ()
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, *watch))
     shift = closure.shift if any(closure.shift) else ()
     return Cycle(
         system.name, form.states, system.names.parameters, tuple(phases),
-        np.array(closure.matrix), closure.repeats, scalar_of(measured, system.names), shift,
+        np.array(closure.matrix), closure.repeats, measured, shift,
     )  # fmt: skip

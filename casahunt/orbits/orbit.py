@@ -8,6 +8,7 @@ Symbols: n states, d stages, N intervals of an arc, m sample points.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, TypeVar
@@ -148,6 +149,16 @@ class Orbit(Result):
         return multipliers_of_many([place], self.solver)[0]
 
     @cached_property
+    def provisional_multiplier(self) -> float:
+        """Largest real part of the multipliers of the orbit's own mesh, of half a period where half was computed.
+
+        At a glance, without an error: a few digits of a large one, and of one beyond them not even its sign.  NaN where
+        it could not be computed.
+        """
+        t, u, setting = unknowns_of(self)
+        return leading_of(t.linearise(u, setting))
+
+    @cached_property
     def integrator_multipliers(self) -> floquet.Multipliers:
         """The multipliers by the second route: CasADi's own integrators, phase by phase (map_chain.integrator_chain).
 
@@ -253,6 +264,13 @@ def multiplier_record(orbit: Orbit) -> dict[str, Any]:
 
 AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)
 """An orbit of whatever class its problem names; a function of one gives back the same class."""
+
+
+def leading_of(linearisation: Linearisation) -> float:
+    """Largest real part of the multipliers that a linearisation shows; NaN where they were not computed."""
+    with suppress(np.linalg.LinAlgError):
+        return float(linearisation.return_map_eigenvalues().real.max())
+    return float("nan")
 
 
 def unknowns_of(orbit: Orbit) -> tuple[Transcription, Array, Setting]:

@@ -1,21 +1,19 @@
 """Starting points for another phase sequence, from the unknowns of the one at hand or from a simulated motion.
 
-The states of every phase are polynomials (start and stages of its intervals): a phase can be cut at chosen times, three
-phases joined to one, or the same unknowns read as those of another cycle with as many phases and intervals.
+The states of every phase are polynomials (start and stages of its intervals): a part of one can be taken at chosen
+times, or the same unknowns read as those of another cycle with as many phases and intervals.
 
     from_segments   a marched motion (motion/phases.py) becomes the unknowns of a cycle
     in_scheme       the same motion in another collocation scheme
     relabelled      the same unknowns for another cycle
-    assembled       unknowns from the pieces of every phase
-    cut             phases cut where events are to be put
-    merged          a phase that shrinks to nothing taken out, with its neighbours joined
+    piece           a part of a phase
 
 Which sequence comes next, only the problem knows (hybrid/problem.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -130,54 +128,3 @@ def piece(t: Transcription, u: Array, setting: Setting, phase: int, a: float = 0
     w = evaluate_phase(t, u, setting.fractions, phase, times.ravel())
     duration = float((b - a) * t.durations_of(u)[phase])
     return (part - a) / (b - a), w.reshape(part.size - 1, -1), duration
-
-
-def assembled(cycle: Cycle, t: Transcription, setting: Setting, pieces: list[Piece], end: Array) -> Start:
-    """The unknowns of a cycle from the pieces of its phases, all of them collocated.
-
-    t, setting: of the orbit that the pieces are from; pieces: one for each phase of `cycle`; end: (n,) the last node,
-    scaled.
-    """
-    new = transcribe(cycle, tuple(len(w) for _, w, _ in pieces), t.degree, t.kind)
-    w = np.vstack([w for _, w, _ in pieces])
-    nodes = np.vstack([w[:, : t.n], end[None]])
-    u = new.pack(w, nodes, np.array([duration for _, _, duration in pieces]))
-    fractions = np.concatenate([np.diff(breaks) for breaks, _, _ in pieces])
-    return new, u, replace(setting, fractions=fractions)
-
-
-def cut(cycle: Cycle, t: Transcription, u: Array, setting: Setting, cuts: Mapping[int, Array]) -> Start:
-    """Cut phases; the polynomials stay what they are.
-
-    cuts: by index of the phase, the fractions of it at which it is cut, rising.
-    """
-    pieces = []
-    for k in range(t.phases):
-        edges = np.concatenate([[0.0], cuts.get(k, np.zeros(0)), [1.0]])
-        pieces += [piece(t, u, setting, k, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    return assembled(cycle, t, setting, pieces, t.nodes_of(u)[-1])
-
-
-def merged(cycle: Cycle, t: Transcription, u: Array, setting: Setting, vanishing: Sequence[int]) -> Start:
-    """Take phases out, each with its two neighbours joined to one phase.
-
-    vanishing: indices of the phases to be taken out.
-    """
-    durations = t.durations_of(u)
-    pieces = []
-    j = 0
-    while j < t.phases:
-        if j + 1 not in vanishing:
-            pieces.append(piece(t, u, setting, j))
-            j += 1
-            continue
-        three = (j, j + 1, j + 2)
-        spans = [max(float(durations[i]), 0.0) for i in three]
-        total = sum(spans)
-        parts = [piece(t, u, setting, i) for i in three]
-        # The middle piece may have a negative duration: its states are dropped, its time is nothing.
-        kept = [(q, s, o) for q, s, o in zip(parts, spans, np.cumsum([0.0, *spans[:-1]]), strict=True) if s > 0]
-        breaks = np.concatenate([[0.0], *[(o + s * q[0][1:]) / total for q, s, o in kept]])
-        pieces.append((breaks, np.vstack([q[1] for q, _, _ in kept]), total))
-        j += 3
-    return assembled(cycle, t, setting, pieces, t.nodes_of(u)[-1])

@@ -12,6 +12,8 @@ one.  All of them start at the same state as the cycle at hand, so that a branch
     split      put boundaries where the root crosses exits of its mode
     with_touch put a boundary where a phase touches an exit
     without    take the shortest phase out, with both boundaries, or with the first of them
+    unsplit    read a phase of a part of a mode as one of that mode, with kinks inside that are too weak for boundaries
+    in_parts   the opposite, once they are strong enough
 
 The phases that the motion itself has: remarched.py.
 
@@ -31,7 +33,7 @@ from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Signature
 from ..motion.phases import Segment
 from .closure import Closure
-from .restart import Start, breaks_of, from_segments, in_scale, piece
+from .restart import Start, breaks_of, from_segments, in_scale, piece, relabelled
 
 Array = np.ndarray
 
@@ -227,6 +229,41 @@ def part_of(
         breaks, w = np.array([0.0, 1.0]), w[:1, : t.n]
     end = evaluate_phase(t, u, setting.fractions, k, np.array([b]))[0] * setting.scale
     return Segment(mode, event, duration, breaks, w, whole.end if last else end, whole.jumped if last else None)
+
+
+# Kinks too weak for boundaries ------------------------------------------------------------------------------------
+
+
+def parts_of(form: engine.System, mode: str) -> list[engine.Mode]:
+    """The modes that are parts of one that has them unsplit."""
+    return [part for part in form.modes.values() if part.unsplit == mode]
+
+
+def unsplit(posed: Posed, start: Start, phase: int) -> Start | None:
+    """The same unknowns with a part of a mode read as that mode; None where it is a part of none."""
+    signature, whole = list(start[0].cycle.signature), start[0].cycle.phases[phase].mode.unsplit
+    if not whole:
+        return None
+    signature[phase] = whole, signature[phase][1]
+    return relabelled(posed.cycle(tuple(signature)), *start)
+
+
+def in_parts(posed: Posed, start: Start) -> Start:
+    """The same unknowns with every phase of a mode that has parts read as the part that it mostly is, by its condition.
+
+    posed, start: the problem, and a cycle or a point predicted for one.
+    Returns the starting point itself where no phase is unsplit.
+    """
+    t, u, setting = start
+    signature = list(t.cycle.signature)
+    for k, (mode, event) in enumerate(signature):
+        conditions = {part: part.admissible for part in parts_of(posed.form, mode) if part.admissible is not None}
+        if conditions:
+            x = t.intervals_of(u)[t.phase_intervals(k)].reshape(-1, t.n).T * setting.scale[:, None]
+            held = {part.name: float(np.sum(holds(x, setting.p, part.sign))) for part, holds in conditions.items()}
+            signature[k] = max(held, key=held.__getitem__), event
+    fresh = tuple(signature)
+    return start if fresh == t.cycle.signature else relabelled(posed.cycle(fresh), *start)
 
 
 def with_touch(posed: Posed, start: Start, phase: int, event: str) -> Start | None:

@@ -10,9 +10,8 @@ linear_loop.py    the loop without dry friction: stability, poles, margins
 delayed_loop.py   the same with a delay: margins of phase and gain
 hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events
 stick_band.py     the Switch servo with the report's stick band, likewise
-cycles.py         the servo in the terms of the engine: its hunting cycles as phase sequences
+cycles.py         the servo in the terms of the engine: its vectors and schemes
 equilibria.py     where the servo can stand still, and what linearising there proves
-sequences.py      the next phase sequence of a hunting cycle where one has stopped being a motion
 problem.py        the hunting servo as a problem for the engine; its orbits and folds
 branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files

@@ -44,6 +44,7 @@ from .servo import Servo
 Array = np.ndarray
 
 OFFSET = 0.01
+"""`delta` of the module docstring."""
 FEW_SWINGS, MOST_SWINGS = 60, 2000
 """Swings followed: three times those that the multipliers of the two cycles need to carry a motion away from the one
 and close to the other, and these at least and at most."""

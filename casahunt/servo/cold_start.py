@@ -25,30 +25,23 @@ two motions; which cycle that is, its multipliers tell.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from ..collocation.newton import Solver
-from ..collocation.remesh import shape_limit
-from ..collocation.scheme import Kind
 from ..errors import NoOrbit, Status
 from ..motion import MarchFailure, Segment
-from ..orbits.adapt import Options, finished, solve_adaptively
-from ..orbits.marched_mesh import remeshed
-from ..orbits.orbit import unknowns_of
-from ..orbits.restart import Start
-from .cycles import SCHEMES
+from ..orbits import Options, orbit_from_motion
+from .cycles import SCHEMES, Kind, mirrored
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.near import CLOSER, near_stable, near_typical
 from .event_map.scan import SCAN_LOW, Scan, scan
 from .hunting import Model
 from .problem import Hunting, HuntingOrbit, hunting
-from .sequences import from_half_cycle
 from .servo import Servo
 
 CLEARLY_STABLE = -0.8
@@ -173,21 +166,17 @@ def _at_once(q: AtGain) -> Met | None:
     The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
     does not arrive at a clearly stable cycle, the careful way has to be gone.
     """
-    began = time.perf_counter()
     problem = q.problem
     degree, kind = q.options.scheme_of(problem)
     try:
         motion = _first_motion(q, degree, kind)
         if motion is None:
             return None
-        first = started(motion, problem, q.options)
-        first = first if q.P.model == "switch" else remeshed(first, q.options)
-        solved = solve_adaptively(problem, first, q.options, solver="newton")
-        orbit = finished(solved, problem, q.options, began, "")
+        phases = phases_of(motion, problem, q.options)
+        orbit = orbit_from_motion(problem, *phases, q.options, remesh=q.P.model != "switch")
     except (MarchFailure, NoOrbit):
         return None
-    linearisation = solved.solution.linearisation
-    leading = np.inf if linearisation is None else float(linearisation.return_map_eigenvalues().real.max())
+    leading = orbit.provisional_multiplier
     return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
 
 
@@ -253,25 +242,28 @@ def _beside_a_fixed_point(q: AtGain) -> tuple[HalfCycle | None, Scan | None]:
 
 def _solved_from(start: HalfCycle, q: AtGain) -> HuntingOrbit:
     """The cycle next to a motion; NoOrbit where it is not computed."""
-    began, problem = time.perf_counter(), q.problem
+    problem = q.problem
     degree, kind = q.options.scheme_of(problem)
     if (degree, kind) != problem.scheme:
         start = q.P(start.start, degree=degree, kind=kind)
-    first: Solver = "newton" if _rings(start) else "ipopt"
-    solver = first if q.options.solver == "auto" else q.options.solver
-    solved = solve_adaptively(problem, started(start, problem, q.options), q.options, solver=solver)
-    return finished(solved, problem, q.options, began, "the stable hunting cycle")
+    phases, what = phases_of(start, problem, q.options), "the stable hunting cycle"
+    solver: Literal["newton", "ipopt"] = "newton" if _rings(start) else "ipopt"
+    orbit: HuntingOrbit = orbit_from_motion(problem, *phases, q.options, solver=solver, what=what)
+    return orbit
 
 
 def _rings(motion: HalfCycle) -> bool:
     return len(motion.segments) > RINGING
 
 
-def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
-    """A motion as the starting point of the boundary value problem.
+Phases = tuple[tuple[tuple[str, str], ...], list[tuple[float, Segment]]]
+"""((mode, event) of each phase of a cycle, (factor, segment): its states are so many times those of the segment)."""
 
-    motion, problem, options: half a cycle, of the problem at its gain, in the scheme of the options; their tolerance
-    chooses the intervals of what was followed along series. Returns transcription, unknowns, setting. Raises NoOrbit:
+
+def phases_of(motion: HalfCycle, problem: Hunting, options: Options) -> Phases:
+    """The phases of a cycle as a motion has them.
+
+    motion, problem, options: half a cycle, of the problem at its gain, in the scheme of the options. Raises NoOrbit:
     the motion comes to rest.
     """
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
@@ -284,11 +276,13 @@ def started(motion: HalfCycle, problem: Hunting, options: Options) -> Start:
     if _rings(motion):
         P = StickMap(problem.model, problem.servo, problem.gain)
         motion = P(motion.start, tol=RINGS_OUT, degree=degree, kind=kind)
-    segments = [segment.meshed(shape_limit(options.tol)) for segment in motion.segments]
-    return from_half_cycle(
-        problem.model, segments, problem.vector(), problem.direction(problem.principal),
-        degree=degree, kind=kind, half=options.half,
-    )  # fmt: skip
+    segments = motion.segments
+    signature, sign = tuple((s.mode, s.event) for s in segments), 1.0
+    if segments[0].mode.endswith("-"):  # every cycle begins with the positive slip
+        signature, sign = mirrored(signature), -1.0
+    whole = signature if options.half else signature + mirrored(signature)
+    factors = (sign,) if options.half else (sign, -sign)
+    return whole, [(factor, segment) for factor in factors for segment in segments]
 
 
 def inner_cycle(P: StickMap, outer: float, moving: float, options: Options) -> HuntingOrbit | None:
@@ -330,18 +324,16 @@ def _narrowing(P: StickMap, outer: float, longest: float) -> Iterator[tuple[Half
 
 def _solved(problem: Hunting, motion: HalfCycle, options: Options) -> HuntingOrbit | None:
     """The cycle next to a motion that comes to rest elsewhere, by Newton's method; None where that leads to none."""
-    began = time.perf_counter()
     closed = _closed(problem, motion, options)
     if closed is None:
         return None
-    try:
-        solved = solve_adaptively(problem, closed, replace(options, solver="newton"), solver="newton")
-        return finished(solved, problem, options, began, "")
-    except NoOrbit:
-        return None
+    orbit: HuntingOrbit | None = None
+    with suppress(NoOrbit):
+        orbit = orbit_from_motion(problem, *closed, replace(options, solver="newton"))
+    return orbit
 
 
-def _closed(problem: Hunting, motion: HalfCycle, options: Options) -> Start | None:
+def _closed(problem: Hunting, motion: HalfCycle, options: Options) -> Phases | None:
     """A motion with the stick that would close it; None where that would be over before it begins."""
     degree, kind = options.scheme_of(problem)
     if (degree, kind) != problem.scheme:
@@ -352,7 +344,7 @@ def _closed(problem: Hunting, motion: HalfCycle, options: Options) -> Start | No
         return None
     begins, ends = np.array([a, 0.0, x3_stop]), np.array([a, 0.0, x3_breakaway])
     stick = Segment(stick.mode, stick.event, duration, stick.breaks, begins[None], ends)
-    return started(replace(motion, segments=[*slips, stick]), problem, options)
+    return phases_of(replace(motion, segments=[*slips, stick]), problem, options)
 
 
 def unstable(orbit: HuntingOrbit) -> bool:
@@ -360,9 +352,6 @@ def unstable(orbit: HuntingOrbit) -> bool:
 
     A glance leaves few digits of a large one, and of one beyond them not even its sign.
     """
-    with suppress(np.linalg.LinAlgError):
-        t, u, setting = unknowns_of(orbit)
-        leading = float(t.linearise(u, setting).return_map_eigenvalues().real.max())
-        if CLEARLY_UNSTABLE[0] < leading < CLEARLY_UNSTABLE[1]:
-            return True
+    if CLEARLY_UNSTABLE[0] < orbit.provisional_multiplier < CLEARLY_UNSTABLE[1]:
+        return True
     return orbit.multipliers.leading.real > 1

@@ -1,30 +1,22 @@
 """The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
 
 A problem is (model, servo, gain): p is the vector of `Servo.names`, the gain K is what is followed, and the cycles
-are those of cycles.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
+are those of hunting.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ..checks import require
-from ..collocation.scheme import Kind
-from ..collocation.transcription import Setting, Transcription
 from ..continuation.fold import Fold
 from ..hybrid import System
-from ..hybrid.system import Cycle, Signature
-from ..orbits import Orbit
-from ..orbits.closure import Closure, Section
-from ..orbits.family import Cycles
-from ..orbits.restart import Start
-from .cycles import SCHEMES, closed_cycle, system_of
+from ..orbits import Closure, Cycles, Orbit
+from .cycles import SCHEMES, Kind, system_of
 from .hunting import STATES, Model
-from .sequences import harden, merge_vanishing, next_sequence, remarch
 from .servo import Servo, flatten
 
 Array = np.ndarray
@@ -142,12 +134,13 @@ class Hunting(Cycles):
     orbit_type: ClassVar[type | None] = HuntingOrbit
     fold_type: ClassVar[type | None] = HuntingFold
     measured: ClassVar[str] = "x1"  # type: ignore[misc]
+    watched: ClassVar[bool] = False
 
     model: Model
     servo: Servo
     gain: float
     closure: Closure = None  # type: ignore[assignment]
-    sections: tuple[Section, ...] = ()
+    sections: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         if self.closure is None:
@@ -193,6 +186,10 @@ class Hunting(Cycles):
         """Of a walk, in arclength."""
         return LARGEST_WALK_STEP[self.model]
 
+    def amplitude_of(self) -> int:
+        """That of x1, which is largest where the servo stops: at the end of a phase."""
+        return 0
+
     def vector(self) -> Array:
         """(np,) the values of `names`."""
         return self.servo.parameters(self.gain)
@@ -218,40 +215,6 @@ class Hunting(Cycles):
         changes = dict(zip(names, map(float, values), strict=True))
         gain = changes.pop("gain", self.gain)
         return replace(self, servo=self.servo.replace(**changes), gain=require("gain", gain, above=0))
-
-    def cycle(self, signature: Signature, repeats: int) -> Cycle:
-        """The hunting cycle with these phases.
-
-        signature: phase sequence: of half a period, or of a whole one; repeats: 2: half a cycle, closed by its mirror
-        image; 1: a whole one. Raises ValueError: a phase that the model does not have, or that does not follow.
-        """
-        return closed_cycle(self.model, signature, repeats, self.names)
-
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
-        """Starting points for other phase sequences: of half cycles see `sequences.next_sequence`.
-
-        t, u, setting: an orbit that is no motion any more: transcription, unknowns, setting; soft: also last resorts
-        that converge everywhere, but slowly. Returns starting points, most promising first.
-        """
-        if t.cycle.repeats == 1 and self.model == "switch":
-            return super().next_sequence(t, u, setting, phase, soft=soft)
-        return iter(next_sequence(self.model, t, u, setting, phase, soft=soft))
-
-    def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """The phases that the motion really has: of half cycles see `sequences.remarch`.
-
-        Returns starting point; None where the motion could not be followed.
-        """
-        return super().remarch(t, u, setting) if t.cycle.repeats == 1 else remarch(self.model, t, u, setting)
-
-    def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
-        """Starting points at a predicted point of a branch.
-
-        Returns the sequence at hand, unsplit phases given their sign again; then without a pair about to vanish.
-        """
-        start = (t, u, setting)
-        starts = [harden(self.model, *start) or start, merge_vanishing(self.model, *start)]
-        return (candidate for candidate in starts if candidate is not None)
 
 
 CLOSURES = {model: Closure.of(-np.eye(len(x)), np.zeros(len(x)), 2) for model, x in STATES.items()}

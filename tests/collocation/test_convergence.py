@@ -18,7 +18,8 @@ from casahunt.hybrid import language
 from casahunt.hybrid.system import Cycle, Event, Phase, Signature
 from casahunt.orbits.floquet import multipliers
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cycles import SWITCH_HALF, hunting_cycle
+from casahunt.servo.cycles import mirrored
+from casahunt.servo.problem import Hunting
 from casahunt.servo.servo import PARAMETERS, Servo
 from problems import stuart_landau as sl
 from problems import table1
@@ -154,12 +155,20 @@ LUGRE: Signature = (
     ("slide", "centre"),
 )
 SLIPS_BACK: Signature = (("slip+", "stop"), ("slip-", "stop"), ("stick", "breakaway+"))
+SWITCH: Signature = (("slip+", "stop"), ("stick", "breakaway-"))
+
+
+def servo_cycle(model, half: Signature, *, whole: bool = False) -> Cycle:
+    problem = Hunting(model, Servo(), 0.1)
+    return problem.whole().cycle(half + mirrored(half), 1) if whole else problem.cycle(half, 2)
+
+
 SERVO_CYCLES = {
-    "switch half": (hunting_cycle("switch", SWITCH_HALF), (4, 0)),
-    "switch full": (hunting_cycle("switch", SWITCH_HALF, half=False), (3, 0, 4, 0)),
-    "switch reversal": (hunting_cycle("switch", SLIPS_BACK), (2, 3, 0)),
-    "lugre half": (hunting_cycle("lugre", LUGRE), (3, 1, 2, 4)),
-    "lugre full": (hunting_cycle("lugre", LUGRE, half=False), (2, 1, 1, 2, 1, 2, 1, 1)),
+    "switch half": (servo_cycle("switch", SWITCH), (4, 0)),
+    "switch full": (servo_cycle("switch", SWITCH, whole=True), (3, 0, 4, 0)),
+    "switch reversal": (servo_cycle("switch", SLIPS_BACK), (2, 3, 0)),
+    "lugre half": (servo_cycle("lugre", LUGRE), (3, 1, 2, 4)),
+    "lugre full": (servo_cycle("lugre", LUGRE, whole=True), (2, 1, 1, 2, 1, 2, 1, 1)),
 }
 JUGGLER = language.System(
     "juggler", ("x", "v"), {"g": 9.0, "d": 0.4, "r": 0.8, "w": 2.5},

@@ -15,9 +15,9 @@ from casahunt.collocation.mesh import shape, transfer
 from casahunt.continuation.walk import walk
 from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import refined, solve_adaptively
-from casahunt.orbits.marched_mesh import remeshed
+from casahunt.orbits.marched_mesh import remeshed, start_from_motion
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cold_start import started
+from casahunt.servo.cold_start import phases_of
 from casahunt.servo.cold_start import unstable as is_unstable
 from casahunt.servo.event_map.half_cycle import StickMap, half_cycle
 from casahunt.servo.problem import Hunting
@@ -57,7 +57,7 @@ def test_what_a_motion_does_is_clear_before_it_is_solved():
     problem = Hunting("lugre", servo, 0.2)
     rigid = half_cycle("switch", servo, 0.2, 0.1 * servo.friction.static / servo.torque_gains(0.2)[0])
     motion = StickMap("lugre", servo, 0.2)(rigid.position, degree=7, kind="radau")
-    start = started(motion, problem, options)
+    start = start_from_motion(problem, *phases_of(motion, problem, options), options)
     assert not judge(*remeshed(start, options)).unclear.any()
 
 

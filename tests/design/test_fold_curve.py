@@ -456,13 +456,17 @@ def test_a_curve_round_a_cusp_goes_on_where_it_was_interrupted(monkeypatch, firs
             orbit = SimpleNamespace(s=self.s, problem=problem, gain=1 + self.s / 10, status=Status.CONVERGED)
             return SpecialOrbit(orbit, 1e-9, 0.0, 6 * self.s)
 
-    def again(_: object, orbit: Any, position: float) -> Turning:
+    def again(_: object, orbit: Any, __: object, ___: object, position: float, *____: object) -> Turning:
         return Turning(orbit.s, position, phi)
 
+    def fold(_: object, c: float) -> Any:
+        if c != first:
+            raise NoOrbit("the other end")
+        return Turning(-np.sqrt(0.8 / 3), first, phi).special.orbit
+
     monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
-    monkeypatch.setattr("casahunt.design.fold_curve.curve._Task.chart", again)
-    at_the_end = Turning(-np.sqrt(0.8 / 3), first, phi)
-    monkeypatch.setattr("casahunt.design.fold_curve.curve._first_chart", lambda _: at_the_end)
+    monkeypatch.setattr(two_parameters, "chart_at", again)
+    monkeypatch.setattr("casahunt.design.fold_curve.curve._Task.fold", fold)
 
     def computed(begun: Sequence[FoldPoint], most: int = 1000) -> tuple[list[FoldPoint], FoldCurve | None]:
         seen: list[FoldPoint] = []

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casahunt.collocation.mesh import evaluate_phase, phase_breaks
+from casahunt.collocation.mesh import evaluate_phase
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.hybrid.system import Cycle, Event, Mode, Phase
 from casahunt.motion.phases import Segment
-from casahunt.orbits.restart import assembled, breaks_of, cut, from_segments, merged, piece, relabelled
+from casahunt.orbits.restart import breaks_of, from_segments, piece, relabelled
+from casahunt.orbits.sequences import joined
 
 DEGREE = 4
 ROUNDING = 1e-12
@@ -60,47 +61,21 @@ def test_a_piece_of_a_phase():
     np.testing.assert_allclose(breaks_of(t, setting, 1), BREAKS[1], atol=ROUNDING)
 
 
-def test_cut_where_events_are_to_be_put():
-    before = start()
-    t, u, setting = cut(cycle_of(6), *before, {0: np.array([0.4]), 2: np.array([0.1, 0.7])})
-    np.testing.assert_allclose(t.durations_of(u), [0.4, 0.6, 0.4, 0.2, 1.2, 0.6], rtol=ROUNDING)
-    parts = ((0, 0, 0.0), (1, 0, 0.4), (2, 1, 0.0), (3, 2, 0.0), (4, 2, 0.2), (5, 2, 1.4))
-    for new, old, began in parts:
-        times = t.durations_of(u)[new] * np.array([0, 0.2, 0.5, 0.97, 1.0])
-        np.testing.assert_allclose(at((t, u, setting), new, times), polynomial(old)(began + times), atol=100 * ROUNDING)
-    np.testing.assert_array_equal(t.nodes_of(u)[-1], before[0].nodes_of(before[1])[-1])
-    for breaks in phase_breaks(t, setting.fractions):
-        assert breaks[0] == 0 and breaks[-1] == 1
-
-
 @pytest.mark.parametrize("middle", [0.4, 0.0, -0.1])
 def test_a_phase_that_shrinks_to_nothing_is_taken_out(middle):
     """Its neighbours become one; where its own time runs backwards there is nothing of it to keep."""
-    before = start((1.0, middle, 2.0))
-    t, u, setting = merged(cycle_of(1), *before, [1])
-    lasts = max(middle, 0.0)
-    assert t.phases == 1 and t.durations_of(u)[0] == pytest.approx(3.0 + lasts, rel=ROUNDING)
-    assert t.counts == (8 if middle > 0 else 6,)
-    for phase, began, duration in ((0, 0.0, 1.0), (1, 1.0, lasts), (2, 1.0 + lasts, 2.0)):
-        times = duration * np.array([0.001, 0.3, 0.5, 0.999])
-        if duration:
-            np.testing.assert_allclose(at((t, u, setting), 0, began + times), polynomial(phase)(times), atol=1e-10)
-    np.testing.assert_array_equal(t.nodes_of(u)[-1], before[0].nodes_of(before[1])[-1])
-
-
-def test_phases_besides_those_taken_out_stay():
-    t, u, setting = start()
-    pieces = [piece(t, u, setting, k) for k in (0, 1, 2, 0, 1, 2, 2)]
-    many = assembled(cycle_of(7), t, setting, pieces, np.array([7.0, 8.0]))
-    np.testing.assert_array_equal(many[0].nodes_of(many[1])[-1], [7, 8])
-    np.testing.assert_allclose(many[0].durations_of(many[1]), [*DURATIONS, *DURATIONS, DURATIONS[2]])
-    both, v, there = merged(cycle_of(3), *many, [1, 4])
-    np.testing.assert_allclose(both.durations_of(v), [3.4, 3.4, 2.0], rtol=ROUNDING)
-    for phase in (0, 1):
-        np.testing.assert_allclose(at((both, v, there), phase, [0.5, 1.2, 3.0]),
-                                   np.vstack([polynomial(0)(0.5), polynomial(1)(0.2), polynomial(2)(1.6)]),
-                                   atol=1e-10)  # fmt: skip
-    np.testing.assert_allclose(at((both, v, there), 2, [0.5]), polynomial(2)(0.5), atol=1e-10)
+    t, u, setting = start((1.0, middle, 2.0))
+    parts = []
+    for k in range(3):
+        breaks, w, duration = piece(t, u, setting, k)
+        parts.append(Segment("free", "end", duration, breaks, w, w[-1, -2:]))
+    whole, lasts = joined(parts), max(middle, 0.0)
+    assert whole.duration == pytest.approx(3.0 + lasts, rel=ROUNDING) and len(whole.w) == (8 if middle > 0 else 6)
+    stages = t.scheme.points
+    times = whole.duration * (whole.breaks[:-1, None] + np.diff(whole.breaks)[:, None] * stages)
+    for states, at in zip(whole.w.reshape(len(whole.w), -1, 2), times, strict=True):
+        k, began = next((k, b) for k, b, e in ((0, 0.0, 1.0), (1, 1.0, 1 + lasts), (2, 1 + lasts, 9.0)) if at[-1] < e)
+        np.testing.assert_allclose(states, polynomial(k)(at - began), atol=1e-10)
 
 
 def test_the_same_unknowns_for_another_cycle():

@@ -15,7 +15,7 @@ from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
 from casahunt.orbits.adapt import refined, solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cycles import SWITCH_HALF, hunting_cycle
+from casahunt.servo.problem import Hunting
 from casahunt.servo.servo import PARAMETERS
 
 
@@ -61,7 +61,7 @@ def test_wrong_sequence_is_inadmissible(orbit):
     """The stick of the mirrored sequence: same equations up to signs, no motion of the servo."""
     t, u, setting = unknowns_of(orbit("switch", 0.3))
     nodes = t.nodes_of(u)
-    wrong = hunting_cycle("switch", (("slip-", "stop"), SWITCH_HALF[1]))
+    wrong = Hunting("switch", Servo(), 0.3).cycle((("slip-", "stop"), ("stick", "breakaway-")), 2)
     other = transcribe(wrong, t.counts, t.degree, t.kind)
     verdict = judge(other, other.pack(t.intervals_of(u), nodes, t.durations_of(u)), setting)
     assert not verdict.admissible

@@ -14,7 +14,7 @@ from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.collocation.scheme import scheme
 from casahunt.motion.march_step import Stepper
 from casahunt.motion.march_watch import Watch
-from casahunt.servo.cycles import automaton
+from casahunt.servo.cycles import system_of
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.half_cycle import half_cycle
@@ -311,7 +311,7 @@ def test_weak_reversals_are_met_at_a_coarse_tolerance():
 def test_what_a_watched_interval_hides_of_a_servo():
     """The drop of friction, looked at with the exits: as by the feature itself."""
     p, scale = table1.servo().parameters(0.1), np.array([0.01, 1.0, 0.05, 2e-5])
-    system = automaton("lugre", p.size)
+    system = system_of("lugre", p.size).vector_form
     mode = system.modes["slide+"]
     watch = Watch(system.exits["slide+"], mode.feature, Stepper(mode.field, scheme(7, "radau"), p, scale, mode.sign))
     start, end = np.array([-1.0, 0.0, 0.0, 0.0]), np.array([-0.9, 0.5, 0.0, 0.0])

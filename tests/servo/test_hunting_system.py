@@ -21,7 +21,7 @@ from casahunt.motion import simulate
 from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import Options
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cycles import automaton
+from casahunt.servo.cycles import system_of
 from casahunt.servo.find_orbit import find_orbit
 from casahunt.servo.hunting import MODES, hunting_system
 from casahunt.servo.servo import Servo
@@ -166,14 +166,14 @@ def test_it_is_data(form: Servo, model):
     again = pickle.loads(pickle.dumps(system))
     assert again == system and again.vector_form == system.vector_form
     n = len(system.names.parameters)
-    assert automaton("switch" if model == "band" else model, n).modes == system.vector_form.modes
+    assert system_of("switch" if model == "band" else model, n).vector_form.modes == system.vector_form.modes
     defined = MODES_WITH_BAND if model == "band" else MODES[model]
     assert {mode.name for mode in defined} == set(again.vector_form.modes)
 
 
 def test_a_softened_slide_is_left_in_the_direction_of_its_motion():
     """Its one event is crossed either way; both ways out know where they lead."""
-    form = automaton("lugre", 11)
+    form = system_of("lugre", 11).vector_form
     up, down = form.ways_out("slide", "centre")
     assert isinstance(up, Exit) and (up.direction, down.direction) == (1, -1)
     p = TIMES.parameters(0.1)

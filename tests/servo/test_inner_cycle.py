@@ -12,6 +12,7 @@ from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.collocation.mesh import shape
 from casahunt.collocation.remesh import shape_limit
 from casahunt.motion.phases import MarchFailure, Segment
+from casahunt.orbits.marched_mesh import start_from_motion
 from casahunt.servo import cold_start
 from casahunt.servo import find_orbit as orbits
 from casahunt.servo.event_map import near as near_by
@@ -139,7 +140,8 @@ def test_a_motion_that_swings_on_is_not_closed(monkeypatch):
 def test_a_motion_is_closed_by_the_stick_that_its_start_asks_for():
     """The equations of the stick and the closure hold then, and nothing else is moved."""
     motion = half_cycle("switch", Servo(), 0.4, 0.00096)
-    t, u, setting = cold_start._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE)
+    problem = Hunting("switch", Servo(), 0.4)
+    t, u, setting = start_from_motion(problem, *cold_start._closed(problem, motion, ACCURATE), ACCURATE)
     nodes, (slip, stick) = t.nodes_of(u) * setting.scale, t.durations_of(u)
     assert slip == motion.segments[0].duration and motion.ratio < 0.5
     assert nodes[-1] == pytest.approx(-nodes[0], rel=1e-14)
@@ -229,7 +231,8 @@ def test_a_motion_is_meshed_for_the_tolerance():
     """No other mesh is needed then: last Legendre coefficients fall with the power of the degree."""
     motion, problem = near_typical(StickMap("switch", Servo(), 0.2)), Hunting("switch", Servo(), 0.2)
     for tol in (1e-4, 1e-8, 1e-12):
-        t, u, _ = cold_start.started(motion, problem, Options(tol=tol))
+        options = Options(tol=tol)
+        t, u, _ = start_from_motion(problem, *cold_start.phases_of(motion, problem, options), options)
         assert 1e-3 * shape_limit(tol) < shape(t, u).max() <= shape_limit(tol)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from casahunt import Options, Servo, find_orbit
 from casahunt.continuation import follow
+from casahunt.orbits.adapt import solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.problem import Hunting
 from problems import table1
@@ -36,5 +37,21 @@ def test_a_whole_cycle_closes_by_itself():
     assert np.array_equal(half.closure.matrix, -np.eye(3)) and np.array_equal(whole.closure.matrix, np.eye(3))
     assert "does not hunt" in half.beyond_a_fold and "does not hunt" not in whole.beyond_a_fold
     assert find_orbit(Servo(), "switch", 0.3, options=Options(half=False)).problem == whole
-    with pytest.raises(ValueError, match="not the phases of a cycle"):  # half of one
-        whole.cycle((("slip+", "stop"), ("stick", "breakaway-")), 1)
+
+
+def test_a_kink_too_weak_for_a_boundary_is_left_inside():
+    """A slide of the ring-down, of either sign, as one whose sign is left open: the same cycle, and the same again."""
+    orbit = find_orbit(Servo(), "lugre", 0.3)
+    problem, start = orbit.problem, unknowns_of(orbit)
+    signature = orbit.signature
+    for k in (len(signature) // 2, len(signature) // 2 + 1):
+        resorts = problem.next_sequence(*start, k, soft=True)
+        softer = next(found for found in resorts if ("slide", signature[k][1]) in found[0].cycle.signature)
+        assert softer[0].cycle.signature == (*signature[:k], ("slide", signature[k][1]), *signature[k + 1 :])
+        assert next(iter(problem.expected(*softer)))[0].cycle == start[0].cycle
+        again = solve_adaptively(problem, softer, Options(tol=1e-6), solver="newton")
+        assert again.status.ok and again.t.cycle == softer[0].cycle
+        period = 2 * np.sum(again.t.durations_of(again.solution.u))
+        assert period == pytest.approx(orbit.period, rel=2e-6)  # the tolerances of both
+        firmly = [found[0].cycle.signature for found in problem.next_sequence(*start, k, soft=False)]
+        assert all("slide" not in dict(found) for found in firmly)

@@ -8,17 +8,14 @@ It ends at an end of the range, or where the gain tends to zero because nothing 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...checks import known, require, shown
-from ...continuation.sheet import Axis
-from ...continuation.special_charts import SpecialChart, SpecialOrbit, Task
-from ...continuation.special_points import FOLD
-from ...continuation.two_parameters import chart_at, special_orbits
+from ...continuation import Axis, SpecialOrbit, special_walk
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options
 from ...servo.find_fold import find_fold
@@ -35,6 +32,7 @@ VANISHING = 2e-2
 """Part of the largest fold gain of the curve below which a fold that tends to zero counts as gone."""
 GONE = 1e-5
 """The same where it is not known why it should."""
+Specials = Generator[SpecialOrbit, None, str]
 STEEP_GAIN = 30.0
 """|d ln K/dc| from which on a gain tends to zero: a straight line would get there within 1/30 of the range."""
 
@@ -93,8 +91,10 @@ def fold_curve(
     check_range(servo, vary, start, end)
     require("points", points, at_least=2)
     task = _Task(servo, model, Axis(vary, float(start), float(end)), options, 1 / (points - 1))
-    chart, c, sense, found = _begin(task, begun)
-    reason, gone = _collect(task, chart, sense, found, c, report)
+    specials, c, found = _begin(task, begun)
+    if report is not None and not begun:
+        report(found[0])
+    reason, gone = _collect(task, specials, found, c, report)
     last = found[-1]
     if c == 1:
         found = found[::-1]
@@ -121,10 +121,18 @@ class _Task:
         """The orbit at its fold, from nothing.  Raises NoOrbit."""
         return find_fold(self.at(c), self.model, options=self.options).orbit
 
-    def chart(self, orbit: HuntingOrbit, c: float) -> SpecialChart | str:
-        """The chart of the orbit at a fold, or a sentence that says why there is none."""
-        followed = Task(FOLD, self.options, lambda orbit: orbit)
-        return chart_at(followed, orbit, "gain", self.axis, c, self.spacing)
+    def along(self, orbit: HuntingOrbit, sense: float, *, turned: bool = False) -> Specials:
+        """The folds from one on, itself the first; that raises NoOrbit where there is no way on."""
+
+        def again(c: float) -> HuntingOrbit | None:
+            with suppress(NoOrbit):
+                return self.fold(c)
+            return None
+
+        return special_walk(
+            orbit, "gain", self.axis, sense=sense, options=self.options, spacing=self.spacing, turned=turned,
+            again=again,
+        )  # fmt: skip
 
     def point(self, special: SpecialOrbit) -> FoldPoint:
         """A place of the curve as a point of the result."""
@@ -136,24 +144,11 @@ class _Task:
 
 
 def _collect(
-    task: _Task, chart: SpecialChart, sense: float, found: list[FoldPoint], c: float,
-    report: Callable[[FoldPoint], None] | None,
-) -> tuple[str, bool]:  # fmt: skip
-    """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero).
-
-    chart, found: that of the last point, and the points up to there; empty where that is the first.
-    """
-
-    def again(c: float) -> HuntingOrbit | None:
-        with suppress(NoOrbit):
-            return task.fold(c)
-        return None
-
-    if chart.position in (0.0, 1.0) and len(found) > 1:
+    task: _Task, specials: Specials, found: list[FoldPoint], c: float, report: Callable[[FoldPoint], None] | None
+) -> tuple[str, bool]:
+    """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero)."""
+    if task.axis.place(found[-1].value) in (0.0, 1.0) and len(found) > 1:
         return "", False
-    specials = special_orbits(chart, sense=sense, turned=any(point.turns for point in found), again=again)
-    if found:
-        next(specials)  # the last point itself
     goal = task.at(1 - c)
     while True:
         try:
@@ -190,39 +185,41 @@ def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
         servo.replace(**{vary: bound})
 
 
-def _first_chart(task: _Task) -> SpecialChart:
-    """The fold at an end of the range: the end next to the servo's own value, or else the other."""
+def _first(task: _Task) -> tuple[Specials, float, SpecialOrbit]:
+    """The folds from an end of the range, the end, and the first of them.
+
+    The end next to the servo's own value, or else the other.
+    """
     axis = task.axis
     own = flatten(task.servo)[axis.vary]
     order = (0.0, 1.0) if abs(own - axis.start) <= abs(own - axis.end) else (1.0, 0.0)
     complaints = []
     for c in order:
-        chart: SpecialChart | str
         try:
-            chart = task.chart(task.fold(c), c)
+            specials = task.along(task.fold(c), 1.0 if c == 0 else -1.0)
+            return specials, c, next(specials)
         except NoOrbit as error:
-            chart = str(error)
-        if isinstance(chart, SpecialChart):
-            return chart
-        complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {chart}")
+            complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {error}")
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints), Status.NOT_FOUND)
 
 
-def _begin(task: _Task, begun: Sequence[FoldPoint]) -> tuple[SpecialChart, float, float, list[FoldPoint]]:
-    """(chart to start from, c of the first point, direction of c, the points up to that chart as they were found)."""
+def _begin(task: _Task, begun: Sequence[FoldPoint]) -> tuple[Specials, float, list[FoldPoint]]:
+    """(the folds that follow, c of the first point, the points up to there as they were found)."""
     axis = task.axis
     if not begun:
-        chart = _first_chart(task)
-        return chart, chart.position, 1.0 if chart.position == 0 else -1.0, []
+        specials, c, first = _first(task)
+        return specials, c, [task.point(first)]
     c = 0.0 if begun[0].value == axis.start else 1.0
     found = as_found(begun, axis.start)
     position = axis.place(found[-1].value)
-    again = task.chart(found[-1].orbit, position)
-    if isinstance(again, str):
-        where = f"{axis.vary} = {shown(found[-1].value)}"
-        raise NoOrbit(f"the curve cannot be taken up at {where}: {again}", Status.NOT_CONVERGED)
     sense = position - axis.place(found[-2].value) if len(found) > 1 else 0.5 - c
-    return again, c, float(np.sign(sense)), found
+    specials = task.along(found[-1].orbit, float(np.sign(sense)), turned=any(point.turns for point in found))
+    try:
+        next(specials)  # the last point itself
+    except NoOrbit as error:
+        where = f"{axis.vary} = {shown(found[-1].value)}"
+        raise NoOrbit(f"the curve cannot be taken up at {where}: {error}", Status.NOT_CONVERGED) from None
+    return specials, c, found
 
 
 def _ending(

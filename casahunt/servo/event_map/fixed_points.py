@@ -27,6 +27,7 @@ from .scan import SCAN_HIGH, SCAN_LOW
 from .slopes import EPS, STEEP, MapPoint, cubic_is_good, map_at, nothing_between, rounding
 
 MAP_POINTS = 121
+"""Of the first grid: a tenth from one to the next over the default range; it is halved where that is too coarse."""
 MOST_POINTS, MOST_SLIPS_IN_ALL = 4000, 3000
 """Motions, and slips of all of them together, after which no interval is divided further.  A tenth does for most maps;
 where far-out motions come back after dozens of slips or never, the jumps between the two have no end."""

@@ -15,9 +15,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ...collocation.scheme import Kind
 from ...motion import Segment, march
-from ..cycles import SCHEMES, automaton, motor_torque
+from ..cycles import SCHEMES, Kind, motor_torque, system_of
 from ..hunting import Model
 from ..servo import Servo
 
@@ -36,6 +35,7 @@ FAR_OUT = 3.0
 PATIENCE = 1e6
 """Longest half period looked for, in units of the controller's times."""
 MARCH_TOLERANCE = {"switch": 1e-3, "lugre": 1e-4}
+"""A guess is all that is asked for; who wants more says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def _switch(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest:
         return segment.mode == "stick" or slips == MOST_SLIPS or thrown_out
 
     segments = march(
-        automaton("switch", P.p.size), "slip+", P.breakaway(a), P.p,
+        system_of("switch", P.p.size).vector_form, "slip+", P.breakaway(a), P.p,
         scale=P.scale(a), until=stuck_or_tired, tol=tol, degree=degree, kind=kind,
         max_time=longest, max_intervals=MOST_INTERVALS["switch"],
     )  # fmt: skip
@@ -180,7 +180,7 @@ def _lugre(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest: 
         return crossings == 2
 
     segments = march(
-        automaton("lugre", p.size), "slide+", x, p,
+        system_of("lugre", p.size).vector_form, "slide+", x, p,
         scale=P.scale(a), until=second_centre, tol=tol, degree=degree, kind=kind,
         max_time=longest, max_intervals=MOST_INTERVALS["lugre"],
     )  # fmt: skip

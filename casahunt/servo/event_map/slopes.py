@@ -38,7 +38,7 @@ import numpy as np
 
 from ...checks import require
 from ...motion import MarchFailure, Segment, forward_sensitivity, march
-from ..cycles import SCHEMES, automaton, slips_back
+from ..cycles import SCHEMES, slips_back, system_of
 from ..servo import Servo
 from .half_cycle import StickMap
 
@@ -151,7 +151,7 @@ def _motion(stick_map: StickMap, a: float, scale: Array, tol: float | None, degr
         slips = 0
         try:
             return march(
-                automaton("switch", p.size), "slip+", stick_map.breakaway(a), p,
+                system_of("switch", p.size).vector_form, "slip+", stick_map.breakaway(a), p,
                 scale=scale, until=stuck_or_tired, tol=tolerance, degree=degree, kind="gauss",
                 max_time=stick_map.patience, max_intervals=MOST_SLIP_INTERVALS,
             )  # fmt: skip
@@ -170,7 +170,7 @@ def _sensitivities(
     column = dx / scale[:, None]
     duration = 0.0
     for segment in segments:
-        form = automaton("switch", p.size)
+        form = system_of("switch", p.size).vector_form
         column, f = forward_sensitivity(form, segment, column, p, dp, scale=scale, degree=degree)  # f at the stop
         if f[1] == 0:  # the stop grazes: P has no derivative there
             nan = float("nan")

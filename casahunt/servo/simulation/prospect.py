@@ -33,7 +33,7 @@ import numpy as np
 
 from ...motion import MarchFailure, march
 from .. import stick_band as band
-from ..cycles import SCHEMES, automaton
+from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap, half_cycle
 from ..event_map.slopes import map_at
 from ..hunting import Model
@@ -143,7 +143,7 @@ def _band_position(servo: Servo, gain: float, b: float) -> float:
     """|x1| where the servo with a stick band breaks away next; 0 where it never does."""
     P, p = StickMap("switch", servo, gain), band.parameters(servo, gain)
     segments = march(
-        automaton("switch", p.size), "transition+", P.breakaway(b), p, scale=P.scale(b),
+        system_of("switch", p.size).vector_form, "transition+", P.breakaway(b), p, scale=P.scale(b),
         until=lambda segment: segment.mode == "stick", tol=1e-6, degree=8, max_time=P.patience,
         max_intervals=3000,
     )  # fmt: skip
@@ -239,7 +239,7 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
     pushed = x * np.array([1 + NUDGE, 1 + NUDGE, 1 + NUDGE, 1.0])
     try:
         segments = march(
-            automaton("lugre", p.size), mode, pushed, p, scale=scale, until=lambda _: False, tol=1e-7,
+            system_of("lugre", p.size).vector_form, mode, pushed, p, scale=scale, until=lambda _: False, tol=1e-7,
             degree=degree, kind=kind, max_time=NUDGED * period,
         )  # fmt: skip
     except MarchFailure:

@@ -22,20 +22,18 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ... import effort
 from ...checks import COMPUTED, known, moderate, number, sensible
-from ...collocation import Scheme
-from ...compiled import alone
+from ...collocation import Scheme, flow_at
 from ...errors import InputError, NoOrbit, Status
-from ...hybrid.system import System
 from ...motion import MarchFailure, Segment, march
 from ...orbits import Options
 from .. import stick_band as band
-from ..cycles import SCHEMES, automaton, names_of
+from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap
 from ..hunting import MODELS, Model
 from ..servo import Servo, a_servo
@@ -179,19 +177,17 @@ def _refined(run: _Run, tol: float, compared: Callable[[_Motion, _Motion], Traje
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """Segments of a motion with start times and the mode after each, why it ended early, and its march tolerance."""
+    """Segments of a motion, the mode after the last one, why it ended early, and its march tolerance."""
 
     segments: list[Segment]
-    starts: Array
-    after: list[str]
+    after: str
     ended: str
     tau: float
 
     @property
-    def event_times(self) -> Array:
-        """Times [s] of the ends of the segments that ended in an event."""
-        ends = self.starts + np.array([s.duration for s in self.segments])
-        return ends[[bool(s.event) for s in self.segments]]
+    def starts(self) -> Array:
+        """Times [s] at which the segments begin, and at which the last one ends."""
+        return np.cumsum([0.0, *(segment.duration for segment in self.segments)])
 
 
 class _Run:
@@ -201,7 +197,7 @@ class _Run:
         self.servo, self.model, self.gain, self.start, self.time = servo, model, gain, start, time
         self.regularised = regularised
         self.p = band.parameters(servo, gain) if regularised else servo.parameters(gain)
-        self.system: System = automaton(model, self.p.size)
+        self.system = system_of(model, self.p.size).vector_form
         stick_map = StickMap(model, servo, gain)
         self.unit = stick_map.unit
         self.scale = np.maximum(stick_map.scale(UNIT * self.unit), np.abs(start) / SPAN)
@@ -209,7 +205,7 @@ class _Run:
     def first_mode(self) -> str:
         """The mode of the initial state."""
         if self.regularised:
-            names = names_of(self.model, self.p.size)
+            names = system_of(self.model, self.p.size).names
             return band.mode_of(names.x(self.start, self.p), names.p(self.p))
         slip = "slip" if self.model == "switch" else "slide"
         if self.start[1] != 0:
@@ -221,8 +217,6 @@ class _Run:
         degree, kind = SCHEMES[self.model]
         x, mode, now = self.start, self.first_mode(), 0.0
         segments: list[Segment] = []
-        starts: list[float] = []
-        after: list[str] = []
         ended, instant = "", 0
         limit = THROWN_OUT * max(abs(float(x[0])), self.unit)
         began = clock.monotonic()
@@ -230,24 +224,19 @@ class _Run:
             lambda: f"followed to {now:.4g} s of {self.time:.4g} s{effort.left(now, self.time, began)}, to the march "
             f"tolerance {tau:.0e}"
         )  # fmt: skip
-        while now < self.time * (1 - 1e-15):
+        while now < self.time * (1 - 1e-15) and not ended:
+            left = self.time - now
             (segment,) = march(
                 self.system, mode, x, self.p, scale=self.scale, until=lambda _: True, tol=tau,
-                degree=degree, kind=kind, max_time=self.time - now, after=segments[-1] if segments else None,
+                degree=degree, kind=kind, max_time=left, after=segments[-1] if segments else None,
             )  # fmt: skip
-            closed = self.system.modes[segment.mode].flow is not None
-            if closed and segment.duration > self.time - now:  # a closed form knows no end of time
-                segment = self._cut(segment, self.time - now)
+            if self.closed(segment) and segment.duration > left:  # a closed form knows no end of time
+                segment = replace(segment, event="", duration=left, end=self.flow(segment, np.array([left]))[0])
             segments.append(segment)
-            starts.append(now)
-            now += segment.duration
-            x = segment.end
+            now, x = now + segment.duration, segment.end
             if not segment.event:
-                after.append(mode)
                 continue
-            way_out = self.system.ways_out(mode, segment.event)[0]
-            mode = way_out.successor(x, self.p)
-            after.append(mode)
+            mode = self.system.ways_out(mode, segment.event)[0].successor(x, self.p)
             instant = instant + 1 if segment.duration <= INSTANT * max(now, 1.0) else 0
             if instant > CHATTER:
                 raise MarchFailure(f"mode {segment.mode!r}: events without end at {now:.6g} s")
@@ -255,20 +244,15 @@ class _Run:
                 ended = f"{MOST_EVENTS} events by {now:.6g} s"
             elif abs(float(x[0])) > limit and escapes(self.servo, self.model, self.gain, x):
                 ended = f"{abs(float(x[0])):.3g} rad away from the set point at {now:.6g} s"
-            if ended:
-                break
-        return _Motion(segments, np.array(starts), after, ended, tau)
+        return _Motion(segments, mode, ended, tau)
 
-    def _cut(self, segment: Segment, duration: float) -> Segment:
-        end = self.flow(segment, np.array([duration]))[0]
-        return Segment(segment.mode, "", duration, segment.breaks, segment.w, end)
+    def closed(self, segment: Segment) -> bool:
+        """Whether a segment is known in closed form."""
+        return self.system.modes[segment.mode].flow is not None
 
-    @alone
     def flow(self, segment: Segment, times: Array) -> Array:
-        """(m, n) states of a closed-form segment at times (m,) after its start."""
-        flow = self.system.modes[segment.mode].flow
-        assert flow is not None
-        return np.array([np.array(flow(segment.start, t, self.p)).ravel() for t in times])
+        """(m, n) states of such a segment at times (m,) after its start."""
+        return flow_at(self.system.modes[segment.mode], segment.start, times, self.p)
 
 
 def _trajectory(run: _Run, coarse: _Motion, fine: _Motion, tol: float, set_point: float, began: float) -> Trajectory:
@@ -287,22 +271,13 @@ def _trajectory(run: _Run, coarse: _Motion, fine: _Motion, tol: float, set_point
     # Motions that were both thrown out are compared at the last time that they share.
     end_error = float(np.max(last)) if bool(fine.ended) == bool(coarse.ended) else np.inf
     ok = time_error <= tol and end_error <= tol
-    events = tuple(
-        Happening(e.time, e.name, e.before, e.after, float(error))
-        for e, error in zip(result.events, errors, strict=True)
-    )
-    return Trajectory(
-        **{
-            name: getattr(result, name)
-            for name in ("model", "servo", "gain", "set_point", "regularised", "times", "states", "modes", "stages")
-        },
-        events=events,
-        tol=tol,
+    return replace(
+        result,
+        events=tuple(replace(e, error=float(error)) for e, error in zip(result.events, errors, strict=True)),
         time_error=time_error,
         end_error=end_error,
         state_errors=np.max(difference, axis=1),
         status=Status.CONVERGED if ok else Status.TOLERANCE_NOT_REACHED,
-        ended=fine.ended,
         wall_s=clock.perf_counter() - began,
     )
 
@@ -339,25 +314,17 @@ def _alive_until(trajectory: Trajectory) -> float:
 
 def _laid_out(run: _Run, motion: _Motion, tol: float, set_point: float) -> Trajectory:
     """A motion as a Trajectory, without error estimates."""
-    s = Scheme.of(*SCHEMES[run.model])
-    n = run.start.size
-    times: list[Array] = []
-    stages: list[Array] = []
-    modes: list[str] = []
-    for start, segment in zip(motion.starts, motion.segments, strict=True):
-        times.append(start + segment.duration * segment.breaks[:-1])
-        closed = run.system.modes[segment.mode].flow is not None
-        if closed:  # linear in time, which the interpolation polynomial reproduces
-            stages.append(run.flow(segment, segment.duration * s.points)[None])
-        else:
-            stages.append(segment.w.reshape(-1, s.degree + 1, n))
-        modes += [segment.mode] * len(segment.w)
-    end = motion.segments[-1]
-    w = np.concatenate(stages)
-    last = float(motion.starts[-1] + end.duration)
-    if not motion.ended:
-        last = run.time  # to the last bit
-    named = [i for i, segment in enumerate(motion.segments) if segment.event]
+    s, n = Scheme.of(*SCHEMES[run.model]), run.start.size
+    starts, segments = motion.starts, motion.segments
+    times = [t + segment.duration * segment.breaks[:-1] for t, segment in zip(starts, segments, strict=False)]
+    w = np.concatenate([
+        # linear in time, which the interpolation polynomial reproduces
+        run.flow(segment, segment.duration * s.points)[None] if run.closed(segment)
+        else segment.w.reshape(-1, s.degree + 1, n)
+        for segment in segments
+    ])  # fmt: skip
+    last = float(starts[-1]) if motion.ended else run.time  # to the last bit
+    after = [*(segment.mode for segment in segments[1:]), motion.after]
     return Trajectory(
         model=run.model,
         servo=run.servo,
@@ -365,11 +332,12 @@ def _laid_out(run: _Run, motion: _Motion, tol: float, set_point: float) -> Traje
         set_point=set_point,
         regularised=run.regularised,
         times=np.append(np.concatenate(times), last),
-        states=np.vstack([w[:, 0], end.end]).T,
-        modes=tuple(modes),
+        states=np.vstack([w[:, 0], segments[-1].end]).T,
+        modes=tuple(segment.mode for segment in segments for _ in segment.w),
         events=tuple(
-            Happening(float(t), motion.segments[i].event, motion.segments[i].mode, motion.after[i], np.nan)
-            for t, i in zip(motion.event_times, named, strict=True)
+            Happening(float(t), segment.event, segment.mode, behind, np.nan)
+            for t, segment, behind in zip(starts[1:], segments, after, strict=True)
+            if segment.event
         ),
         tol=tol,
         time_error=np.inf,

@@ -28,7 +28,7 @@ import numpy as np
 
 from ...motion import MarchFailure, march
 from ...results import Result
-from ..cycles import SCHEMES, automaton, motor_torque
+from ..cycles import SCHEMES, motor_torque, system_of
 from ..event_map.half_cycle import StickMap
 from ..event_map.slopes import map_at
 from ..hunting import Model
@@ -344,7 +344,7 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
     servo, model, x = motion.servo, motion.model, motion.states[:, -1]
     exact = model == "switch" and not motion.regularised
     p = band_parameters(servo, motion.gain) if motion.regularised else servo.parameters(motion.gain)
-    system: Any = automaton(model, p.size)
+    system = system_of(model, p.size).vector_form
     side, slips = np.sign(x[0]), 0
 
     def over(segment: Any) -> bool:
