@@ -32,9 +32,7 @@ run.py              a branch on its way
 closed.py           where a branch closes
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
-fold_conditions.py  the conditions of a fold as constraints of a larger problem
-adjoint.py          how much a fold moves with every parameter
-optimum.py          the same as an optimisation problem: Newton's method on its conditions
+optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
 fold.py             a fold as a point of the branch and as an optimum, confirmed
 fold_expansion.py   a known fold and how it changes with parameters
 turning_points.py   the largest lambda of many members in one loop

@@ -4,7 +4,7 @@
 
 The branch is followed to its fold; there the optimisation problem is solved on the mesh of the orbit and on the mesh
 with halved intervals, by IPOPT with the exact Hessian where that is named or the conditions are not seen to hold
-(fold.py).  Its multipliers give the derivatives of the value by all other parameters at once (adjoint.py).
+(fold.py).  Its multipliers give the derivatives of the value by all other parameters at once (optimum.py).
 """
 
 from __future__ import annotations

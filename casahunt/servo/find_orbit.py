@@ -22,8 +22,9 @@ from typing import Literal
 
 from ..checks import known, of_kind, to_error
 from ..continuation.curve import curve_point
-from ..continuation.fold import WALK_TOLERANCE, confirmed_smallest
+from ..continuation.fold import WALK_TOLERANCE, confirmed
 from ..continuation.locating import locate
+from ..continuation.sheet import finer
 from ..continuation.special_points import FOLD, SpecialPoint
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
@@ -345,13 +346,13 @@ def _deny_below(
     """
     smallest = min(orbit.gain for orbit in around) * (1 + options.tol)
     for before, after in reversed(list(pairwise(around))):
-        lowest = locate(before, after, FOLD, vary="gain", options=options)
+        lowest = locate(before, after, FOLD, vary="gain", options=finer(options))
         if lowest is not None and lowest.gain <= smallest:
             break
     else:
         return
     try:
-        lower = confirmed_smallest(SpecialPoint(FOLD.kind, lowest, ""), "gain", options)
+        lower = confirmed(SpecialPoint(FOLD.kind, lowest, ""), "gain", options, sense=-1.0)
     except NoOrbit:
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):
