@@ -22,11 +22,10 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
-from .curve import along, backwards, point_at, predict
-from .cut_elsewhere import same_events
+from .curve import along, backwards, point_at, predict, solved_at
+from .recut import same_events
 from .special_points import GRAZING, SpecialPoint, special_point
 from .touching import NEAR_TOUCH, Touch, cycle_near, touching_at, value_of
-from .vanishing import solved_at
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)

@@ -33,10 +33,10 @@ from ..orbits.orbit import AnyOrbit
 from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from .bifurcations import BRANCH_POINT
 from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
-from .cut_elsewhere import apart_by_kinks
 from .locating import length_to, locate
-from .phase_change import change_of_phases
+from .recut import apart_by_kinks
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
+from .vanishing import change_of_phases
 from .walk import step_along
 
 Array = np.ndarray

@@ -37,10 +37,9 @@ from ..orbits.border import curve_border, row_along
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .curve import along, curve_point, in_units_of, parameter_value, secant
-from .locating import locate
+from .locating import locate, turned_orbit
 from .optimum import bend_at, multipliers_at, optimum, parameter_slopes
 from .special_points import FOLD, SpecialPoint, special_point
-from .turned import turned_orbit
 
 Array = np.ndarray
 

@@ -22,8 +22,7 @@ from ..collocation.error_estimate import functional_errors, left_on_halved, on_h
 from ..collocation.transcription import Setting, Transcription
 from ..orbits.amplitude import amplitudes_off, goals_of_many, row_sums
 from ..orbits.ensemble import sizes_of_steps
-from .fold_expansion import Expansion
-from .turning_points import borders
+from .fold_expansion import Expansion, borders
 
 Array = np.ndarray
 

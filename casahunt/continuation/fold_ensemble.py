@@ -37,8 +37,7 @@ from ..orbits.restart import Start
 from .curve import along
 from .fold import Fold
 from .fold_confirmation import confirmed_many, slopes_of_many
-from .fold_expansion import Expansion
-from .turning_points import from_expansion
+from .fold_expansion import Expansion, from_expansion
 
 Array = np.ndarray
 How = Literal["batch", "recut", ""]

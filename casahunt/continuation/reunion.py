@@ -29,9 +29,8 @@ from ..orbits.recurrence import is_symmetry, symmetries
 from ..orbits.restart import Start, in_scale
 from ..orbits.sequences import segments_of, start_of
 from .bifurcations import FLIP, SYMMETRY_LOST
-from .curve import curve_point, in_units_of, parameter_value, secant
+from .curve import curve_point, in_units_of, parameter_value, secant, solved_at
 from .special_points import ACCEPTED_TOLERANCES, Missed, Monitor, SpecialPoint, special_point
-from .vanishing import solved_at
 from .walk import step_along
 
 Array = np.ndarray

@@ -23,7 +23,7 @@ from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.sequences import joined, segments_of, start_of
-from .vanishing import solved_at
+from .curve import solved_at
 
 LOOKED_FOR = (1.0, 0.618)
 """Parts of the way that the parameter is to go at which the symmetry is looked for."""

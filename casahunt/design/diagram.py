@@ -20,9 +20,8 @@ from typing import Any
 from .. import effort
 from ..continuation.crossings import crossings
 from ..continuation.fold import next_fold
-from ..continuation.natural_walk import walk_naturally
 from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
-from ..continuation.walk import walk
+from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers

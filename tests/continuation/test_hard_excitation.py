@@ -26,7 +26,6 @@ from casahunt.continuation.crossings import crossings
 from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
 from casahunt.continuation.locating import locate
-from casahunt.continuation.natural_walk import walk_naturally
 from casahunt.continuation.optimum import data_of, fold_conditions
 from casahunt.continuation.special_points import (
     FOLD,
@@ -37,7 +36,7 @@ from casahunt.continuation.special_points import (
     special_point,
     user_monitor,
 )
-from casahunt.continuation.walk import run, step_along, walk
+from casahunt.continuation.walk import run, step_along, walk, walk_naturally
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.system import Cycle
 from casahunt.orbits import adapt
