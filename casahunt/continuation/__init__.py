@@ -28,8 +28,7 @@ grazing_search.py   from a cycle that keeps clear of an event to one that touche
 optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
 fold.py             a fold as a point of the branch and as an optimum, confirmed
 fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
-fold_confirmation.py their errors and their derivatives
-fold_ensemble.py    folds of many problems near one whose fold is known
+fold_ensemble.py    folds of many problems near one whose fold is known, with their errors and derivatives
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
 sheet.py            orbits beside a special one, as a surface over two parameters
 special_charts.py   charts of a curve of special points: its gradient, slope and error

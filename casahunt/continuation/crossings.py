@@ -256,8 +256,8 @@ class Crossings(Generic[AnyOrbit]):
         if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
             return hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
         # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
-        mean = self._mean_slope(x, y)
-        return hides_a_pair(at, np.arcsin(np.clip(values, -1, 1)), x.at, y.at, float(np.arcsin(np.clip(mean, -1, 1))))
+        # No component comes out larger than 1: squares are summed, and the root taken, without falling below its own.
+        return hides_a_pair(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
 
     def _mean_slope(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> float:
         """The mean of d lambda/d s over a step, which its ends know."""

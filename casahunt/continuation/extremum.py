@@ -18,12 +18,12 @@ from ..checks import known
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
-from .behind_grazing import from_strongest
 from .curve import parameter_value
 from .fold import WALK_TOLERANCE, Fold, confirmed, located, turns_back
 from .recut import cut_by_planes
 from .sheet import finer
 from .special_points import SpecialPoint
+from .vanishing import from_strongest
 from .walk import walk
 from .whole import as_whole_as_needed
 

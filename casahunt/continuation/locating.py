@@ -10,6 +10,7 @@ to one is adapted or estimated; where Newton's method does not lead there, steps
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -147,18 +148,24 @@ def _located_nearer(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
 ) -> AnyOrbit | None:
     """`locate` where no step from either orbit leads there: a walk with shorter ones does, as the curve bends."""
-    way, (low, high) = secant(before, after, vary), before.problem.range_of(vary)
     last, value = before, monitor.value(before, ends(before, after, vary)[0])
-    with suppress(NoOrbit):
-        for orbit in walk(
-            before, vary=vary, low=low, high=high, heading=way, options=options,
-            first_step=FIRST_PART * float(np.linalg.norm(way)), max_points=STEPS_NEARER,
-        ):  # fmt: skip
-            f = monitor.value(orbit, ends(last, orbit, vary)[1])
-            if f * value < 0:
-                return _located_from(last, orbit, monitor, vary=vary, options=options)
-            last, value = orbit, f
+    for orbit in nearer(before, after, vary, options):
+        f = monitor.value(orbit, ends(last, orbit, vary)[1])
+        if f * value < 0:
+            return _located_from(last, orbit, monitor, vary=vary, options=options)
+        last, value = orbit, f
     return None
+
+
+def nearer(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> Iterator[AnyOrbit]:
+    """The orbits of a walk from one orbit towards another of its branch, in shorter steps, as far as one leads."""
+    way, (low, high) = secant(before, after, vary), before.problem.range_of(vary)
+    first = FIRST_PART * float(np.linalg.norm(way))
+    with suppress(NoOrbit):
+        yield from walk(
+            before, vary=vary, low=low, high=high, heading=way, options=options, first_step=first,
+            max_points=STEPS_NEARER,
+        )  # fmt: skip
 
 
 def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ import numpy as np
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit
-from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
+from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST, pair_of
 from .fold import Fold, confirmed
 from .plane_curve import LOCATED, Reading
 from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
@@ -232,7 +231,7 @@ def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:
     if monitor.kind != NEIMARK_SACKER.kind:
         off = float(np.min(np.abs(mu + 1), initial=np.inf))
         return "" if off <= slack else f"no multiplier is -1: the nearest is off by {off:.2g}"
-    a, b = _pair(orbit)
+    a, b = pair_of(orbit)
     if abs(a * b - 1) > 2 * slack:
         return "no pair of multipliers lies on the unit circle"
     if abs(a.imag) > COMPLEX:
@@ -259,12 +258,6 @@ def _resonance(turned: bool) -> str:
     return "-1: a 1:2 resonance" if turned else "+1: a 1:1 resonance"
 
 
-def _pair(orbit: Orbit) -> tuple[complex, complex]:
-    """The two nontrivial multipliers whose product is nearest to 1."""
-    pairs = list(combinations(orbit.multipliers.half[1:], 2))
-    return min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1)) if pairs else (0j, 0j)
-
-
 def _angle(orbit: Orbit) -> float:
     """Of that pair, in [0, pi]."""
-    return abs(float(np.angle(_pair(orbit)[0])))
+    return abs(float(np.angle(pair_of(orbit)[0])))

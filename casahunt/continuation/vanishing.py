@@ -13,9 +13,8 @@ free, it leads to the touch; behind it stands the cycle without the phase.  Betw
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
+from itertools import chain, takewhile
 from typing import cast
 
 import numpy as np
@@ -23,17 +22,16 @@ import numpy as np
 from ..collocation.mesh import halved, phase_breaks
 from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
-from ..errors import NoOrbit
 from ..hybrid.roots import boundary
 from ..orbits.adapt import Options, on_breaks
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.restart import Start
 from ..orbits.starts import may_vanish
 from .curve import along, backwards, curve_point, in_units_of, parameter_value, secant, solved_at
-from .locating import FIRST_PART, STEPS_NEARER
+from .locating import nearer
 from .recut import same_events
 from .touching import touching_orbit
-from .walk import step_along, walk
+from .walk import step_along
 
 Array = np.ndarray
 
@@ -58,7 +56,9 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
 
     orbit: a cycle with a phase that is about to vanish. Returns Orbit; None where no phase vanishes.
     """
-    problem, orbit = orbit.problem, _with_it_inside(orbit, options)
+    problem, k = orbit.problem, may_vanish([arc.duration for arc in orbit.arcs])
+    if k in (0, len(orbit.arcs) - 1):  # it is joined with its neighbours; the image of the first phase is none yet
+        orbit, _ = from_strongest(orbit, None, options)
     t, u, setting = unknowns_of(orbit)
     found = problem.vanishing(t, u, setting)
     if found is None:
@@ -80,17 +80,26 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     return cast(AnyOrbit, without) if without is not None and without.signature != orbit.signature else None
 
 
-def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
-    """The same cycle from another phase on, so that the one that is about to vanish is neither the first nor the last.
+def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options) -> tuple[AnyOrbit, AnyOrbit | None]:
+    """The same cycles from the boundary on that is crossed the fastest: next to one that is touched, x_0 turns back.
 
-    It is joined with its neighbours; the image of the first phase is no neighbour yet.
+    There its distance from the touch goes like a square root of the parameter's, as if the branch had a fold.
+
+    orbit, previous: the cycle, and the one before it on the branch or None.
+    Returns both; as they are where that is not known.
     """
-    k, family = may_vanish([arc.duration for arc in orbit.arcs]), orbit.problem
-    if k is None or 0 < k < len(orbit.arcs) - 1:
-        return orbit
-    start = family.starting_at(family.strongest(*unknowns_of(orbit)), *unknowns_of(orbit))
-    found = None if start is None else solved_at(family, start, options)
-    return orbit if found is None else cast(AnyOrbit, found)
+    family = orbit.problem
+    if previous is not None and previous.signature != orbit.signature:
+        return orbit, previous
+    first = family.strongest(*unknowns_of(orbit))
+    turned = []
+    for one in (orbit,) if previous is None else (orbit, previous):
+        start = family.starting_at(first, *unknowns_of(one)) if first else None
+        found = None if start is None else solved_at(one.problem, start, options)
+        if found is None:
+            return orbit, previous
+        turned.append(cast(AnyOrbit, found))
+    return turned[0], turned[1] if previous is not None else None
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) -> tuple[Array, float] | None:
@@ -99,10 +108,9 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
     Nor where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding.
     """
     goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
-    durations, way = np.zeros(t.phases), 0.0
+    way = 0.0
     while float(t.durations_of(u)[k]) > goal:
-        durations[k] = 1.0 / t.durations_of(u)[k]
-        row = t.system.border(durations=durations)
+        row = _row(t, u, k)
         du, y = t.linearise(u, setting.moved(lam)).tangent(row)
         if way * y[-1] < 0 and abs(y[-1]) > tol:
             return None  # lambda turns round: a fold comes first
@@ -116,6 +124,13 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
     return u, lam
 
 
+def _row(t: Transcription, u: Array, k: int) -> Array:
+    """The border row of ln T_k."""
+    durations = np.zeros(t.phases)
+    durations[k] = 1.0 / t.durations_of(u)[k]
+    return t.system.border(durations=durations)
+
+
 def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float] | None:
     """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle.
 
@@ -124,9 +139,7 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
     t, u, setting = start
     for _ in range(MESHES_OF_A_TOUCH):
         finer, v, there = on_breaks((t, u, setting), halved(phase_breaks(t, setting.fractions)))
-        durations = np.zeros(t.phases)
-        durations[k] = 1.0 / t.durations_of(u)[k]
-        row = t.system.border(durations=durations)
+        row = _row(t, u, k)
         solution = newton(finer, v, there, border=row, parameter=lam, accuracy=1e-3 * tol)
         if not solution.status.ok:
             return None
@@ -179,28 +192,14 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
     if same_events(before, after):
         return None
     fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
-    for orbit in _nearer(more, fewer, vary, options):
+    alike = takewhile(lambda orbit: orbit.signature == more.signature, nearer(more, fewer, vary, options))
+    for orbit in chain((more,), alike):
         gone = touched(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
     last = _last_alike(fewer, more, vary, options)
     touch = touching_orbit(last, vary, options)
     return last if isinstance(touch, str) else touch
-
-
-def _nearer(more: AnyOrbit, fewer: AnyOrbit, vary: str, options: Options) -> Iterator[AnyOrbit]:
-    """The orbit with more phases, and those with the same phases on the way to the other one."""
-    yield more
-    low, high = more.problem.range_of(vary)
-    way = secant(more, fewer, vary)
-    with suppress(NoOrbit):
-        for orbit in walk(
-            more, vary=vary, low=low, high=high, heading=way, options=options,
-            first_step=FIRST_PART * float(np.linalg.norm(way)), max_points=STEPS_NEARER,
-        ):  # fmt: skip
-            if orbit.signature != more.signature:
-                return
-            yield orbit
 
 
 def _on_the_way(before: Orbit, touch: Orbit, after: Orbit, vary: str) -> bool:

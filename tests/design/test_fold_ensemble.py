@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Options, Servo, Status, find_fold
-from casahunt.continuation import fold_confirmation, fold_expansion, smallest
 from casahunt.continuation import fold_ensemble as engine
-from casahunt.continuation.fold_confirmation import confirmed_many
+from casahunt.continuation import fold_expansion, smallest
+from casahunt.continuation.fold_ensemble import confirmed_many
 from casahunt.design.ensemble import fold_ensemble
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.uncertainty import batch
@@ -168,15 +168,22 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.undo()
     honest = engine.admissible_many
 
-    def doubts(t, u, settings):
-        return honest(t, u, settings) & (settings.p[:, 4] != rows[1, 4])
+    def doubting(halves):
+        meshes = []
+
+        def doubts(t, u, settings):
+            meshes.append(t.intervals)
+            believed = (t.intervals > meshes[0]) != halves
+            return honest(t, u, settings) & (believed | (settings.p[:, 4] != rows[1, 4]))
+
+        return doubts
 
     # Of the fold, which is then judged on a mesh of its own; and of what a Newton step on the halved mesh makes of it.
-    for module, otherwise in ((engine, "recut"), (fold_confirmation, "alone")):
-        monkeypatch.setattr(module, "admissible_many", doubts)
+    for halves, otherwise in ((False, "recut"), (True, "alone")):
+        monkeypatch.setattr(engine, "admissible_many", doubting(halves))
         assert how() == ("batch", otherwise, "batch")
         monkeypatch.undo()
-    monkeypatch.setattr(fold_confirmation, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
+    monkeypatch.setattr(engine, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
     assert how() == ("alone",) * 3
     monkeypatch.undo()
     known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
