@@ -45,6 +45,7 @@ AS_BORN = 0.3
 KNOWN_TO_TOLERANCES = 100.0
 """They are known to so many tolerances."""
 INTERVALS_OF_A_TURN = 12
+"""A polynomial of degree 4 has a twelfth of an ellipse to 1e-6 of its size; from there the mesh is adapted."""
 SEEN = 1e-6
 """A state that swings by less than this part of its size is no place to cut."""
 SAME_VECTOR = 1e-8

@@ -123,6 +123,14 @@ def rates(field: Field, sign: float, x: Array, p: Array) -> Rates:
     return Rates(np.array(f).ravel(), np.array(A), np.array(by_p).reshape(x.size, p.size))
 
 
+def solved(matrix: Array, right: Array) -> Array | None:
+    """The solution of linear equations; None where the matrix is singular."""
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return None
+
+
 def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     """The equilibrium next to a state, by Newton's method.
 
@@ -130,11 +138,8 @@ def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     """
     for _ in range(REST_ROUNDS):
         here = rates(field, sign, x, p)
-        if not here.finite:
-            return None
-        try:
-            step = np.linalg.solve(here.A, here.f)
-        except np.linalg.LinAlgError:
+        step = solved(here.A, here.f) if here.finite else None
+        if step is None:
             return None
         x = x - step
         if np.max(np.abs(step)) <= AT_REST * max(1.0, float(np.max(np.abs(x)))):
@@ -226,16 +231,20 @@ class Curve:
         p[self.i] = value
         return p
 
+    def rates(self, y: Array, units: Array) -> tuple[Rates, Array]:
+        """The field at a point, and (n, n + 1) [f_x f_p] in some units."""
+        here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
+        return here, np.column_stack([here.A, here.by_p[:, self.i]]) * units
+
     def tangent(self, y: Array, units: Array, like: Array) -> Array | None:
         """The direction of the curve at a point.
 
         y, units, like: (n + 1,) each: the point, units of its entries, and a direction that it makes an acute angle
         with. Returns (n + 1,) y' in these units, of length one; None where the field is not finite.
         """
-        here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
+        here, matrix = self.rates(y, units)
         if not here.finite:
             return None
-        matrix = np.column_stack([here.A, here.by_p[:, self.i]]) * units
         size = np.linalg.norm(matrix, axis=1, keepdims=True)
         found = np.linalg.svd(matrix / np.where(size > 0, size, 1.0))[2][-1]
         return found if float(found @ like) >= 0 else -found
@@ -247,13 +256,9 @@ class Curve:
         both. Returns the point and the number of Newton steps; None where they do not converge.
         """
         for k in range(CORRECTIONS):
-            here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
-            if not here.finite:
-                return None
-            matrix = np.vstack([np.column_stack([here.A, here.by_p[:, self.i]]) * units, row])
-            try:
-                step = np.linalg.solve(matrix, np.append(here.f, 0.0))
-            except np.linalg.LinAlgError:
+            here, matrix = self.rates(y, units)
+            step = solved(np.vstack([matrix, row]), np.append(here.f, 0.0)) if here.finite else None
+            if step is None:
                 return None
             y = y - step * units
             if np.linalg.norm(step) <= CORRECTED * max(1.0, float(np.linalg.norm(y / units))):
@@ -285,7 +290,7 @@ class Curve:
 
     def eigenvalues(self, y: Array) -> Array:
         """(n,) of f_x, the one that grows fastest first."""
-        values = np.linalg.eigvals(rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1])).A).astype(complex)
+        values = np.linalg.eigvals(self.rates(y, np.ones(y.size))[0].A).astype(complex)
         return values[np.argsort(-values.real, kind="stable")]
 
     def margins(self, y: Array) -> Array:
@@ -327,8 +332,7 @@ class Curve:
 
     def crossed(self, place: Place) -> bool:
         """Whether two curves of equilibria cross at a point: [f_x f_p] has a rank less than n there."""
-        here = rates(self.mode.field, self.mode.sign, place.y[:-1], self.at(place.y[-1]))
-        sizes = np.linalg.svd(np.column_stack([here.A, here.by_p[:, self.i]]) * place.units, compute_uv=False)
+        sizes = np.linalg.svd(self.rates(place.y, place.units)[1], compute_uv=False)
         return bool(sizes[-1] <= CROSSED * sizes[0])
 
 

@@ -37,7 +37,7 @@ from ..orbits.closure import Section
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.restart import from_segments
-from ..orbits.sequences import joined, part_of, segments_of, start_of
+from ..orbits.sequences import part_of, segments_of, start_of, uncut
 from ..orbits.starts import may_vanish
 from .curve import along, point_at, solved_along, solved_at
 
@@ -58,6 +58,7 @@ SAME_PERIOD = 1e-3
 AT_NOTHING = 1e-9
 """A level below this part of the range is zero."""
 _WATCHED = np.linspace(0.0, 1.0, 9)
+"""Places in an interval at which the sides of a plane are told: no motion that is solved on it swings faster."""
 NEXT_TO_IT = 0.2
 """A plane is next to an event when the phase between them is shorter than this part of its longer neighbour."""
 
@@ -299,15 +300,10 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     if whole is None:
         return None
     start = unknowns_of(whole)
-    phases: list[list[Segment]] = [[]]
-    for segment in segments_of(*start):
-        phases[-1].append(segment)
-        if segment.event not in family.marks:
-            phases.append([])
     plain = family.closing(family.closure)
-    uncut = solved_at(plain, start_of(plain.asked(), [joined(some) for some in phases if some], start), options)
+    found = solved_at(plain, start_of(plain.asked(), uncut(segments_of(*start), family.marks), start), options)
     forced = TURNS in family.system.names.entries
-    return cast("AnyOrbit | None", _halved(plain, uncut, options) if uncut is not None and forced else uncut)
+    return cast("AnyOrbit | None", _halved(plain, found, options) if found is not None and forced else found)
 
 
 def _halved(family: Cycles, orbit: Orbit, options: Options) -> Any:

@@ -115,6 +115,13 @@ class SpecialChart:
         near = max(LOCATED, ENOUGH * self.task.options.tol)
         return Reading(value, orbit, near) if np.isfinite(value) else "its multipliers are not known well enough"
 
+    def along_s(self) -> tuple[Reading, Reading, float] | str:
+        """What is read a little further on and further back along the branch, and phi_s; or a sentence."""
+        above, below = self.value(DIFFERENCE, 0.0), self.value(-DIFFERENCE, 0.0)
+        if isinstance(above, str):
+            return above
+        return below if isinstance(below, str) else (above, below, (above.value - below.value) / (2 * DIFFERENCE))
+
     def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
         """The chart of the special point that was read at a place of the sheet.
 
@@ -141,12 +148,10 @@ def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> Specia
     position = like.position + m
     sheet = sheet_of(orbit, vary, axis, position, options=like.options, spacing=like.spacing, like=like)
     bare = SpecialChart(task, replace(sheet, steepness=like.steepness))
-    above, below = bare.value(DIFFERENCE, 0.0), bare.value(-DIFFERENCE, 0.0)
-    if isinstance(above, str):
-        return above
-    if isinstance(below, str):
-        return below
-    phi_s = (above.value - below.value) / (2 * DIFFERENCE)
+    beside = bare.along_s()
+    if isinstance(beside, str):
+        return beside
+    above, below, phi_s = beside
     try:
         fold = _extremum(task, orbit, vary, phi_s)
     except NoOrbit as refusal:

@@ -48,7 +48,7 @@ from .curve import (
 
 Array = np.ndarray
 
-FIRST_STEP = 0.1
+FIRST_STEP = 0.1  # as a change of the parameter by a tenth, or of the states by a tenth of their size
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
 SKETCHED_ITERATIONS = 5  # the same of a sketch, which has fewer
 SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a change of phases
