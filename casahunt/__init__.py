@@ -25,9 +25,8 @@ from typing import TYPE_CHECKING, Any
 from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
 
 if TYPE_CHECKING:
-    from .continuation.natural_walk import walk_naturally
     from .continuation.special_points import Missed, SpecialPoint
-    from .continuation.walk import walk
+    from .continuation.walk import walk, walk_naturally
     from .design.diagram import collect, diagram
     from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
     from .design.fold_curve.curve import fold_curve
@@ -74,8 +73,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "continuation.special_points": ("Missed", "SpecialPoint"),
-    "continuation.natural_walk": ("walk_naturally",),
-    "continuation.walk": ("walk",),
+    "continuation.walk": ("walk", "walk_naturally"),
     "design.diagram": ("collect", "diagram"),
     "design.ensemble": ("FoldEnsemble", "fold_ensemble", "orbit_ensemble"),
     "design.fold_curve.curve": ("fold_curve",),

@@ -4,42 +4,31 @@
 
 moving_mesh.py      meshes that move with a branch
 predictor.py        the last two points of a branch, interpolated and carried on
-curve.py            the curve of a branch: its points and tangents
-walk.py             orbits along it, by pseudo-arclength
-natural_walk.py     at prescribed values of the parameter
-vanishing.py        where a phase shrinks to nothing
+curve.py            the curve of a branch: its points and tangents, and the cycle next to one
+walk.py             orbits along it, by pseudo-arclength, or at prescribed values of the parameter
 special_points.py   folds, symmetry breaking, superstable and grazing cycles: what they are
-cut_elsewhere.py    another plane for a cycle that meets events, too
+recut.py            another plane for a cycle that is cut by planes
 touching.py         cycles that touch an event
-turned.py           the orbit where a branch turns: the extended system of a fold (collocation/turn.py)
-locating.py         the orbit between two at which a monitor vanishes
-phase_change.py     where between two orbits the phases change
+locating.py         the orbit between two at which a monitor vanishes, or where a branch turns (collocation/turn.py)
+vanishing.py        where a phase shrinks to nothing, and where between two orbits the phases change
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
-recut.py            another plane for a cycle that is cut by planes
 behind_grazing.py   behind a grazing: the cycle that a branch goes on with
-equilibrium.py      equilibria of a field, and the normal form of their Hopf bifurcations
-equilibrium_curve.py the curve of equilibria of a mode
+equilibrium.py      the curve of equilibria of a mode, and the normal form of their Hopf bifurcations
 equilibrium_branch.py equilibria of a mode, followed in a parameter
 birth.py            the cycle that is born at a Hopf bifurcation
-terminations.py     where cycles end: shrunk, grown, at an equilibrium
-through_rest.py     through the rest that a forced cycle shrinks to
+terminations.py     where cycles end: shrunk, grown, at an equilibrium; and through a rest
 whole.py            half of a symmetric cycle made whole where a parameter breaks the symmetry
-branch.py           a branch as it is handed out
-run.py              a branch on its way
+branch.py           a branch on its way, and as it is handed out
 closed.py           where a branch closes
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that touches it
-fold_conditions.py  the conditions of a fold as constraints of a larger problem
-adjoint.py          how much a fold moves with every parameter
-optimum.py          the same as an optimisation problem: Newton's method on its conditions
+optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
 fold.py             a fold as a point of the branch and as an optimum, confirmed
-fold_expansion.py   a known fold and how it changes with parameters
-turning_points.py   the largest lambda of many members in one loop
-fold_confirmation.py their errors and their derivatives
-fold_ensemble.py    folds of many problems near one whose fold is known
+fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
+fold_ensemble.py    folds of many problems near one whose fold is known, with their errors and derivatives
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
 sheet.py            orbits beside a special one, as a surface over two parameters
 special_charts.py   charts of a curve of special points: its gradient, slope and error

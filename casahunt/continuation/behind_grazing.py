@@ -22,11 +22,10 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
-from .curve import along, backwards, point_at, predict
-from .cut_elsewhere import same_events
+from .curve import along, backwards, point_at, predict, solved_at
+from .recut import same_events
 from .special_points import GRAZING, SpecialPoint, special_point
 from .touching import NEAR_TOUCH, Touch, cycle_near, touching_at, value_of
-from .vanishing import solved_at
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
@@ -107,28 +106,6 @@ def _with_one_more(orbit: AnyOrbit, place: Touch, vary: str, options: Options) -
                 value = family.moved(vary, lam, solved.solution.parameter)
                 return cast(AnyOrbit, orbit_of(solved, family.with_value(vary, value), wall_s=0.0))
     return None
-
-
-def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options) -> tuple[AnyOrbit, AnyOrbit | None]:
-    """The same cycles from the boundary on that is crossed the fastest: next to one that is touched, x_0 turns back.
-
-    There its distance from the touch goes like a square root of the parameter's, as if the branch had a fold.
-
-    orbit, previous: the cycle, and the one before it on the branch or None.
-    Returns both; as they are where that is not known.
-    """
-    family = orbit.problem
-    if previous is not None and previous.signature != orbit.signature:
-        return orbit, previous
-    first = family.strongest(*unknowns_of(orbit))
-    turned = []
-    for one in (orbit,) if previous is None else (orbit, previous):
-        start = family.starting_at(first, *unknowns_of(one)) if first else None
-        found = None if start is None else solved_at(one.problem, start, options)
-        if found is None:
-            return orbit, previous
-        turned.append(cast(AnyOrbit, found))
-    return turned[0], turned[1] if previous is not None else None
 
 
 def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:

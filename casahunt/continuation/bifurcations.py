@@ -50,22 +50,17 @@ def _product(factors: Array, sizes: Array) -> float:
     return float(np.prod(factors / (1 + sizes)).real) if np.isfinite(sizes).all() else math.nan
 
 
-def _plus_one(orbit: Orbit, point: Point) -> float:
-    mu = _nontrivial(orbit)
-    return _product(mu - 1, np.abs(mu))
+def _passes(at: float, kind: str, meaning: str) -> Monitor:
+    """The monitor of a multiplier that passes `at`."""
 
+    def value(orbit: Orbit, point: Point) -> float:
+        mu = _nontrivial(orbit)
+        return _product(mu - at, np.abs(mu))
 
-def _minus_one(orbit: Orbit, point: Point) -> float:
-    mu = _nontrivial(orbit)
-    return _product(mu + 1, np.abs(mu))
+    def sure(orbit: Orbit, point: Point) -> bool:
+        return bool(np.all(np.abs(_nontrivial(orbit) - at) > _errors(orbit)))
 
-
-def _off_plus_one(orbit: Orbit, point: Point) -> bool:
-    return bool(np.all(np.abs(_nontrivial(orbit) - 1) > _errors(orbit)))
-
-
-def _off_minus_one(orbit: Orbit, point: Point) -> bool:
-    return bool(np.all(np.abs(_nontrivial(orbit) + 1) > _errors(orbit)))
+    return Monitor(kind, value, f"{kind} at {{name}} = {{value:.10g}}: {meaning}", sure=sure, by_multipliers=True)
 
 
 def _pairs(orbit: Orbit) -> list[tuple[complex, complex]]:
@@ -92,30 +87,21 @@ def _slope_is_sure(orbit: Orbit, point: Point) -> bool:
     return abs(float(point.row[-1])) > NOISE_OF_SLOPE * orbit.error_estimate
 
 
+def pair_of(orbit: Orbit) -> tuple[complex, complex]:
+    """The two nontrivial multipliers whose product is nearest to 1; zeros where there are no two."""
+    return min(_pairs(orbit), key=lambda pair: abs(pair[0] * pair[1] - 1), default=(0j, 0j))
+
+
 def _is_complex(orbit: Orbit) -> bool:
-    if not (pairs := _pairs(orbit)):
-        return False
-    a, _ = min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1))
-    return abs(a.imag) > COMPLEX
+    return abs(pair_of(orbit)[0].imag) > COMPLEX
 
 
 TURN = replace(FOLD, sure=_slope_is_sure)
-BRANCH_POINT = Monitor(
-    "branch point", _plus_one,
-    "branch point at {name} = {value:.10g}: a multiplier passes +1 while {name} goes on, and another branch of cycles "
-    "crosses this one",
-    sure=_off_plus_one, by_multipliers=True,
-)  # fmt: skip
-FLIP = Monitor(
-    "flip", _minus_one,
-    "flip at {name} = {value:.10g}: a cycle of twice the period branches off",
-    sure=_off_minus_one, by_multipliers=True,
+BRANCH_POINT = _passes(
+    1.0, "branch point", "a multiplier passes +1 while {name} goes on, and another branch of cycles crosses this one"
 )
-SYMMETRY_LOST = Monitor(
-    "symmetry breaking", _minus_one,
-    "symmetry breaking at {name} = {value:.10g}: a pair of lopsided cycles branches off",
-    sure=_off_minus_one, by_multipliers=True,
-)  # fmt: skip
+FLIP = _passes(-1.0, "flip", "a cycle of twice the period branches off")
+SYMMETRY_LOST = _passes(-1.0, "symmetry breaking", "a pair of lopsided cycles branches off")
 NEIMARK_SACKER = Monitor(
     "Neimark-Sacker", _pair_on_the_circle, "Neimark-Sacker at {name} = {value:.10g}: a torus branches off",
     sure=_off_the_circle, confirmed=_is_complex, by_multipliers=True,

@@ -24,17 +24,15 @@ from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind
 from ..motion.phases import Segment
-from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.adapt import Options
 from ..orbits.closure import Closure, Section, with_sections
 from ..orbits.family import Family, measured_of
-from ..orbits.orbit import orbit_of
 from ..orbits.recurrence import is_symmetry, symmetries
 from ..orbits.restart import from_segments
 from ..orbits.system_orbit import SystemOrbit
-from .curve import along, parameter_value
-from .equilibrium import NormalForm
+from .curve import along, parameter_value, solved_along
+from .equilibrium import HOPF, NormalForm
 from .equilibrium_branch import SpecialEquilibrium
-from .equilibrium_curve import HOPF
 
 Array = np.ndarray
 
@@ -47,6 +45,7 @@ AS_BORN = 0.3
 KNOWN_TO_TOLERANCES = 100.0
 """They are known to so many tolerances."""
 INTERVALS_OF_A_TURN = 12
+"""A polynomial of degree 4 has a twelfth of an ellipse to 1e-6 of its size; from there the mesh is adapted."""
 SEEN = 1e-6
 """A state that swings by less than this part of its size is no place to cut."""
 SAME_VECTOR = 1e-8
@@ -224,12 +223,10 @@ def _solved(told: _Foretold, measured: str | Function, options: Options, began: 
     start = from_segments(cycle, [(1.0, s) for s in segments], p, along(problem, vary), degree=degree, kind=kind)
     row = (segments[0].start - told.x) / start[2].scale
     row = np.append(row / np.linalg.norm(row), [0.0, 0.0])
-    solved = solve_adaptively(problem, start, options, solver="newton", border=row)
-    if not solved.status.ok or solved.estimate is None:
-        return solved.complaint()
-    value = problem.moved(vary, solved.solution.parameter)
-    orbit: SystemOrbit = orbit_of(solved, problem.with_value(vary, value), wall_s=time.perf_counter() - began)
-    return orbit if _as_born(orbit, told, options.tol) else f"the one found at {vary} = {value:.8g} is another one"
+    orbit: SystemOrbit | str = solved_along(problem, start, vary, row, options, began=began)
+    if isinstance(orbit, str) or _as_born(orbit, told, options.tol):
+        return orbit
+    return f"the one found at {vary} = {parameter_value(orbit, vary):.8g} is another one"
 
 
 def _as_born(orbit: SystemOrbit, told: _Foretold, tol: float) -> bool:

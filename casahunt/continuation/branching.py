@@ -29,15 +29,15 @@ from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
-from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.adapt import Options
 from ..orbits.closure import Closure, Section, with_sections
 from ..orbits.family import Cycles
-from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.recurrence import image_of
 from ..orbits.restart import Start
 from ..orbits.sequences import segments_of
 from .bifurcations import FLIP, SYMMETRY_LOST
-from .curve import along, curve_point, parameter_value
+from .curve import along, curve_point, parameter_value, solved_along
 from .special_points import SpecialPoint
 
 Array = np.ndarray
@@ -108,15 +108,13 @@ def branch_off(
     row = np.append(direction, [0.0, 0.0])
     for distance in off * OFF_AGAIN ** np.arange(OFF_TRIES):
         start = _two_pieces(orbit, family, problem, distance * du, along(family, vary))
-        solved = solve_adaptively(problem, start, options, solver="newton", border=row)
-        if not solved.status.ok:
-            fault = solved.complaint()
+        found = solved_along(problem, start, vary, row, options, began=began)
+        if isinstance(found, Complaint):
+            fault = found
             continue
-        value = problem.moved(vary, solved.solution.parameter)
-        found: AnyOrbit = orbit_of(solved, problem.with_value(vary, value), wall_s=time.perf_counter() - began)
         fault = Complaint(_not_next_to(found, orbit, vary, distance * direction), Status.NOT_CONVERGED)
         if not fault:
-            return found
+            return cast(AnyOrbit, found)
     raise NoOrbit(f"what branches off at the {special.meaning} was not computed: {fault}", fault.status)
 
 

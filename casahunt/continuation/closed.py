@@ -11,13 +11,12 @@ import numpy as np
 
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from .bifurcations import BRANCH_POINT
-from .branch import Branch
+from .branch import Branch, Run
 from .crossings import Passed, special_points_between
+from .curve import solved_at
 from .reunion import met_at, reunion, short_of
-from .run import Run
 from .special_points import FOLD, GRAZING, Missed
 from .terminations import End, ranges
-from .vanishing import solved_at
 
 LEAST_ROUND = 6
 """Orbits that a closed branch has at least: round two folds."""

@@ -33,10 +33,10 @@ from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from ..roots import hides_a_pair
 from .bifurcations import BRANCH_POINT
 from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
-from .cut_elsewhere import apart_by_kinks
 from .locating import length_to, locate
-from .phase_change import change_of_phases
+from .recut import apart_by_kinks
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
+from .vanishing import change_of_phases
 from .walk import step_along
 
 Array = np.ndarray
@@ -248,8 +248,8 @@ class Crossings(Generic[AnyOrbit]):
         if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
             return hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
         # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
-        mean = self._mean_slope(x, y)
-        return hides_a_pair(at, np.arcsin(np.clip(values, -1, 1)), x.at, y.at, float(np.arcsin(np.clip(mean, -1, 1))))
+        # No component comes out larger than 1: squares are summed, and the root taken, without falling below its own.
+        return hides_a_pair(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
 
     def _mean_slope(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> float:
         """The mean of d lambda/d s over a step, which its ends know."""

@@ -13,7 +13,9 @@ while x_0 and the parameter move by 1e-7.  Its duration tells; the others, of lo
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +23,10 @@ from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
+from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.border import curve_border, with_other_phases
-from ..orbits.orbit import Orbit, Solved, linearised
+from ..orbits.orbit import Orbit, Solved, linearised, orbit_of
+from ..orbits.restart import Start
 from .moving_mesh import Way, by_time, stiff, way_of
 from .predictor import Bend, Place, alive, bent, logarithms, straight, unknowns
 
@@ -69,6 +73,35 @@ def parameter_value(orbit: Orbit, vary: str) -> float:
     orbit, vary: the orbit, and the name of the parameter.
     """
     return orbit.problem.value(vary)
+
+
+def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
+    """The cycle next to a starting point, at the parameters of the problem.
+
+    problem, start, options: the problem, the starting point, and the tolerance.
+    Returns Orbit; None where it does not converge.
+    """
+    began = time.perf_counter()
+    t, u, setting = start
+    start = t, u, replace(setting, p=problem.vector())
+    solved = solve_adaptively(problem, start, options, solver="newton")
+    return orbit_of(solved, problem, wall_s=time.perf_counter() - began) if solved.status.ok else None
+
+
+def solved_along(
+    problem: Problem, start: Start, vary: str, row: Array, options: Options, *, began: float | None = None, **how: Any
+) -> Any:
+    """The cycle next to a starting point under a row of the curve, the parameter being free.
+
+    row: (n + 2,); began: when the search for it began; how: as of `solve_adaptively`. Returns Orbit, of the class that
+    the problem names; or the Complaint about why there is none.
+    """
+    began = time.perf_counter() if began is None else began
+    solved = solve_adaptively(problem, start, options, solver="newton", border=row, **how)
+    if not solved.status.ok or solved.estimate is None:
+        return solved.complaint()
+    there = problem.with_value(vary, problem.moved(vary, solved.solution.parameter))
+    return orbit_of(solved, there, wall_s=time.perf_counter() - began)
 
 
 def secant(before: Orbit, after: Orbit, vary: str) -> Array:

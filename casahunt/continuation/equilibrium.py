@@ -1,4 +1,6 @@
-"""Equilibria of one smooth field, and how it behaves next to them.
+"""Equilibria of one smooth field: their curve in one parameter, and how the field behaves next to them.
+
+    f(x; p) = 0 along s:    f_x x' + f_p p' = 0,    |(x, lambda)'| = 1,    x and lambda in units of their own
 
     f(x*; p) = 0,    A = df/dx,    A q = i omega q,    A^T r = -i omega r,    <r, q> = 1        at a Hopf bifurcation
 
@@ -11,20 +13,27 @@ derivatives of f as forms,
 l_1 is the first Lyapunov coefficient: cycles of |z|^2 = -mu / Re c are stable on the manifold where it is negative.  It
 is counted in units of q, which has length one here.
 
+A point of the curve is n + 1 numbers with an exact Jacobian, without phases, mesh or error estimate: of the walk along
+a branch of cycles (walk.py) and of that along special points (plane_curve.py, which has no Jacobian) its steps could
+share little but the halving of a step that has failed.
+
 Source: Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, Springer 1998, sections 3.5 and 5.4.
 Symbols: n states.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from ..compiled import alone, kept
+from ..hybrid.language import System
 from ..hybrid.system import Field
 
 Array = np.ndarray
@@ -33,6 +42,17 @@ AT_REST, REST_ROUNDS = 1e-13, 20
 """Newton's method for the equilibrium ends at a step of this relative size."""
 CANCELLED = 1e-12
 """Sums that are less than this part of their terms are rounding."""
+CORRECTIONS, CORRECTED = 8, 1e-12
+"""Newton steps after which a step has failed; length of the last one."""
+LEAST_ALONG = 0.95
+"""Cosine between the tangents at both ends of a step, at least: a fold is rounded in several."""
+CROSSED = 1e-5
+"""Smallest over largest singular value of [f_x f_p] at a point at which two curves cross, which is known to less."""
+BESIDE_IT = 1e-8
+"""A Lyapunov coefficient that changes its sign, or by its size, so far aside in units of the parameter is zero."""
+
+KINDS = FOLD_POINT, HOPF, BRANCH_POINT, BOUNDARY = "fold", "Hopf", "branch point", "boundary"
+"""What is met on a branch of equilibria."""
 
 
 class Rates(NamedTuple):
@@ -103,6 +123,14 @@ def rates(field: Field, sign: float, x: Array, p: Array) -> Rates:
     return Rates(np.array(f).ravel(), np.array(A), np.array(by_p).reshape(x.size, p.size))
 
 
+def solved(matrix: Array, right: Array) -> Array | None:
+    """The solution of linear equations; None where the matrix is singular."""
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return None
+
+
 def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     """The equilibrium next to a state, by Newton's method.
 
@@ -110,11 +138,8 @@ def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     """
     for _ in range(REST_ROUNDS):
         here = rates(field, sign, x, p)
-        if not here.finite:
-            return None
-        try:
-            step = np.linalg.solve(here.A, here.f)
-        except np.linalg.LinAlgError:
+        step = solved(here.A, here.f) if here.finite else None
+        if step is None:
             return None
         x = x - step
         if np.max(np.abs(step)) <= AT_REST * max(1.0, float(np.max(np.abs(x)))):
@@ -180,3 +205,150 @@ def _real_forms(field: Field, sign: float, x: Array, p: Array, *vectors: Array) 
     """The same of real vectors."""
     second, third, by_p = _forms(field, x.size, p.size)(x, p, sign, *vectors)
     return np.array(second).ravel(), np.array(third).ravel(), np.array(by_p).reshape(x.size, p.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A point of the curve: y = (x, lambda), its tangent, of length one in these units, and the monitors there."""
+
+    y: Array
+    tangent: Array
+    units: Array
+    values: Array
+
+
+class Curve:
+    """f(x; p) = 0 as a curve in (x, one parameter)."""
+
+    def __init__(self, system: System, mode: str, p: Array, vary: str) -> None:
+        self.system, self.p, self.i = system, p, system.names.parameters.index(vary)
+        form = system.vector_form
+        self.mode, self.exits = form.modes[mode], form.exits[mode]
+
+    def at(self, value: float) -> Array:
+        """(np,) the parameters."""
+        p = self.p.copy()
+        p[self.i] = value
+        return p
+
+    def rates(self, y: Array, units: Array) -> tuple[Rates, Array]:
+        """The field at a point, and (n, n + 1) [f_x f_p] in some units."""
+        here = rates(self.mode.field, self.mode.sign, y[:-1], self.at(y[-1]))
+        return here, np.column_stack([here.A, here.by_p[:, self.i]]) * units
+
+    def tangent(self, y: Array, units: Array, like: Array) -> Array | None:
+        """The direction of the curve at a point.
+
+        y, units, like: (n + 1,) each: the point, units of its entries, and a direction that it makes an acute angle
+        with. Returns (n + 1,) y' in these units, of length one; None where the field is not finite.
+        """
+        here, matrix = self.rates(y, units)
+        if not here.finite:
+            return None
+        size = np.linalg.norm(matrix, axis=1, keepdims=True)
+        found = np.linalg.svd(matrix / np.where(size > 0, size, 1.0))[2][-1]
+        return found if float(found @ like) >= 0 else -found
+
+    def corrected(self, y: Array, row: Array, units: Array) -> tuple[Array, int] | None:
+        """The point of the curve in a plane.
+
+        y, row, units: (n + 1,) each: a point of the plane, the direction that is orthogonal to it, and the units of
+        both. Returns the point and the number of Newton steps; None where they do not converge.
+        """
+        for k in range(CORRECTIONS):
+            here, matrix = self.rates(y, units)
+            step = solved(np.vstack([matrix, row]), np.append(here.f, 0.0)) if here.finite else None
+            if step is None:
+                return None
+            y = y - step * units
+            if np.linalg.norm(step) <= CORRECTED * max(1.0, float(np.linalg.norm(y / units))):
+                return y, k + 1
+        return None
+
+    def ahead(self, place: Place, ds: float) -> tuple[Place, int] | None:
+        """The point a step further on.
+
+        place, ds: where the step begins, and its length along the tangent there.
+        Returns the point and the number of Newton steps; None where the curve turns away.
+        """
+        guess = place.y + ds * place.tangent * place.units
+        found = self.corrected(guess, place.tangent, place.units)
+        if found is None or np.linalg.norm((found[0] - guess) / place.units) > abs(ds):
+            return None
+        tangent = self.tangent(found[0], place.units, place.tangent)
+        if tangent is None or float(tangent @ place.tangent) < LEAST_ALONG:
+            return None
+        return self.place(found[0], tangent, place.units), found[1]
+
+    def in_units(self, place: Place, units: Array) -> Place:
+        """A point in other units.
+
+        place, units: the point, and (n + 1,) units of its entries.
+        """
+        tangent = place.tangent * place.units / units
+        return replace(place, tangent=tangent / np.linalg.norm(tangent), units=units)
+
+    def eigenvalues(self, y: Array) -> Array:
+        """(n,) of f_x, the one that grows fastest first."""
+        values = np.linalg.eigvals(self.rates(y, np.ones(y.size))[0].A).astype(complex)
+        return values[np.argsort(-values.real, kind="stable")]
+
+    def margins(self, y: Array) -> Array:
+        """What must not be negative for the equilibrium to be one of the mode: `holds`, and its events."""
+        x, p = y[:-1], self.at(y[-1])
+        found = [] if self.mode.admissible is None else [float(self.mode.admissible(x, p, self.mode.sign))]
+        for way_out in self.exits:
+            if not way_out.mark or way_out.reset is not None:
+                found.append(-way_out.direction * float(way_out.event.function(x, 0.0, p)))
+        return np.array(found)
+
+    def place(self, y: Array, tangent: Array, units: Array) -> Place:
+        """A point with the functions that change sign at a special point, in the order of `KINDS`.
+
+        y, tangent, units: (n + 1,) each, as of `Place`.
+        """
+        mu = self.eigenvalues(y)
+        sums = [(a + b) / (abs(a) + abs(b) or 1.0) for a, b in combinations(mu, 2)]
+        det = np.prod(mu / (np.max(np.abs(mu)) or 1.0)).real
+        inside = float(np.min(self.margins(y), initial=np.inf))
+        inside = inside / (1 + abs(inside)) if math.isfinite(inside) else 1.0
+        return Place(y, tangent, units, np.array([tangent[-1], np.prod(sums).real if sums else 1.0, det, inside]))
+
+    def normal_form(self, place: Place, omega: float) -> NormalForm | None:
+        """The normal form of a Hopf bifurcation, its Lyapunov coefficient 0 where it is one of a point aside.
+
+        Returns NormalForm; None where another eigenvalue is zero there, or the pair is two real ones next to it.
+        """
+        field, sign, x, value = self.mode.field, self.mode.sign, place.y[:-1], float(place.y[-1])
+        aside = BESIDE_IT * float(place.units[-1])
+        try:
+            form = normal_form(field, sign, x, self.at(value), omega)
+            other = normal_form(field, sign, x + aside * form.x_by_p[:, self.i], self.at(value + aside), omega)
+        except np.linalg.LinAlgError:
+            return None
+        if not (form.omega > 0 and other.omega > 0 and math.isfinite(abs(form.c))):
+            return None
+        return form if abs(other.l1 - form.l1) < abs(form.l1) else form._replace(l1=0.0)
+
+    def crossed(self, place: Place) -> bool:
+        """Whether two curves of equilibria cross at a point: [f_x f_p] has a rank less than n there."""
+        sizes = np.linalg.svd(self.rates(place.y, place.units)[1], compute_uv=False)
+        return bool(sizes[-1] <= CROSSED * sizes[0])
+
+
+def units_of(before: Array, y: Array) -> Array:
+    """The units of a point.
+
+    before, y: (n + 1,) those of the point before, zeros for none, and the point.
+    Returns (n + 1,) the largest magnitudes so far; 1 for what has been zero.
+    """
+    larger = np.maximum(np.where(before == 1.0, 0.0, before), np.abs(y))
+    return np.where(larger > 0, larger, 1.0)
+
+
+def value_of(kind: str, place: Place) -> float:
+    """The function that changes sign at a kind of special point.
+
+    kind, place: one of `KINDS`, and a point.
+    """
+    return float(place.values[KINDS.index(kind)])

@@ -31,8 +31,19 @@ from ..export import Columns
 from ..hybrid.language import System
 from ..results import Result
 from ..roots import CLOSED, Bracket, Search
-from .equilibrium import NormalForm, at_rest
-from .equilibrium_curve import BOUNDARY, BRANCH_POINT, FOLD_POINT, HOPF, KINDS, Curve, Place, units_of, value_of
+from .equilibrium import (
+    BOUNDARY,
+    BRANCH_POINT,
+    FOLD_POINT,
+    HOPF,
+    KINDS,
+    Curve,
+    NormalForm,
+    Place,
+    at_rest,
+    units_of,
+    value_of,
+)
 from .special_points import Missed
 
 Array = np.ndarray

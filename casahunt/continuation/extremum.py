@@ -4,7 +4,7 @@
 
 The branch is followed to its fold; there the optimisation problem is solved on the mesh of the orbit and on the mesh
 with halved intervals, by IPOPT with the exact Hessian where that is named or the conditions are not seen to hold
-(fold.py).  Its multipliers give the derivatives of the value by all other parameters at once (adjoint.py).
+(fold.py).  Its multipliers give the derivatives of the value by all other parameters at once (optimum.py).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ..checks import known
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
-from .behind_grazing import from_strongest
 from .curve import parameter_value
 from .fold import Fold, confirmed, fold_between
 from .recut import cut_by_planes
 from .sheet import finer
 from .special_points import SpecialPoint
+from .vanishing import from_strongest
 from .walk import walk
 from .whole import as_whole_as_needed
 

@@ -36,19 +36,15 @@ from ..orbits.amplitude import amplitude_off
 from ..orbits.border import curve_border, row_along
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
-from .adjoint import parameter_slopes
 from .curve import along, curve_point, in_units_of, parameter_value, secant
-from .locating import locate
-from .optimum import bend_at, multipliers_at, optimum
+from .locating import locate, turned_orbit
+from .optimum import bend_at, multipliers_at, optimum, parameter_slopes
 from .special_points import FOLD, SpecialPoint, special_point
-from .turned import turned_orbit
-from .walk import walk
 
 Array = np.ndarray
 
 SECOND_PLACE = 1e-3
 """Part of the tolerance to which the place of the fold on the halved mesh is known."""
-SMALL_STEPS = 6
 FREEDOM = 0.01
 """|lambda| at which an extremum is no longer next to a point."""
 
@@ -103,7 +99,7 @@ class Fold(Result, Generic[AnyOrbit]):
 
     @cached_property
     def sensitivities(self) -> dict[str, float]:
-        """By how much the value moves with every other parameter, all of them from the multipliers (adjoint.py)."""
+        """By how much the value moves with every other parameter, all of them from the multipliers (optimum.py)."""
         problem = self.orbit.problem
         others = tuple(name for name in problem.names if name != self.parameter)
         slopes = parameter_slopes(self.orbit, self.multipliers, others)
@@ -135,13 +131,14 @@ def turns_back(before: Orbit, after: Orbit, vary: str, sense: float = 1.0) -> bo
 def located(
     before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float = 1.0
 ) -> SpecialPoint[AnyOrbit]:
-    """The fold between two orbits, by the first of `WAYS` that leads there.
+    """The fold between two orbits: on the branch; where it is too sharp for any step along that, as the optimum.
 
     before, after: the orbits, in the order of the walk; sense: as in `turns_back`. Returns SpecialPoint, not yet
-    confirmed. Raises NoOrbit: none of them does.
+    confirmed. Raises NoOrbit: neither leads there.
     """
-    tried = (way(before, after, vary, options, sense) for way in WAYS)
-    return special_point(FOLD, next(orbit for orbit in tried if orbit is not None), vary)
+    found = locate(before, after, FOLD, vary=vary, options=options)
+    beside = max(before, after, key=lambda orbit: sense * parameter_value(orbit, vary))
+    return special_point(FOLD, found or _optimal(beside, vary, options, sense), vary)
 
 
 def fold_between(
@@ -184,38 +181,6 @@ def fold_between(
     [0.008561]
     """
     return located(before, after, vary, options, sense) if turns_back(before, after, vary, sense) else None
-
-
-def _on_the_branch(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
-    return locate(before, after, FOLD, vary=vary, options=options)
-
-
-def _in_small_steps(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
-    here, unit = parameter_value(before, vary), abs(before.problem.unit(vary))
-    step = float(np.linalg.norm(secant(before, after, vary))) / SMALL_STEPS
-    low, high = sorted((here - 0.5 * sense * unit, here + sense * unit))
-    steps = walk(
-        before, vary=vary, low=low, high=high, sense=sense, options=options.rough(), first_step=step, largest_step=step,
-        max_points=4 * SMALL_STEPS,
-    )  # fmt: skip
-    last = before
-    for following in steps:
-        if turns_back(last, following, vary, sense):
-            return locate(last, following, FOLD, vary=vary, options=options)
-        last = following
-    return None
-
-
-def _as_the_optimum(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, sense: float) -> AnyOrbit | None:
-    return _optimal(max(before, after, key=lambda o: sense * parameter_value(o, vary)), vary, options, sense)
-
-
-WAYS = (
-    _on_the_branch,
-    _in_small_steps,  # the way between the two orbits bends too much for one tangent to measure it
-    _as_the_optimum,  # too sharp for any step along the branch; the last one, it refuses where it fails
-)
-"""Ways to a fold between two orbits, tried in turn: the orbit there, or None."""
 
 
 def _optimal(orbit: AnyOrbit, vary: str, options: Options, sense: float = 1.0) -> AnyOrbit:
@@ -374,21 +339,3 @@ def _with_second_place(
         amplitude_error=max(orbit.amplitude_error, off * apart + left),
         parameter_error=max(orbit.parameter_error, abs(best.parameter), off * abs(best.parameter + moved)),
     )
-
-
-def confirmed_smallest(special: SpecialPoint[AnyOrbit], vary: str, options: Options) -> Any:
-    """A located fold at which the parameter is smallest, checked against the optimisation problem on its mesh.
-
-    options: `tol` bounds the relative error of the parameter. Returns fold, of the class that its problem names; its
-    multipliers are those of the maximum of -lambda, with the sign turned. Raises NoOrbit: the two values differ by more
-    than the tolerance, or an error estimate exceeds it.
-    """
-    orbit = special.orbit
-    here = parameter_value(orbit, vary)
-    t, u, setting = _along(orbit, vary, -1.0)
-    least = _optimum(t, u, setting, row_along(t, u, setting), options)
-    error = max(orbit.parameter_error, orbit.error_estimate, abs(least.parameter))
-    if not least.status.ok or error > options.tol:
-        raise NoOrbit(f"the fold at {vary} {here:.10g} is not confirmed as the smallest {vary}", least.status)
-    value, kind = orbit.problem.moved(vary, -least.parameter), orbit.problem.fold_type or Fold
-    return kind(orbit, vary, here, error, value, -least.multipliers, orbit.status, orbit.wall_s)

@@ -10,40 +10,49 @@
 The derivatives of the expansion are differences of folds at l_i +- `NEIGHBOURS_APART` (fold_expansion.py).  A member's
 numbers depend on the member and on the known fold alone (collocation/ensemble.py).
 
-Symbols: B members, k parameters that differ, n states, P phases.
+A turning point is confirmed as `fold.confirmed` does it: the error of value, period and amplitude by the adjoint, with
+what it overlooks (error_estimate.py), plus what the turning point of the mesh with halved intervals has moved along the
+curve, and not less than the distance to that turning point:
+
+    one Newton step at fixed a, then a step and da = -g/g' along the tangent.
+
+Parameters move a fold by  d lambda/d q = psi . (rhs of q),  psi the adjoint of lambda with a held.
+
+Symbols: B members, k parameters, n states, P phases, E elements, y unknowns of the node system.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from ..collocation.admissibility import admissible_many
-from ..collocation.error_estimate import Estimate
+from ..collocation.error_estimate import Estimate, functional_errors, left_on_halved, on_halves
 from ..collocation.newton import Solution as Root
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks, solve_adaptively
-from ..orbits.amplitude import estimated
+from ..orbits.amplitude import amplitudes_off, estimated, goals_of_many, row_sums
 from ..orbits.border import curve_border, row_along
-from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN
+from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN, sizes_of_steps
 from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along
 from .fold import Fold
-from .fold_confirmation import confirmed_many, slopes_of_many
-from .fold_expansion import Expansion
-from .turning_points import from_expansion
+from .fold_expansion import Expansion, borders, from_expansion
 
 Array = np.ndarray
 How = Literal["batch", "recut", ""]
 
 NEIGHBOURS_APART = 1e-3
 """Distance of the neighbours from which the expansion is made, in logarithms: their differences have ten digits."""
+FARTHEST_SECOND = 1e-3
+"""The fold on the halved mesh lies within this of the one that it confirms, or confirms nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +204,19 @@ def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None
     found, settings = from_expansion(known, p[None], tol)
     if found.statuses[0] is not Status.CONVERGED:
         return None
-    recut = _recut(known, (known.t, found.u[0], settings.of(0)), tol)
-    return None if recut is None else _expanded(replace(recut[0], names=known.names), tol)
+    near = _recut(known, (known.t, found.u[0], settings.of(0)), tol)
+    return None if near is None else _expanded(replace(near[0], names=known.names), tol)
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What became of a member: its (6,) numbers, values and errors in turn, and (k,) slopes."""
+
+    status: Status
+    numbers: Array
+    slopes: Array
+    how: How = ""
+    solution: Solution | None = None
 
 
 def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
@@ -205,96 +225,131 @@ def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, 
     p: (B, np) their parameters; that of the fold is not read; tol: relative error of value, period and amplitude;
     slopes_by: parameters whose d ln value/d ln q are wanted. Returns folds, with nan where there is none.
     """
-    parts = [_pass(known, p[i : i + MEMBERS_OF_A_PASS], tol, slopes_by) for i in range(0, len(p), MEMBERS_OF_A_PASS)]
-    numbers = np.concatenate([np.zeros((6, 0)), *(part.numbers for part in parts)], axis=1)
+    passes = (p[i : i + MEMBERS_OF_A_PASS] for i in range(0, len(p), MEMBERS_OF_A_PASS))
+    told = [member for some in passes for member in _pass(known, some, tol, slopes_by)]
+    numbers = np.array([member.numbers for member in told]).reshape(-1, 6).T
     value, value_error, period, period_error, amplitude, amplitude_error = numbers
-    statuses = tuple(status for part in parts for status in part.statuses)
-    how = tuple(word for part in parts for word in part.how)
-    slopes = np.concatenate([np.zeros((0, len(slopes_by))), *(part.slopes for part in parts)])
-    solutions = tuple(solution for part in parts for solution in part.solutions)
-    return Folds(value, value_error, period, period_error, amplitude, amplitude_error, statuses, how, slopes, solutions)
+    return Folds(
+        value, value_error, period, period_error, amplitude, amplitude_error,
+        tuple(member.status for member in told), tuple(member.how for member in told),
+        np.array([member.slopes for member in told]).reshape(len(told), len(slopes_by)),
+        tuple(member.solution for member in told),
+    )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Tried:
-    """What became of B members: (6, B) values with errors, statuses, how, (B, k) slopes.
-
-    `roots` are the turning points, (unknowns, setting) by member, that are no folds as they stand.
+def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> list[_Told]:
+    """A few members: those that have the phases and the mesh of the known one, and what other turning points lead to.
     """
-
-    numbers: Array
-    statuses: list[Status]
-    how: list[How]
-    slopes: Array
-    roots: dict[int, tuple[Array, Setting]]
-    solutions: list[Solution | None]
-
-    def take(self, member: int, numbers: Array, slopes: Array, how: How, solution: Solution) -> None:
-        """The fold of a member."""
-        self.numbers[:, member], self.slopes[member], self.how[member] = numbers, slopes, how
-        self.solutions[member] = solution
-        self.statuses[member] = Status.CONVERGED
-
-
-def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
-    """`folds_near` for a few members: in the batch, then by what a turning point leads to."""
-    out = _attempt(known, p, tol, slopes_by)
-    for member, (u, setting) in out.roots.items():
-        found = _recut(known, (known.t, u, setting), tol)
-        if found is not None:
-            local, numbers = found
-            own = _settings_of_known(local)
-            slopes = slopes_of_many(local, local.u[None], own, slopes_by)[0] if slopes_by else np.zeros(0)
-            solution = Solution(local.t, local.u, local.setting(), local.row, local.bend)
-            out.take(member, numbers, slopes, "recut", solution)
-    return out
-
-
-def _attempt(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> _Tried:
-    """The folds of members, as far as they have the phases and the mesh of a known one."""
-    B, t = len(p), known.t
     found, settings = from_expansion(known, p, tol)
-    out = _Tried(np.full((6, B), np.nan), list(found.statuses), [""] * B, np.full((B, len(slopes_by)), np.nan), {},
-                 [None] * B)  # fmt: skip
-    there = np.array([i for i, s in enumerate(found.statuses) if s is Status.CONVERGED], dtype=int)
-    if not there.size:
+    out = [_Told(status, np.full(6, np.nan), np.full(len(slopes_by), np.nan)) for status in found.statuses]
+    at = np.array([i for i, s in enumerate(found.statuses) if s is Status.CONVERGED], dtype=int)
+    if not at.size:
         return out
-    own, u = settings.of(there), found.u[there]
-    confirmed = confirmed_many(known, u, own, found.bend[there])
-    slopes = slopes_of_many(known, u, own, slopes_by) if slopes_by else np.zeros((there.size, 0))
-    admissible = admissible_many(t, u, own)
-    for i, member in enumerate(there.tolist()):
-        out.statuses[member] = _verdict(bool(admissible[i]), confirmed[:, i], tol)
-        if out.statuses[member] is Status.CONVERGED:
-            solution = Solution(t, u[i], own.of(i), known.row, float(found.bend[there[i]]))
-            out.take(member, confirmed[:, i], slopes[i], "batch", solution)
-        else:
-            out.roots[member] = u[i], own.of(i)
+    u, own = found.u[at], settings.of(at)
+    batch = _judged(known, u, own, found.bend[at], admissible_many(known.t, u, own), tol, slopes_by, "batch")
+    for i, told in zip(at.tolist(), batch, strict=True):
+        if told.status is not Status.CONVERGED:
+            near = _recut(known, (known.t, found.u[i], settings.of(i)), tol, slopes_by)
+            told = replace(out[i], status=told.status) if near is None else near[1]
+        out[i] = told
     return out
 
 
-def _verdict(admissible: bool, numbers: Array, tol: float) -> Status:
-    """What becomes of a turning point whose (6,) numbers are these."""
-    if not admissible:
-        return Status.INADMISSIBLE
-    return Status.CONVERGED if numbers[1::2].max() <= tol else Status.TOLERANCE_NOT_REACHED
+def _judged(
+    known: Expansion, u: Array, settings: Setting, bend: Array, admissible: Array, tol: float,
+    slopes_by: tuple[str, ...], how: How,
+) -> list[_Told]:  # fmt: skip
+    """What becomes of turning points: (B, size) unknowns, their settings, (B,) bends, and whether they are motions."""
+    numbers, t = confirmed_many(known, u, settings, bend), known.t
+    slopes = slopes_of_many(known, u, settings, slopes_by) if slopes_by else np.zeros((len(u), 0))
+    statuses = [
+        Status.INADMISSIBLE if not motion else Status.CONVERGED if error <= tol else Status.TOLERANCE_NOT_REACHED
+        for motion, error in zip(admissible, numbers[1::2].max(axis=0), strict=True)
+    ]
+    return [
+        _Told(statuses[i], numbers[:, i], slopes[i], how, Solution(t, u[i], settings.of(i), known.row, float(bend[i])))
+        for i in range(len(u))
+    ]
 
 
-def _recut(known: Expansion, start: Start, tol: float) -> tuple[Expansion, Array] | None:
-    """The fold that a start leads to which needs other phases or another mesh, and its (6,) numbers; None: to none."""
+def _recut(
+    known: Expansion, start: Start, tol: float, slopes_by: tuple[str, ...] = ()
+) -> tuple[Expansion, _Told] | None:
+    """The fold that a start leads to which needs other phases or another mesh; None: to none."""
     options = Options(tol).finer(ROOM_FOR_KNOWN)
-    try:
+    local = None
+    with suppress(NoOrbit, InputError):
         problem = known.problem.with_values(known.problem.names, start[2].p)
         local = _known(problem, start, known.vary, known.row, known.bend, options)
-    except (NoOrbit, InputError):
-        return None
     if local is None:
         return None
-    own = _settings_of_known(local)
-    numbers = confirmed_many(local, local.u[None], own, np.array([local.bend]))[:, 0]
-    return (local, numbers) if _verdict(True, numbers, tol) is Status.CONVERGED else None  # adapt.py has judged it
+    setting, yes = local.setting(), np.array([True])  # it is a motion: adapt.py has judged it
+    own = settings_of(setting, setting.p[None], setting.dp[None])
+    (told,) = _judged(local, local.u[None], own, np.array([local.bend]), yes, tol, slopes_by, "recut")
+    return (local, told) if told.status is Status.CONVERGED else None
 
 
-def _settings_of_known(known: Expansion) -> Setting:
-    setting = known.setting()
-    return settings_of(setting, setting.p[None], setting.dp[None])
+def confirmed_many(known: Expansion, u: Array, settings: Setting, bend: Array) -> Array:
+    """Turning points with their errors; see the module docstring.
+
+    u, settings: (B, size) unknowns and settings, at the value that was found; bend: (B,) d2 lambda/d a2.
+    Returns (6, B) value, period, amplitude, each followed by its error; infinite where nothing is confirmed.
+    """
+    t, P = known.t, known.t.phases
+    fine, finer, halves, lin = halved = on_halves(t, u, settings)
+    goals, period, amplitude = goals_of_many(t, u, settings)
+    goals = np.concatenate([np.zeros_like(goals[:, :1]), goals], axis=1)
+    goals[:, 0, -1] = 1.0
+    border = borders(t, u, known.row)
+    first, _, better = functional_errors(t, u, settings, goals, border=border, halved=halved)
+    assert better is not None
+    motions = admissible_many(*better)
+    newton, _ = lin.step_and_tangent(borders(fine, finer, known.row))
+    finer = finer + lin.expand(newton, 1.0)
+    lam = newton[:, -1]
+    lin = fine.linearise(finer, halves.moved(lam))
+    newton, tangent = lin.step_and_tangent(borders(fine, finer, known.row))
+    with np.errstate(all="ignore"):
+        da = -tangent[:, -1] / bend
+        step = lin.expand(newton + da[:, None] * tangent, 1.0)
+        second = finer + step
+        lam = lam + newton[:, -1] + 0.5 * da * tangent[:, -1]
+        far = np.maximum(sizes_of_steps(fine, finer, step), np.abs(lam))
+        longer = np.abs(row_sums(second[:, -P:]) * t.cycle.repeats / period - 1)
+        larger = amplitudes_off(fine, second, halves.moved(lam), amplitude)
+        # At another place of the curve everything changes to first order: that is added without regard to signs.
+        elsewhere = np.abs(np.matmul(goals, (da[:, None] * _on_coarse(t, fine, tangent))[..., None])[..., 0])
+        elsewhere[:, 0] *= 0.5
+        second = (1 + left_on_halved(t).max(initial=0.0)) * np.column_stack([np.abs(lam), longer, larger])
+        errors = np.maximum(first + elsewhere, second)
+        errors[~(far <= FARTHEST_SECOND) | ~lin.finite() | ~motions] = np.inf
+    place = known.problem.names.index(known.vary)
+    return np.array([settings.p[:, place], errors[:, 0], period, errors[:, 1], amplitude, errors[:, 2]])
+
+
+def _on_coarse(t: Transcription, fine: Transcription, y: Array) -> Array:
+    """(B, y) of the node system of t from that with halved intervals: without the nodes in the middle."""
+    lengths = np.ones(t.elements, dtype=int)
+    lengths[t.interval_elements] = 2
+    kept = np.concatenate([[0], np.cumsum(lengths)])
+    nodes = y[:, : (fine.elements + 1) * t.n].reshape(len(y), -1, t.n)[:, kept]
+    return np.concatenate([nodes.reshape(len(y), -1), y[:, (fine.elements + 1) * t.n :]], axis=1)
+
+
+def slopes_of_many(known: Expansion, u: Array, settings: Setting, names: tuple[str, ...]) -> Array:
+    """How much folds move with parameters, from the adjoint of lambda: a held, which at a fold is the fold.
+
+    known, u, settings: as in `confirmed_many`. Returns (B, k) d ln value/d ln q.
+    """
+    t, problem = known.t, known.problem
+    at = [problem.names.index(name) for name in names]
+    directions = np.zeros((len(u), len(at), settings.p.shape[1]))
+    directions[:, np.arange(len(at)), at] = settings.p[:, at]
+    lin = t.linearise(u, replace(settings, others=directions))
+    goal = np.zeros((len(u), 1, t.system.size))
+    goal[:, 0, -1] = 1.0
+    psi = t.system.solve_transposed(lin.matrix(borders(t, u, known.row)), goal)[:, 0]
+    columns = [np.matmul(psi[:, None], lin.rhs(direction=1 + k)[:, :, None])[:, 0, 0] for k in range(len(at))]
+    place = problem.names.index(known.vary)
+    relative = settings.dp[:, place] / settings.p[:, place]
+    return np.stack(columns, axis=1) * relative[:, None]

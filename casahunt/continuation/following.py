@@ -29,19 +29,16 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from ..orbits.starts import may_vanish
-from .behind_grazing import behind_grazing, from_strongest
+from .behind_grazing import behind_grazing
 from .bifurcations import monitors_of
-from .branch import Branch
+from .branch import Branch, Run
 from .closed import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
-from .curve import parameter_value
-from .cut_elsewhere import NEXT_TO_IT, beside_the_plane, cut_elsewhere
-from .recut import cut_alike, cut_by_planes, left_behind, recut
-from .run import Run
+from .curve import parameter_value, solved_at
+from .recut import NEXT_TO_IT, beside_the_plane, cut_alike, cut_by_planes, cut_elsewhere, left_behind, recut
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
-from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges
-from .through_rest import through_rest
-from .vanishing import solved_at, vanishing_soon
+from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
+from .vanishing import from_strongest, vanishing_soon
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
 from .whole import as_whole_as_needed
 

@@ -17,12 +17,22 @@ The conditions are evaluated on the whole mesh, from the expressions that IPOPT 
 share nothing with the elimination of the stages, nor with the tangents by which a fold is located on its branch.
 IPOPT's own step from a point that close is this one.
 
+The multipliers of the largest lambda are its adjoint: for any parameter q of the problem, G_q being the same Jacobian
+with another direction dp,
+
+    d lambda/d q = - nu . G_q
+
+all of them at once, none of them recomputed.  And the conditions of first order, in u, nu (size each) and lambda, are
+the extended system of bifurcation theory with the left null vector: constraints of a larger optimisation problem
+(`fold_conditions`).
+
 Symbols: n states, d stages, R = n (d + 1), N intervals.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -33,10 +43,10 @@ from ..collocation.ipopt import Maximum
 from ..collocation.linearisation import Linearisation
 from ..collocation.newton import RESIDUAL_LIMIT, size_of_step
 from ..collocation.transcription import Setting, Transcription
-from ..compiled import Caller, caller, kept
+from ..compiled import Caller, alone, caller, kept
 from ..errors import Status
 from ..orbits.border import curve_border
-from .fold_conditions import data_of
+from ..orbits.orbit import Orbit, unknowns_of
 
 Array = np.ndarray
 
@@ -146,3 +156,78 @@ def _compiled(t: Transcription) -> Caller:
         "conditions", [g.z, g.data, g.nu, v, n], [ca.densify(g.residual), ca.densify(gradient), ca.densify(forms)]
     )
     return caller(function, [t.size + 1, g.data.numel(), t.size, t.size + 1, t.size + 1], [t.size, t.size + 1, 2])
+
+
+def data_of(setting: Setting) -> Array:
+    """The data vector of collocation/graphs.py."""
+    return np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
+
+
+# What the multipliers tell of other parameters
+
+
+def parameter_slopes(orbit: Orbit, multipliers: Array, names: tuple[str, ...]) -> Array:
+    """The derivatives of lambda at a fold by parameters.
+
+    multipliers: (size,) of the equations on its mesh. Returns (k,) d lambda/d q.
+    """
+    t, u, setting = unknowns_of(orbit)
+    problem = orbit.problem
+    sizes = [problem.unit(name) or 1.0 for name in names]
+    settings = [replace(setting, dp=problem.direction(n) * size) for n, size in zip(names, sizes, strict=True)]
+    columns = _parameter_columns(t, u, settings)
+    return np.array([0.0 - float(multipliers @ c) / size for c, size in zip(columns, sizes, strict=True)])
+
+
+@alone
+def _parameter_columns(t: Transcription, u: Array, settings: list[Setting]) -> list[Array]:
+    """dG/d lambda at u along the dp of each setting."""
+    g, z = graphs(t), np.append(u, 0.0)
+    column = ca.Function("parameter_column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
+    return [np.array(column(z, data_of(setting))).ravel() for setting in settings]
+
+
+@kept(maxsize=8)
+def fold_conditions(t: Transcription, free: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+    """The conditions of a fold as functions of parameters, and their sparse Jacobian.
+
+    With nu = S n, S the largest |nu| at the start, so that n is of size one, and some parameters p_i = exp(q_i):
+
+                  q                    (u, lambda)       n
+        G         G_q                  [G_u, G_lambda]   0
+        G_u^T n   d/dq (G_u^T n)       H_u               G_u^T
+        S n.G_l   S d/dq (n.G_lambda)  S H_lambda        S G_lambda^T
+
+    with H the Hessian of n . G in (u, lambda), mapped over the mesh (collocation/graphs.py); only the columns of q are
+    differentiated at the level of the whole mesh.
+
+    free: indices of the k parameters that q stands for, by their logarithms.
+    Returns functions of (q, z = (u, lambda), n, data, S): the equations, and their Jacobian in (q, z, n).  `data` is
+    that of collocation/graphs.py, `data_of`; the free parameters in it are overruled by q.
+    """
+    g = graphs(t)
+    parts = ca.Function("parts", [g.z, g.data], [g.residual, g.jacobian])
+    curvature = ca.Function("curvature", [g.z, g.data, g.nu], [lagrangian_hessian(t, g)])
+    q, z, n = ca.MX.sym("q", len(free)), ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
+    data, scale = ca.MX.sym("data", g.data.numel()), ca.MX.sym("S")
+    entries = [t.intervals + i for i in free]
+    place = ca.DM(ca.Sparsity.triplet(data.numel(), len(free), entries, list(range(len(free)))), 1.0)
+    keep = np.ones(data.numel())
+    keep[entries] = 0.0
+    moved = ca.DM(keep) * data + ca.densify(place @ ca.exp(q))
+    residual, jacobian = parts(z, moved)
+    stationary = ca.mtimes(jacobian.T, n)  # (size + 1): G_u^T n, then n . G_lambda
+    weights = ca.vertcat(ca.DM.ones(t.size), scale)
+    equations = ca.vertcat(residual, weights * stationary)
+    columns = [ca.jtimes(equations, q, ca.DM(np.eye(len(free))[:, k])) for k in range(len(free))]
+    H = curvature(z, moved, n)
+    H = H + ca.triu(H, False).T
+    S = ca.diag(weights)
+    empty = ca.MX(t.size, t.size)
+    rest = ca.blockcat([[jacobian, empty], [ca.mtimes(S, H), ca.mtimes(S, jacobian.T)]])
+    whole = ca.horzcat(*map(ca.densify, columns), rest)
+    inputs = [q, z, n, data, scale]
+    return (
+        ca.Function("fold_conditions", inputs, [equations]),
+        ca.Function("fold_conditions_jacobian", inputs, [whole]),
+    )

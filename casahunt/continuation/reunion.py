@@ -29,9 +29,8 @@ from ..orbits.restart import Start, in_scale
 from ..orbits.sequences import segments_of, start_of
 from ..roots import secant as secant_root
 from .bifurcations import FLIP, SYMMETRY_LOST
-from .curve import curve_point, in_units_of, parameter_value, secant
+from .curve import curve_point, in_units_of, parameter_value, secant, solved_at
 from .special_points import ACCEPTED_TOLERANCES, Missed, Monitor, SpecialPoint, special_point
-from .vanishing import solved_at
 from .walk import step_along
 
 Array = np.ndarray
@@ -134,12 +133,10 @@ def met_at(
     before, after, met: the orbits that it lies between, and what it is.
     Returns special point, whose orbit is computed on half of the phases; what is missed where it is not located.
     """
+    step = float(np.linalg.norm(secant(before, after, vary)))
     for nearer in MUCH_NEARER:
         pair = _beside(before, after, met, vary, options, nearer)
-        problem, begin = _half(*pair, met, vary, nearer)
-        reach = max(abs(problem.distance(vary, *(parameter_value(o, vary) for o in pair))), 2 * BESIDE_MINUS_ONE)
-        step = float(np.linalg.norm(secant(before, after, vary)))
-        orbit = _minus_one_from(problem, begin, met, vary, options, reach, step)
+        orbit = minus_one_next_to(*pair, met, vary, options, nearer=nearer, step=step)
         if orbit is not None:
             return special_point(met.reached, cast(AnyOrbit, orbit), vary)
     kind, value = met.reached.kind, parameter_value(after, vary)
@@ -147,13 +144,17 @@ def met_at(
     return Missed(kind, f"{sentence}; another tolerance may lead there")
 
 
-def _minus_one_from(
-    problem: Cycles, begin: Start, met: Reunion, vary: str, options: Options, reach: float, step: float
+def minus_one_next_to(
+    before: Orbit, after: Orbit, met: Reunion, vary: str, options: Options, *, nearer: float, step: float
 ) -> Orbit | None:
-    """The cycle that is its own image where its multiplier is -1, from a guess next to it; None where it is not found.
+    """The cycle that is its own image where its multiplier is -1, from a guess that two orbits make of it.
 
-    It lies no farther from the guess than `reach` in lambda and `step` in units of the state: beyond is another one.
+    nearer: as of `_beside`. It lies no farther from the guess than the two from each other in lambda, and than `step`
+    in units of the state: beyond is another one. None where it is not found.
     """
+    problem, begin = _half(before, after, met, vary, nearer)
+    apart = abs(problem.distance(vary, parameter_value(before, vary), parameter_value(after, vary)))
+    reach = max(apart, 2 * BESIDE_MINUS_ONE)
     first, found = begin[0].nodes_of(begin[1])[0] * begin[2].scale, []
 
     def minus_one(lam: float) -> float:

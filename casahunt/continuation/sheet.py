@@ -36,6 +36,7 @@ DIFFERENCE = 1e-3
 ASTRAY = 0.2
 """Largest departure of the growth from the two slopes beside it, relative to its size."""
 SLACK_OF_GROWTH = 1e-3
+"""And this much, absolute: where nothing grows, differences of steps of `DIFFERENCE` are all that the slopes show."""
 FINER = 0.03
 """Part of the tolerance to which the orbits are computed: the place of a special point on the branch takes a finer mesh
 than parameter, period and amplitude of an orbit."""

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ import numpy as np
 from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit
-from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
+from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST, pair_of
 from .fold import Fold, confirmed
 from .plane_curve import LOCATED, Reading
 from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
@@ -127,6 +126,13 @@ class SpecialChart:
         near = max(LOCATED, ENOUGH * self.task.options.tol)
         return Reading(value, orbit, near) if np.isfinite(value) else "its multipliers are not known well enough"
 
+    def along_s(self) -> tuple[Reading, Reading, float] | str:
+        """What is read a little further on and further back along the branch, and phi_s; or a sentence."""
+        above, below = self.value(DIFFERENCE, 0.0), self.value(-DIFFERENCE, 0.0)
+        if isinstance(above, str):
+            return above
+        return below if isinstance(below, str) else (above, below, (above.value - below.value) / (2 * DIFFERENCE))
+
     def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
         """The chart of the special point that was read at a place of the sheet.
 
@@ -153,12 +159,10 @@ def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> Specia
     position = like.position + m
     sheet = sheet_of(orbit, vary, axis, position, options=like.options, spacing=like.spacing, like=like)
     bare = SpecialChart(task, replace(sheet, steepness=like.steepness))
-    above, below = bare.value(DIFFERENCE, 0.0), bare.value(-DIFFERENCE, 0.0)
-    if isinstance(above, str):
-        return above
-    if isinstance(below, str):
-        return below
-    phi_s = (above.value - below.value) / (2 * DIFFERENCE)
+    beside = bare.along_s()
+    if isinstance(beside, str):
+        return beside
+    above, below, phi_s = beside
     try:
         fold = _extremum(task, orbit, vary, phi_s)
     except NoOrbit as refusal:
@@ -243,7 +247,7 @@ def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:
     if monitor.kind != NEIMARK_SACKER.kind:
         off = float(np.min(np.abs(mu + 1), initial=np.inf))
         return "" if off <= slack else f"no multiplier is -1: the nearest is off by {off:.2g}"
-    a, b = _pair(orbit)
+    a, b = pair_of(orbit)
     if abs(a * b - 1) > 2 * slack:
         return "no pair of multipliers lies on the unit circle"
     if abs(a.imag) > COMPLEX:
@@ -270,12 +274,6 @@ def _resonance(turned: bool) -> str:
     return "-1: a 1:2 resonance" if turned else "+1: a 1:1 resonance"
 
 
-def _pair(orbit: Orbit) -> tuple[complex, complex]:
-    """The two nontrivial multipliers whose product is nearest to 1."""
-    pairs = list(combinations(orbit.multipliers.half[1:], 2))
-    return min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1)) if pairs else (0j, 0j)
-
-
 def _angle(orbit: Orbit) -> float:
     """Of that pair, in [0, pi]."""
-    return abs(float(np.angle(_pair(orbit)[0])))
+    return abs(float(np.angle(pair_of(orbit)[0])))

@@ -8,7 +8,7 @@ A monitor is a function of an orbit and of the curve's tangent there that change
 
     grazing            the phase sequence changes: a phase has shrunk to nothing, a slip ends with |m| = Fs
 
-Grazing has no function that changes sign, because the sequence is another one on the other side (phase_change.py).
+Grazing has no function that changes sign, because the sequence is another one on the other side (vanishing.py).
 Some cycles get and lose weak reversals of a ring-down many times along a branch: grazing is located on request only.
 """
 

@@ -20,6 +20,13 @@ Next to a Hopf bifurcation the cycle goes round the equilibrium x* at a distance
     lambda - lambda_H = c A^2
 
 The branch of cycles leads to lambda_H; the point itself is computed from the equilibrium.
+
+Through the rest that a forced cycle shrinks to, where its forcing passes zero, the cycle goes on,
+
+    x(t; lambda) = x*(t) + (lambda - lambda_0) y(t) + ...
+
+for it keeps its period, and a rest is one of its cycles.  Its size is |lambda - lambda_0| times a constant, whichever
+the sign.  In units of its own size it takes for ever to come there; so it is looked for as far on the other side.
 """
 
 from __future__ import annotations
@@ -28,17 +35,20 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..checks import to_error
 from ..collocation.interval import field_at
-from ..orbits.orbit import AnyOrbit, Orbit
+from ..collocation.mesh import phase_breaks, transfer
+from ..orbits.adapt import Options
+from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..orbits.restart import in_scale
 from ..results import Result
 from ..roots import boundary, secant
 from . import equilibrium
-from .curve import parameter_value
+from .curve import parameter_value, solved_at
 from .recut import cut_by_planes
 from .special_points import SpecialPoint
 
@@ -93,6 +103,8 @@ VERTICAL = (
     "{name} stands still at {value} while the size of the cycle changes and a multiplier is 1: a vertical family, in "
     "which every size has its cycle, and the branch ends"
 )
+BEYOND_REST = 30.0
+"""How many times farther from the rest than the last cycle the next one is."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -349,3 +361,25 @@ def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyO
         return None
     meaning = f"Hopf bifurcation at {vary} = {value:.10g}: the cycle has shrunk to an equilibrium, and ends there"
     return SpecialPoint("Hopf", last, meaning, float(value), vary)
+
+
+def through_rest(orbits: Sequence[AnyOrbit], vary: str, value: float, options: Options) -> Any:
+    """The cycle on the other side of the rest that a branch of forced cycles shrinks to.
+
+    orbits, vary: of the branch, and the name of its parameter; value: of the parameter where they are at rest.
+    Returns Orbit; None where the system is not forced, or none was found.
+    """
+    before, last = orbits[-2:]
+    family = last.problem
+    if not family.forced:
+        return None
+    if before.signature != last.signature:
+        return None
+    t, u, setting = unknowns_of(last)
+    other, v, its = in_scale(unknowns_of(before), setting.scale)
+    _, v, _ = transfer(other, v, its.fractions, phase_breaks(t, setting.fractions), target=t)
+    away = [parameter_value(orbit, vary) - value for orbit in (before, last)]
+    rate = (u - v) / (away[1] - away[0])
+    beyond = -BEYOND_REST * away[1]
+    start = t, u + (beyond - away[1]) * rate, setting
+    return solved_at(family.with_value(vary, value + beyond), start, options)

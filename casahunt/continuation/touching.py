@@ -36,9 +36,8 @@ from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
 from ..roots import secant
-from .curve import Point, parameter_value
+from .curve import Point, parameter_value, solved_at
 from .special_points import GRAZING, Monitor
-from .vanishing import solved_at
 
 Array = np.ndarray
 

@@ -28,7 +28,7 @@ from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .curve import parameter_value
 from .folds_ahead import folds_ahead
 from .plane_curve import Reading, follow, root_across
-from .sheet import DIFFERENCE, Axis, Sheet, finer, sheet_of
+from .sheet import Axis, Sheet, finer, sheet_of
 from .special_charts import SpecialChart, SpecialOrbit, Task, special_chart
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
 from .touching import touch_at
@@ -354,13 +354,10 @@ def chart_at(task: Task, orbit: Orbit, vary: str, axis: Axis, c: float, spacing:
 def _first(task: Task, sheet: Sheet) -> SpecialChart | str:
     """The chart of the special point next to the orbit of a sheet, at the same value of the second parameter."""
     bare = SpecialChart(task, sheet)
-    above, below = bare.value(DIFFERENCE, 0.0), bare.value(-DIFFERENCE, 0.0)
-    for read in (above, below):
-        if isinstance(read, str):
-            return read
-    assert isinstance(above, Reading) and isinstance(below, Reading)
-    slope = (above.value - below.value) / (2 * DIFFERENCE)
-    found = root_across(replace(bare, gradient=(slope, 0.0)), np.zeros(2), np.array([1.0, 0.0]), FIRST_SEARCH)
+    beside = bare.along_s()
+    if isinstance(beside, str):
+        return beside
+    found = root_across(replace(bare, gradient=(beside[2], 0.0)), np.zeros(2), np.array([1.0, 0.0]), FIRST_SEARCH)
     return found if isinstance(found, str) else special_chart(task, found[1], sheet, 0.0)
 
 

@@ -1,16 +1,20 @@
-"""Where a phase of a cycle shrinks to nothing: T_k = 0.
+"""Where a phase of a cycle shrinks to nothing: T_k = 0; and where between two orbits of a branch the phases change.
 
     G(u, lambda) = 0,    T_k = given -> 0
 
 A phase between two events that are about to become one touch lasts like a square root of the way that the parameter
 has left, so the parameter is no coordinate there: the duration is.  Held at ever smaller values, with the parameter
-free, it leads to the touch; behind it stands the cycle without the phase.
+free, it leads to the touch; behind it stands the cycle without the phase.  Between two orbits with other phases it is
+
+    the shortest phase of the orbit with more of them, shrunk to nothing
+    where that is too far, the same from the orbits of a walk towards the other one, nearer and nearer
+    where no phase vanishes, the cycle with fewer phases that touches an event, or the last of them found
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
+from itertools import chain, takewhile
 from typing import cast
 
 import numpy as np
@@ -18,12 +22,15 @@ import numpy as np
 from ..collocation.mesh import halved, phase_breaks
 from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
-from ..hybrid.problem import Problem
-from ..orbits.adapt import Options, on_breaks, solve_adaptively
-from ..orbits.orbit import AnyOrbit, Orbit, orbit_of, unknowns_of
+from ..orbits.adapt import Options, on_breaks
+from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.restart import Start
 from ..orbits.starts import may_vanish
-from .curve import along, backwards, curve_point, parameter_value
+from ..roots import boundary
+from .curve import along, backwards, curve_point, in_units_of, parameter_value, secant, solved_at
+from .locating import nearer
+from .recut import same_events
+from .touching import touching_orbit
 from .walk import step_along
 
 Array = np.ndarray
@@ -40,19 +47,8 @@ AS_FAR = 3.0
 """A touch farther away than this many of the last steps is none that the branch has come to."""
 BEHIND = 1e-4
 """How far behind a touch, along the branch, the next cycle is looked for."""
-
-
-def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
-    """The cycle next to a starting point, at the parameters of the problem.
-
-    problem, start, options: the problem, the starting point, and the tolerance.
-    Returns Orbit; None where it does not converge.
-    """
-    began = time.perf_counter()
-    t, u, setting = start
-    start = t, u, replace(setting, p=problem.vector())
-    solved = solve_adaptively(problem, start, options, solver="newton")
-    return orbit_of(solved, problem, wall_s=time.perf_counter() - began) if solved.status.ok else None
+CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
+"""Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
 
 
 def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
@@ -60,7 +56,9 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
 
     orbit: a cycle with a phase that is about to vanish. Returns Orbit; None where no phase vanishes.
     """
-    problem, orbit = orbit.problem, _with_it_inside(orbit, options)
+    problem, k = orbit.problem, may_vanish([arc.duration for arc in orbit.arcs])
+    if k in (0, len(orbit.arcs) - 1):  # it is joined with its neighbours; the image of the first phase is none yet
+        orbit, _ = from_strongest(orbit, None, options)
     t, u, setting = unknowns_of(orbit)
     found = problem.vanishing(t, u, setting)
     if found is None:
@@ -82,17 +80,26 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     return cast(AnyOrbit, without) if without is not None and without.signature != orbit.signature else None
 
 
-def _with_it_inside(orbit: AnyOrbit, options: Options) -> AnyOrbit:
-    """The same cycle from another phase on, so that the one that is about to vanish is neither the first nor the last.
+def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options) -> tuple[AnyOrbit, AnyOrbit | None]:
+    """The same cycles from the boundary on that is crossed the fastest: next to one that is touched, x_0 turns back.
 
-    It is joined with its neighbours; the image of the first phase is no neighbour yet.
+    There its distance from the touch goes like a square root of the parameter's, as if the branch had a fold.
+
+    orbit, previous: the cycle, and the one before it on the branch or None.
+    Returns both; as they are where that is not known.
     """
-    k, family = may_vanish([arc.duration for arc in orbit.arcs]), orbit.problem
-    if k is None or 0 < k < len(orbit.arcs) - 1:
-        return orbit
-    start = family.starting_at(family.strongest(*unknowns_of(orbit)), *unknowns_of(orbit))
-    found = None if start is None else solved_at(family, start, options)
-    return orbit if found is None else cast(AnyOrbit, found)
+    family = orbit.problem
+    if previous is not None and previous.signature != orbit.signature:
+        return orbit, previous
+    first = family.strongest(*unknowns_of(orbit))
+    turned = []
+    for one in (orbit,) if previous is None else (orbit, previous):
+        start = family.starting_at(first, *unknowns_of(one)) if first else None
+        found = None if start is None else solved_at(one.problem, start, options)
+        if found is None:
+            return orbit, previous
+        turned.append(cast(AnyOrbit, found))
+    return turned[0], turned[1] if previous is not None else None
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) -> tuple[Array, float] | None:
@@ -101,10 +108,9 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
     Nor where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding.
     """
     goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
-    durations, way = np.zeros(t.phases), 0.0
+    way = 0.0
     while float(t.durations_of(u)[k]) > goal:
-        durations[k] = 1.0 / t.durations_of(u)[k]
-        row = t.system.border(durations=durations)
+        row = _row(t, u, k)
         du, y = t.linearise(u, setting.moved(lam)).tangent(row)
         if way * y[-1] < 0 and abs(y[-1]) > tol:
             return None  # lambda turns round: a fold comes first
@@ -118,6 +124,13 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
     return u, lam
 
 
+def _row(t: Transcription, u: Array, k: int) -> Array:
+    """The border row of ln T_k."""
+    durations = np.zeros(t.phases)
+    durations[k] = 1.0 / t.durations_of(u)[k]
+    return t.system.border(durations=durations)
+
+
 def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float] | None:
     """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle.
 
@@ -126,9 +139,7 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
     t, u, setting = start
     for _ in range(MESHES_OF_A_TOUCH):
         finer, v, there = on_breaks((t, u, setting), halved(phase_breaks(t, setting.fractions)))
-        durations = np.zeros(t.phases)
-        durations[k] = 1.0 / t.durations_of(u)[k]
-        row = t.system.border(durations=durations)
+        row = _row(t, u, k)
         solution = newton(finer, v, there, border=row, parameter=lam, accuracy=1e-3 * tol)
         if not solution.status.ok:
             return None
@@ -165,3 +176,63 @@ def vanishing_soon(
         if not isinstance(behind, str) and behind[0].signature == touch.signature:
             return touch, behind[0]
     return None
+
+
+def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+    """The orbit at which the phases change from those of `before` to those of `after`.
+
+    It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that touches an
+    event, or the last of those that was found; of what is no user's system, the last one with the phases of `before`.
+    Where only a plane cuts the one elsewhere than the other, no phase of
+    the motion changes.
+
+    vary, options: name of the parameter; tolerance and method of the orbits.
+    Returns Orbit; None where the events are the same.
+    """
+    if same_events(before, after):
+        return None
+    fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
+    alike = takewhile(lambda orbit: orbit.signature == more.signature, nearer(more, fewer, vary, options))
+    for orbit in chain((more,), alike):
+        gone = touched(orbit, vary, options)
+        if gone is not None and _on_the_way(before, gone, after, vary):
+            return gone
+    last = _last_alike(fewer, more, vary, options)
+    touch = touching_orbit(last, vary, options)
+    return last if isinstance(touch, str) else touch
+
+
+def _on_the_way(before: Orbit, touch: Orbit, after: Orbit, vary: str) -> bool:
+    """Whether a touch is that between two orbits.
+
+    It need not lie between them: the branch may turn there, and the cycle without the phase goes on beyond it by what a
+    mode puts up with.
+    """
+    if min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0:
+        return True
+    fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
+    off, step = (abs(parameter_value(orbit, vary) - parameter_value(fewer, vary)) for orbit in (touch, more))
+    return len(touch.arcs) == len(fewer.arcs) and off <= AS_FAR * step
+
+
+def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
+    """How far an orbit is from one towards another, in the parameter."""
+    here = parameter_value(one, vary)
+    return (parameter_value(between, vary) - here) * float(np.sign(parameter_value(other, vary) - here))
+
+
+def _last_alike(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
+    """The last orbit towards `after` with the phases of `before`."""
+    start = curve_point(before, vary, like=secant(before, after, vary))
+    length = float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
+    found = [before]
+
+    def beyond(ds: float) -> bool:
+        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
+        if isinstance(outcome, str) or outcome[0].signature != before.signature:
+            return True
+        found.append(outcome[0])
+        return False
+
+    boundary(beyond, 0.0, length, width=CHANGE_WIDTH, rounds=CHANGE_ROUNDS)
+    return found[-1]

@@ -22,8 +22,8 @@ from ..orbits.closure import Closure, Section, turned, with_sections
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, unknowns_of
 from ..orbits.recurrence import image_of
-from ..orbits.sequences import joined, segments_of, start_of
-from .vanishing import solved_at
+from ..orbits.sequences import segments_of, start_of, uncut
+from .curve import solved_at
 
 LOOKED_FOR = (1.0, 0.618)
 """Parts of the way that the parameter is to go at which the symmetry is looked for."""
@@ -106,12 +106,7 @@ def _whole(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     marks = {event.event.name: s for s in (*family.sections, *planes) for event in s.exits(entries)}
     last = others[-1]
     sections = tuple(s for s in planes if last.event in marks and s == replace(marks[last.event], mode=last.mode))
-    phases: list[list[Segment]] = [[]]
-    for segment in (*halves, *others):
-        phases[-1].append(segment)
-        if segment.event not in marks:
-            phases.append([])
-    segments = [joined(some) for some in phases if some]
+    segments = uncut((*halves, *others), marks)
     closure = Closure.of(
         np.eye(orbit.scale.size), turned(family.system, segments[0].start, segments[-1].behind), 1
     )

@@ -27,8 +27,7 @@ from ..continuation import (
     next_fold,
     special_points_between,
 )
-from ..continuation.natural_walk import walk_naturally
-from ..continuation.walk import walk
+from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit, Status
 from ..orbits import Options, with_multipliers
 from ..results import Result

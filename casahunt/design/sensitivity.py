@@ -1,7 +1,7 @@
 """How much the fold gain moves with every parameter of the servo, all at once.
 
 The fold is where K = K_fold (1 + lambda) is largest (continuation/fold.py), and its multipliers give the derivatives of
-lambda (continuation/adjoint.py):
+lambda (continuation/optimum.py):
 
     dK_fold/dq = K_fold d lambda/d q.
 

@@ -22,7 +22,7 @@ Symbols: n states, P phases.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,6 +131,16 @@ def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
         if _leads_past(posed, segments, k, start[2]):
             return k, start_of(posed, [*segments[:k], *segments[k + 1 :]], start)
     return None
+
+
+def uncut(segments: Sequence[Segment], marks: Container[str]) -> list[Segment]:
+    """The phases between events: those that end at a mark, where a plane cuts, joined with what follows."""
+    phases: list[list[Segment]] = [[]]
+    for segment in segments:
+        phases[-1].append(segment)
+        if segment.event not in marks:
+            phases.append([])
+    return [joined(some) for some in phases if some]
 
 
 def joined(some: Sequence[Segment]) -> Segment:

@@ -22,7 +22,7 @@ import numpy as np
 
 from .. import effort
 from ..checks import of_kind
-from ..continuation import fold_between, largest
+from ..continuation import fold_between, largest, smallest
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..motion import MarchFailure
@@ -293,17 +293,23 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
                 f"{end.value}",
                 Status.NOT_CONVERGED,
             ) from None
-        if (fold := _fold_between(before, after, options)) is not None:
+        if (fold := confirmed_between(before, after, options)) is not None:
             return replace(fold, wall_s=time.perf_counter() - began)
         before = after
 
 
-def _fold_between(before: HuntingOrbit, after: HuntingOrbit, options: Options) -> HuntingFold | None:
-    """The confirmed fold between two orbits, located to a part of the tolerance and confirmed to the whole of it."""
+def confirmed_between(
+    before: HuntingOrbit, after: HuntingOrbit, options: Options, *, sense: float = 1.0
+) -> HuntingFold | None:
+    """The confirmed fold between two orbits, located to a part of the tolerance and confirmed to the whole of it.
+
+    sense: as of `fold_between`.  Returns None where the gain does not turn back between the two.
+    """
+    extremum = largest if sense > 0 else smallest
     for part in LOCATED_TO:
         try:
-            special = fold_between(before, after, "gain", options.finer(part))
-            return None if special is None else cast(HuntingFold, largest(special, "gain", options=options))
+            special = fold_between(before, after, "gain", options.finer(part), sense)
+            return None if special is None else cast(HuntingFold, extremum(special, "gain", options=options))
         except NoOrbit:
             if part == LOCATED_TO[-1]:
                 raise

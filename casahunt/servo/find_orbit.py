@@ -21,7 +21,6 @@ from itertools import pairwise
 from typing import Literal
 
 from ..checks import known, of_kind, to_error
-from ..continuation import fold_between, smallest
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits import Options, refined
@@ -29,7 +28,7 @@ from .cold_start import Met, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.near import BESIDE_A_CYCLE, climbed, near_typical
-from .find_fold import find_fold
+from .find_fold import confirmed_between, find_fold
 from .hunting import Model
 from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
@@ -341,17 +340,14 @@ def _deny_below(
     """
     least = min(orbit.gain for orbit in around) * (1 + options.tol)
     try:
-        folds = (fold_between(*pair, "gain", options, sense=-1.0) for pair in reversed(list(pairwise(around))))
-        lowest = next((found for found in folds if found is not None and found.value <= least), None)
-        if lowest is None:
-            return
-        lower = smallest(lowest, "gain", options=options)
+        folds = (confirmed_between(*pair, options, sense=-1.0) for pair in reversed(list(pairwise(around))))
+        lower = next((found for found in folds if found is not None and found.gain <= least), None)
     except NoOrbit:
         return
-    if gain < lower.value * (1 - 2 * lower.value_error):
+    if lower is not None and gain < lower.gain * (1 - 2 * lower.gain_error):
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: followed down from their "
             f"largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn back at "
-            f"{to_error(lower.value, lower.value_error)}, in a second fold (located on their branch, and again as the "
+            f"{to_error(lower.gain, lower.gain_error)}, in a second fold (located on their branch, and again as the "
             "smallest gain of all cycles near it)"
         )

@@ -13,9 +13,8 @@ import pytest
 from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.cli import main
 from casahunt.continuation import special_points_between
-from casahunt.continuation.natural_walk import walk_naturally
 from casahunt.continuation.special_points import FOLD, user_monitor
-from casahunt.continuation.walk import run, step_along, walk
+from casahunt.continuation.walk import run, step_along, walk, walk_naturally
 from casahunt.design.diagram import STANDARD, collect, diagram
 from problems import table1
 

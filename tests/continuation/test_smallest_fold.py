@@ -14,8 +14,8 @@ from casahunt.collocation.graphs import graphs
 from casahunt.collocation.solve import solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import special_points_between
-from casahunt.continuation.fold import confirmed_smallest
-from casahunt.continuation.fold_conditions import data_of
+from casahunt.continuation.fold import confirmed
+from casahunt.continuation.optimum import data_of
 from casahunt.continuation.special_points import FOLD, SpecialPoint
 from casahunt.continuation.walk import walk
 from casahunt.errors import Status
@@ -54,7 +54,7 @@ def test_where_it_lies_and_how_it_moves(solver):
         for s in special_points_between(*pair, vary="nu", monitors=(FOLD,), options=options)[0]
     ]  # fmt: skip
     assert len(found) == 1
-    fold = confirmed_smallest(found[0], "nu", options)
+    fold = confirmed(found[0], "nu", options, sense=-1.0)
     assert fold.value == pytest.approx(SMALLEST, rel=1e-9)
     assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-9)
     t, u, setting = unknowns_of(fold.orbit)
@@ -69,14 +69,14 @@ def test_where_it_lies_and_how_it_moves(solver):
 
 @pytest.mark.parametrize("solver", ["ipopt", "newton"])
 def test_a_point_beside_it_is_refused(solver):
-    """Half a tolerance off it is confirmed, and the optimum lies at the fold itself, not as far on the other side."""
+    """Off by less than a tolerance it is confirmed, and the optimum lies at the fold itself, not beyond it."""
     options = Options(tol=1e-4, solver=solver)
-    beside = stable_cycle(SMALLEST * (1 + 5e-5), Options(tol=1e-9))
-    fold = confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", options)
-    assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-8)
-    assert fold.value_error >= 5e-5 * (1 - 1e-3)
-    with pytest.raises(NoOrbit, match="not confirmed as the smallest nu"):
-        confirmed_smallest(SpecialPoint("fold", beside, ""), "nu", Options(tol=1e-5, solver=solver))
+    beside = stable_cycle(SMALLEST * (1 + 1e-8), Options(tol=1e-11))
+    fold = confirmed(SpecialPoint("fold", beside, ""), "nu", options, sense=-1.0)
+    assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-9)
+    assert 0.95e-8 < fold.value_error < 1.2e-8  # what the halved mesh leaves itself is allowed for
+    with pytest.raises(NoOrbit, match="not confirmed: the optimisation problem gives"):
+        confirmed(SpecialPoint("fold", beside, ""), "nu", Options(tol=5e-9, solver=solver), sense=-1.0)
 
 
 def test_a_smallest_parameter_is_not_given_as_the_largest():

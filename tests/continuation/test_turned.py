@@ -16,12 +16,12 @@ from casahunt.collocation.mesh import on_halved_mesh
 from casahunt.collocation.solve import solve
 from casahunt.collocation.turn import MOST_TURNS
 from casahunt.continuation import fold as folds
-from casahunt.continuation import locating, turned
+from casahunt.continuation import locating
 from casahunt.continuation import optimum as conditions
 from casahunt.continuation.curve import along
 from casahunt.continuation.fold import located
+from casahunt.continuation.locating import turned_between
 from casahunt.continuation.optimum import optimum
-from casahunt.continuation.turned import turned_between
 from casahunt.errors import Status
 from casahunt.orbits import adapt
 from casahunt.orbits.border import curve_border, row_along
@@ -166,14 +166,14 @@ def test_a_fold_is_solved_for_where_the_branch_turns(beside, monkeypatch):
 
 
 def test_what_is_not_between_the_two_orbits_is_another_fold(beside, orbit, monkeypatch):
-    monkeypatch.setattr(turned, "turned_orbit", lambda *_: orbit("switch", 0.3))
+    monkeypatch.setattr(locating, "turned_orbit", lambda *_: orbit("switch", 0.3))
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
 
 
 @pytest.mark.parametrize("part", [-0.5, 1.5, np.nan])
 def test_a_cubic_that_turns_elsewhere_leads_to_no_solve(beside, monkeypatch, part):
-    monkeypatch.setattr(turned, "turned_orbit", lambda *_: pytest.fail("there is nothing to solve for"))
-    monkeypatch.setattr(turned, "_top", lambda *_: (part, -1.0))
+    monkeypatch.setattr(locating, "turned_orbit", lambda *_: pytest.fail("there is nothing to solve for"))
+    monkeypatch.setattr(locating, "_top", lambda *_: (part, -1.0))
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
 
 
@@ -207,7 +207,7 @@ def test_what_is_not_presentable_gets_another_mesh(beside, monkeypatch):
 
 
 def test_orbits_of_other_phases_have_no_cubic_between_them(beside, monkeypatch):
-    monkeypatch.setattr(turned, "bend", lambda *_, **__: None)
+    monkeypatch.setattr(locating, "bend", lambda *_, **__: None)
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
 
 

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from casahunt.continuation import follow, vanishing
-from casahunt.continuation.phase_change import _on_the_way, change_of_phases
 from casahunt.continuation.special_points import GRAZING
-from casahunt.continuation.vanishing import solved_at
+from casahunt.continuation.vanishing import _on_the_way, change_of_phases, solved_at
 from casahunt.continuation.walk import run, walk
 from casahunt.hybrid.examples import belt
 from casahunt.orbits import Options, find_cycle

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Options, Servo, Status, find_fold
-from casahunt.continuation import fold_confirmation, smallest, turning_points
 from casahunt.continuation import fold_ensemble as engine
-from casahunt.continuation.fold_confirmation import confirmed_many
+from casahunt.continuation import fold_expansion, smallest
+from casahunt.continuation.fold_ensemble import confirmed_many
 from casahunt.design.ensemble import fold_ensemble
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.uncertainty import batch
@@ -168,19 +168,26 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.undo()
     honest = engine.admissible_many
 
-    def doubts(t, u, settings):
-        return honest(t, u, settings) & (settings.p[:, 4] != rows[1, 4])
+    def doubting(halves):
+        meshes = []
+
+        def doubts(t, u, settings):
+            meshes.append(t.intervals)
+            believed = (t.intervals > meshes[0]) != halves
+            return honest(t, u, settings) & (believed | (settings.p[:, 4] != rows[1, 4]))
+
+        return doubts
 
     # Of the fold, which is then judged on a mesh of its own; and of what a Newton step on the halved mesh makes of it.
-    for module, otherwise in ((engine, "recut"), (fold_confirmation, "alone")):
-        monkeypatch.setattr(module, "admissible_many", doubts)
+    for halves, otherwise in ((False, "recut"), (True, "alone")):
+        monkeypatch.setattr(engine, "admissible_many", doubting(halves))
         assert how() == ("batch", otherwise, "batch")
         monkeypatch.undo()
-    monkeypatch.setattr(fold_confirmation, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
+    monkeypatch.setattr(engine, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
     assert how() == ("alone",) * 3
     monkeypatch.undo()
     known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
-    monkeypatch.setattr(turning_points, "LARGEST_MOVE", 1e-9)  # another fold than the one that was expected
+    monkeypatch.setattr(fold_expansion, "LARGEST_MOVE", 1e-9)  # another fold than the one that was expected
     monkeypatch.setattr(batch, "known_fold", lambda *_: known)
     assert how() == ("alone",) * 3
     monkeypatch.undo()
@@ -228,7 +235,7 @@ def test_by_way_of_the_fold_halfway(folds, monkeypatch):
     assert found.gains[0] == pytest.approx(found.gains[1], rel=found.gain_errors.sum())
     known = batch.known_fold(Servo(), names, folds["switch"], 1e-8)
     p = np.array([Servo().replace(**dict(zip(names, row, strict=True))).parameters(1.0) for row in rows])
-    assert any(s is not Status.CONVERGED for s in turning_points.from_expansion(known, p, 1e-8, 0)[0].statuses)
+    assert any(s is not Status.CONVERGED for s in fold_expansion.from_expansion(known, p, 1e-8, 0)[0].statuses)
 
 
 def test_bad_tables(folds):

@@ -10,7 +10,7 @@ import pytest
 from tuning import TIME, crossover_phase
 
 from casahunt import Servo, find_fold
-from casahunt.continuation.fold_conditions import data_of, fold_conditions
+from casahunt.continuation.optimum import data_of, fold_conditions
 from casahunt.design.tune.demands import Demands, log_numbers
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt.continuation.natural_walk import walk_naturally
-from casahunt.continuation.walk import walk
+from casahunt.continuation.walk import walk, walk_naturally
 from casahunt.errors import InputError
 from casahunt.motion.phases import march
 from casahunt.orbits import archive

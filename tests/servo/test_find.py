@@ -303,6 +303,6 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
         searching._deny_below([near, past, farther], fold, gain, "stable", Options())
     assert refused.value.status is None
     # Where a cycle was met at a smaller gain, that fold is not the end of them.
-    lowest = searching.fold_between(near, past, "gain", Options(), sense=-1.0)
-    monkeypatch.setattr(searching, "fold_between", lambda *_, **__: lowest)
-    searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.value)], fold, gain, "stable", Options())
+    lowest = searching.confirmed_between(near, past, Options(), sense=-1.0)
+    monkeypatch.setattr(searching, "confirmed_between", lambda *_, **__: lowest)
+    searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())

@@ -7,7 +7,7 @@
                 bounds on K, tau_d, tau_i
 
 in (ln K, ln tau_d, ln tau_i), the logarithms of the crossovers, and u_b, lambda_b, nu_b of every fold:
-continuation/fold_conditions.py, servo/delayed_loop.py.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
+continuation/optimum.py, servo/delayed_loop.py.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
 coefficients of chi(s - rho)/J, the settling cost adds the Routh-Hurwitz conditions of the shifted polynomial, b_2 >= 0,
 b_1 >= 0, b_0 >= 0, b_2 b_1 >= b_0.
 
@@ -26,7 +26,7 @@ import numpy as np
 
 from ...collocation.ipopt import minimise
 from ...compiled import alone
-from ...continuation.fold_conditions import data_of, fold_conditions
+from ...continuation.optimum import data_of, fold_conditions
 from ...orbits.orbit import unknowns_of
 from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
 from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
