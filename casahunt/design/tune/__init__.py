@@ -4,9 +4,8 @@
 
 c are the numbers of the controller that are free: tau_d, tau_i, or two of kp, ki, kd (servo/controller.py).
 
-crossover.py  the phase of many linear loops at their crossovers
-loop_set.py   the linear loops of a box of servos: the worst one, the gains that keep the margins
 demands.py    what a tuning may be asked for: demands, bounds, costs
+loop_set.py   the linear loops of a box of servos: the worst one, the gains that keep the margins
 refusal.py    which demand stands against which
 problem.py    one problem of a tuning for IPOPT
 given.py      a tuning with a given controller: the best gain for every servo of the set

@@ -35,9 +35,8 @@ from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
 from ..uncertainty.batch import fold_gains
 from ..uncertainty.set import Uncertainty
-from .demands import Demands, silent
+from .demands import DEMANDS, Demands, silent
 from .given import Answer, fold_of
-from .loop_set import DEMANDS
 from .tasks import Task, regulator_tasks
 
 Array = np.ndarray

@@ -29,8 +29,8 @@ from ...servo.servo import Servo
 from ..uncertainty.nearby import fold_beside
 from ..uncertainty.set import Uncertainty
 from ..uncertainty.worst_corner import WorstCase, worst_corner
-from .demands import Demands, cost_of, log_numbers, silent, with_numbers
-from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
+from .demands import DEMANDS, Demands, cost_of, log_numbers, silent, with_numbers
+from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
 from .problem import Cut
 from .refusal import Nearest
 
@@ -141,12 +141,12 @@ class Given:
         gain = self._best_gain(q, needed)
         if gain is None:
             return None, worst
-        loops = {name: shortfall(self.boxes(q), self.demands.loops, gain, name)[1] for name in DEMANDS}
+        loops = {name: shortfall(self.boxes(q), self.demands, gain, name)[1] for name in DEMANDS}
         return Answer(servo, gain, worst, loops, self._binding(servo, gain, worst, loops)), worst
 
     def _best_gain(self, q: Array, needed: float) -> float | None:
         """The gain of least cost that keeps every demand at these times, to rounding."""
-        servo, boxes, demands = self.at(q), self.boxes(q), self.demands.loops
+        servo, boxes, demands = self.at(q), self.boxes(q), self.demands
         low, high = self.gains(needed, servo)
         first = max(needed, low)
         if first > high:
@@ -170,7 +170,7 @@ class Given:
         if worst.gain and gain <= (1 + demands.margin) * worst.gain * (1 + touching):
             found.append("hunting margin")
         for name, loop in loops.items():
-            if loop.phase - demands.loops.least(name) <= touching:
+            if loop.phase - demands.least(name) <= touching:
                 found.append(name)
         for name in ("gain", *self.free):
             if name not in self.limits:
@@ -222,14 +222,14 @@ class Given:
         new = False
         for name in DEMANDS:
             for box in self.boxes(q):
-                _, loop = shortfall([box], self.demands.loops, gain, name)
+                _, loop = shortfall([box], self.demands, gain, name)
                 moved = log_numbers(self.servo)
                 own = {
                     name: math.exp(math.log(loop.values[name]) - q[i] + moved[i])
                     for i, name in enumerate(self.servo.controller_names)
                 }
                 values = loop.values | {"servo.motor_gain": loop.kappa / gain} | own
-                cut = Cut(self.servo.replace(**values), name, self.demands.loops.least(name) + self.guard)
+                cut = Cut(self.servo.replace(**values), name, self.demands.least(name) + self.guard)
                 if not any(_same(cut.servo, c.servo, 1e-6) and c.demand == name for c in self.cuts):
                     self.cuts.append(cut)
                     new = True
@@ -270,7 +270,7 @@ class Given:
             return None
         servo = self.at(q)
         low, high = self.gains(needed, servo)
-        table = Table(self.boxes(q), self.demands.loops, low, high)
+        table = Table(self.boxes(q), self.demands, low, high)
         extra = [needed * (1 + self.guard)] if low < needed < high else []
         gains = np.append(table.gains, extra)
         loops = table.missed.max(axis=0)
@@ -307,13 +307,8 @@ def fastest(servo: Servo, low: float, high: float) -> float:
     row = np.geomspace(low, high, FASTEST)
     row[0], row[-1] = low, high
     i = int(np.argmin([settling(float(k)) for k in row]))
-    a, b = float(row[max(i - 1, 0)]), float(row[min(i + 1, row.size - 1)])
-    part = (math.sqrt(5) - 1) / 2
-    best = [float(row[i]), low, high]
-    while b / a - 1 > 1e-10:
-        c, d = b * (a / b) ** part, a * (b / a) ** part
-        a, b = (a, d) if settling(c) <= settling(d) else (c, b)
-    return min([*best, math.sqrt(a * b)], key=settling)
+    between = lowest(settling, float(row[max(i - 1, 0)]), float(row[min(i + 1, row.size - 1)]))
+    return min([float(row[i]), low, high, between], key=settling)
 
 
 def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:

@@ -33,8 +33,7 @@ from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
 from ...servo.linear_loop import linear_loop
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .demands import log_numbers, with_numbers
-from .loop_set import DEMANDS
+from .demands import DEMANDS, log_numbers, with_numbers
 
 Array = np.ndarray
 
@@ -51,7 +50,7 @@ class Cut:
     Attributes
     ----------
     servo : its parameters, with the controller times as given; the motor gain may hold a factor of the gain.
-    demand : one of loop_set.DEMANDS.
+    demand : one of `DEMANDS`.
     least : smallest phi [rad].
     """
 

@@ -16,8 +16,8 @@ import numpy as np
 from ...servo.controller import Pid
 from ...servo.servo import Servo
 from ..uncertainty.worst_corner import WorstCase
-from .demands import Demands, controller_said
-from .loop_set import DEMANDS, Intervals, LoopBox, Table, allowed, common
+from .demands import DEMANDS, Demands, controller_said
+from .loop_set import Intervals, LoopBox, Table, allowed, common
 
 WIDER = 100.0
 """How far beyond the gains that matter the demands are looked at."""
@@ -54,9 +54,9 @@ def refusal(near: Nearest, demands: Demands, *, times: int = 0, missed: float = 
     """
     low = min(near.span[0], near.needed or math.inf) / WIDER
     high = max(near.span[1], near.needed) * WIDER
-    table = Table(near.boxes, demands.loops, low, high)
+    table = Table(near.boxes, demands, low, high)
     sets: dict[str, Intervals] = {"hunting margin": [(near.needed, math.inf)]}
-    sets |= {name: allowed(near.boxes, demands.loops, table, name) for name in DEMANDS}
+    sets |= {name: allowed(near.boxes, demands, table, name) for name in DEMANDS}
     if near.bounds is not None:
         sets["bounds of the gain"] = [near.bounds]
     names = _against_each_other(sets)
@@ -105,7 +105,7 @@ def _said(name: str, allowed: Intervals, near: Nearest, demands: Demands, table:
     if not allowed:
         row = table.missed[DEMANDS.index(name)]
         i = int(np.argmin(row))
-        best = demands.loops.least(name) - float(row[i])
+        best = demands.least(name) - float(row[i])
         margin = f"the smallest phase margin is {math.degrees(best):.4g} degrees at best, at gain {table.gains[i]:.4g}"
         return f"{what} is kept at no gain ({margin})"
     texts = []
