@@ -2,36 +2,46 @@
 
     servo, rows of parameter values -> fold gain, period and amplitude of each, with their errors
 
-They are computed from the fold or the cycle of one servo, in batches (uncertainty/batch.py, orbits/ensemble.py);
-what a batch cannot do is computed alone, as `find_fold` and `find_orbit` do, and says so.
+    folds: rows of parameters -> batches -> folds_near (continuation/fold_ensemble.py) -> fold_near (nearby.py) for the
+    rest;    cycles: orbits/ensemble.py
 
-Units: K in V/rad, amplitude in rad, period in s.  Symbols: n servos, k parameters.
+They are computed from the fold or the cycle of one servo, in batches that any executor may share out; what a batch
+cannot do is computed alone, as `find_fold` and `find_orbit` do, and says so.  A batch carries the expansion of the
+known fold, made once; its results are a function of the batch, and a row's of the row: whoever computes it, in whatever
+company.
+
+Units: K in V/rad, amplitude in rad, period in s.  Symbols: n servos, k parameters, j whose elasticities are wanted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..checks import known
-from ..errors import Status
+from ..continuation.fold_ensemble import folds_near
+from ..continuation.fold_expansion import Expansion
+from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.ensemble import OrbitEnsemble, table_of
+from ..orbits.ensemble import ROWS_OF_A_TASK, OrbitEnsemble, table_of
 from ..orbits.ensemble import orbit_ensemble as orbits_near
 from ..orbits.rows import Rows
 from ..servo.find_orbit import BranchName, find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
 from ..servo.servo import Servo, a_servo
-from .uncertainty.batch import Done, folds_of
-from .uncertainty.nearby import nominal_fold
+from .nearby import expected_gains, fold_near, known_fold, nominal_fold, servo_at, vectors
+from .sensitivity import fold_sensitivities
 
 Array = np.ndarray
+
+ON_ITS_OWN = "alone"
+"""How a fold was computed that no batch did."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,11 +151,101 @@ def fold_ensemble(
     names = tuple(names)
     table = table_of(Hunting(model, servo, 1.0), names, rows)
     options = options or Options()
-    done = folds_of(
+    return folds_of(
         servo, model, names, table, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,
         report=report, elasticities_by=names if elasticities else (),
     )  # fmt: skip
-    return _ensemble(model, names, table, done)
+
+
+def folds_of(
+    servo: Servo, model: Model, names: Sequence[str], rows: Array, *, options: Options, fold: HuntingFold | None,
+    executor: Executor | None = None, report: Callable[[int], None] | None = None,
+    elasticities_by: tuple[str, ...] = (),
+) -> FoldEnsemble:  # fmt: skip
+    """The folds of servos by the rows of their parameters, as `fold_ensemble`, nothing checked.
+
+    fold: from which the others are predicted, of any servo nearby; None: each is looked for alone; elasticities_by: j
+    parameters whose d ln K/d ln q are wanted.
+    """
+    names, expected = tuple(names), expected_gains(fold, names, rows)
+    known = known_fold(servo, names, fold, options.tol) if len(rows) else None
+    batches = [slice(i, i + ROWS_OF_A_TASK) for i in range(0, len(rows), ROWS_OF_A_TASK)]
+    tasks = [_Task(servo, model, options, names, rows[b], expected[b], known, elasticities_by) for b in batches]
+    parts = [_nothing(model, names, rows[:0], len(elasticities_by))]
+    for part in map(_work, tasks) if executor is None else executor.map(_work, tasks):
+        parts.append(part)
+        if report is not None:
+            report(sum(map(len, parts)))
+    return _joined(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Everything a worker needs for a batch; small, and pickled once per task."""
+
+    servo: Servo
+    model: Model
+    options: Options
+    names: tuple[str, ...]
+    rows: Array
+    expected: Array
+    known: Expansion | None
+    elasticities_by: tuple[str, ...]
+
+
+def _work(task: _Task) -> FoldEnsemble:
+    """The folds of a batch; a function of the batch alone, whoever computes it."""
+    by, sentences = task.elasticities_by, {}
+    out = _nothing(task.model, task.names, task.rows, len(by))
+    columns = [getattr(out, name) for name in _NUMBERS]
+    statuses, how = list(out.statuses), list(out.how)
+    if task.known is not None:
+        p = vectors(task.servo, task.names, task.rows)
+        folds = folds_near(task.known, p, task.options.tol, slopes_by=by)
+        found = [i for i, word in enumerate(folds.how) if word]
+        for column, name in zip(columns, _OF_THE_ENGINE, strict=True):
+            column[found] = getattr(folds, name)[found]
+        for i in found:
+            statuses[i], how[i] = folds.statuses[i], folds.how[i]
+    for i in [i for i, word in enumerate(how) if word == ON_ITS_OWN]:
+        try:
+            servo = servo_at(task.servo, task.names, task.rows[i])
+            fold = fold_near(servo, task.model, float(task.expected[i]), task.options)
+        except NoOrbit as error:
+            statuses[i], sentences[i] = error.status, str(error)
+            continue
+        statuses[i] = Status.CONVERGED
+        if fold is None:
+            out.gains[i] = 0.0
+            continue
+        of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
+        values = fold.gain, fold.gain_error, of.period, of.period_error, of.amplitude, of.amplitude_error
+        for column, value in zip(columns, (*values, [moves[name] for name in by]), strict=True):
+            column[i] = value
+    return replace(out, statuses=tuple(statuses), how=tuple(how), failures=tuple(sentences.items()))
+
+
+_NUMBERS = (
+    "gains", "gain_errors", "periods", "period_errors", "amplitudes", "amplitude_errors", "elasticities",
+)  # fmt: skip
+_OF_THE_ENGINE = ("values", "value_errors", *_NUMBERS[2:6], "slopes")
+"""The arrays of an ensemble, and their names where the gain is a parameter like any other."""
+
+
+def _nothing(model: Model, names: tuple[str, ...], rows: Array, count: int) -> FoldEnsemble:
+    """Folds of which nothing is known yet, with `count` elasticities."""
+    n = len(rows)
+    numbers = [np.full(n, np.nan) for _ in range(6)]
+    return FoldEnsemble(model, names, rows, *numbers, np.full((n, count), np.nan), (None,) * n, (ON_ITS_OWN,) * n, ())
+
+
+def _joined(parts: Sequence[FoldEnsemble]) -> FoldEnsemble:
+    """Several of them, of the same parameters, as one."""
+    starts = np.cumsum([0, *map(len, parts)]).tolist()
+    failures = [(at + i, said) for at, part in zip(starts, parts, strict=False) for i, said in part.failures]
+    arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("parameters", *_NUMBERS)}
+    words = {name: tuple(x for p in parts for x in getattr(p, name)) for name in ("statuses", "how")}
+    return replace(parts[0], **arrays, **words, failures=tuple(failures))
 
 
 def orbit_ensemble(
@@ -208,12 +308,3 @@ def orbit_ensemble(
 def _alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
     """The cycle of one servo, from nothing."""
     return find_orbit(problem.servo, problem.model, problem.gain, branch=branch, options=options)
-
-
-def _ensemble(model: Model, names: tuple[str, ...], rows: Array, done: Done) -> FoldEnsemble:
-    failures = tuple((i, sentence) for i, sentence in enumerate(done.sentences) if sentence)
-    gain, gain_error, period, period_error, amplitude, amplitude_error = done.numbers
-    return FoldEnsemble(
-        model, names, rows, gain, gain_error, period, period_error, amplitude, amplitude_error, done.elasticities,
-        done.statuses, done.how, failures,
-    )  # fmt: skip

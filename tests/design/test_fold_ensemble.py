@@ -15,9 +15,10 @@ from casahunt import InputError, Options, Servo, Status, find_fold
 from casahunt.continuation import fold_confirmation, smallest, turning_points
 from casahunt.continuation import fold_ensemble as engine
 from casahunt.continuation.fold_confirmation import confirmed_many
+from casahunt.design import ensemble
 from casahunt.design.ensemble import fold_ensemble
+from casahunt.design.nearby import known_fold
 from casahunt.design.sensitivity import fold_sensitivities
-from casahunt.design.uncertainty import batch
 from casahunt.orbits import find_cycle
 from casahunt.orbits.ensemble import MEMBERS_OF_A_PASS, ROWS_OF_A_TASK
 from problems import bouncing_ball, table1
@@ -179,12 +180,12 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.setattr(fold_confirmation, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
     assert how() == ("alone",) * 3
     monkeypatch.undo()
-    known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
+    known = known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     monkeypatch.setattr(turning_points, "LARGEST_MOVE", 1e-9)  # another fold than the one that was expected
-    monkeypatch.setattr(batch, "known_fold", lambda *_: known)
+    monkeypatch.setattr(ensemble, "known_fold", lambda *_: known)
     assert how() == ("alone",) * 3
     monkeypatch.undo()
-    monkeypatch.setattr(batch, "known_fold", lambda *_: None)
+    monkeypatch.setattr(ensemble, "known_fold", lambda *_: None)
     assert how() == ("alone",) * 3
 
 
@@ -197,7 +198,7 @@ def test_neighbours_that_fail_leave_no_derivative(folds, monkeypatch):
         return found, settings
 
     monkeypatch.setattr(engine, "from_expansion", spoilt)
-    known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
+    known = known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     assert known is not None and not known.first[0].any() and not known.second[0].any() and known.first[1:].any()
 
 
@@ -226,7 +227,7 @@ def test_by_way_of_the_fold_halfway(folds, monkeypatch):
     found = fold_ensemble(Servo(), "switch", names, rows, options=SHARP, fold=folds["switch"])
     assert "alone" not in found.how
     assert found.gains[0] == pytest.approx(found.gains[1], rel=found.gain_errors.sum())
-    known = batch.known_fold(Servo(), names, folds["switch"], 1e-8)
+    known = known_fold(Servo(), names, folds["switch"], 1e-8)
     p = np.array([Servo().replace(**dict(zip(names, row, strict=True))).parameters(1.0) for row in rows])
     assert any(s is not Status.CONVERGED for s in turning_points.from_expansion(known, p, 1e-8, 0)[0].statuses)
 

@@ -98,9 +98,10 @@ def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
 @pytest.mark.slow
 def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypatch, servo):
     """A fold that is not computed at a corner, and an event map that does not help, leave it unverified."""
-    from casahunt.design.uncertainty import nearby, worst_corner
+    from casahunt.design import nearby
+    from casahunt.design.uncertainty import worst_corner
 
-    honest, honest_batch = nearby.fold_near, check.fold_gains
+    honest, honest_batch = nearby.fold_near, check.folds_of
 
     def failing(servo, *rest):
         if servo.inertia > 0.027:
@@ -108,13 +109,13 @@ def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypa
         return honest(servo, *rest)
 
     def failing_batch(servo, model, names, rows, **rest):
-        gains, failures = honest_batch(servo, model, names, rows, **rest)
-        lost = np.flatnonzero(rows[:, 0] > 0.027)
-        return np.where(rows[:, 0] > 0.027, np.nan, gains), failures | {int(i): "not today" for i in lost}
+        found = honest_batch(servo, model, names, rows, **rest)
+        failures = tuple((int(i), "not today") for i in np.flatnonzero(rows[:, 0] > 0.027))
+        return replace(found, gains=np.where(rows[:, 0] > 0.027, np.nan, found.gains), failures=failures)
 
     for module in (nearby, worst_corner):
         monkeypatch.setattr(module, "fold_near", failing)
-    monkeypatch.setattr(check, "fold_gains", failing_batch)
+    monkeypatch.setattr(check, "folds_of", failing_batch)
     monkeypatch.setattr("casahunt.design.tune.check._no_cycle", lambda *_: False)
     found = tune(servo, "switch", uncertainty=Uncertainty({"servo.inertia": (0.025, 0.028)}))
     shown = found.verification

@@ -33,10 +33,11 @@ from ...servo.event_map.scan import scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
-from ..uncertainty.batch import fold_gains
+from ..ensemble import folds_of
+from ..nearby import fold_beside
 from ..uncertainty.set import Uncertainty
 from .demands import DEMANDS, Demands, silent
-from .given import Answer, fold_of
+from .given import Answer
 from .tasks import Task, regulator_tasks
 
 Array = np.ndarray
@@ -156,7 +157,7 @@ def verified(
     def again(of: Servo) -> HuntingFold | None:
         tell("verifying: the fold once more, from nothing")
         try:
-            return fold_of(of, model, options)
+            return fold_beside(of, model, None, options=options)
         except NoOrbit as error:
             unverified.append(f"the fold was not found again from nothing: {error}")
             return answer.worst.fold if of == worst else None
@@ -247,10 +248,11 @@ def _check_set(
             continue
         rows.append(q)
     began = time.monotonic()
-    gains, failures = fold_gains(
+    found = folds_of(
         answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
         report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set{effort.left(i, len(rows), began)}"),
     )  # fmt: skip
+    gains, failures = found.gains, dict(found.failures)
     above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
     unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
     left = []

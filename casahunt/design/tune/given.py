@@ -21,12 +21,11 @@ import numpy as np
 
 from ...errors import NoOrbit
 from ...orbits.adapt import Options
-from ...servo.find_fold import find_fold
 from ...servo.hunting import Model
 from ...servo.linear_loop import integral_gain
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from ..uncertainty.nearby import fold_beside
+from ..nearby import fold_beside
 from ..uncertainty.set import Uncertainty
 from ..uncertainty.worst_corner import WorstCase, worst_corner
 from .demands import DEMANDS, Demands, cost_of, log_numbers, silent, with_numbers
@@ -245,10 +244,7 @@ class Given:
             self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
             known = [fold for fold in self.folds.values() if fold is not None]
             near = min(known, key=lambda fold: _distance(fold.orbit.servo, servo), default=None)
-            self.folds[servo] = (
-                fold_of(servo, self.model, self.options) if near is None
-                else fold_beside(servo, self.model, near, options=self.options)
-            )  # fmt: skip
+            self.folds[servo] = fold_beside(servo, self.model, near, options=self.options)
         return self.folds[servo]
 
     def folds_at(self, q: Array) -> list[HuntingFold]:
@@ -321,17 +317,3 @@ def _distance(a: Servo, b: Servo) -> float:
     both = (x > 0) & (y > 0)
     far = np.where(both, np.log(np.where(both, x, 1.0) / np.where(both, y, 1.0)), x != y)
     return float(np.linalg.norm(far))
-
-
-def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
-    """The fold of a servo, from nothing.
-
-    Returns the fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm.
-    Raises NoOrbit: it was not computed.
-    """
-    try:
-        return find_fold(servo, model, options=options)
-    except NoOrbit as error:
-        if error.status is None:
-            return None
-        raise

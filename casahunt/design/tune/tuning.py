@@ -30,8 +30,8 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import fold_sensitivities
-from ..uncertainty.linear import linear_range
 from ..uncertainty.set import Uncertainty, check_box
+from ..uncertainty.summary import linear_range
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
 from .given import Answer, Given

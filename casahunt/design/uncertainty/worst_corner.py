@@ -14,12 +14,13 @@ Units: K in V/rad.  Symbols: k uncertain parameters, q, l, h (k,) values and bou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...checks import known
+from ...continuation.fold_ensemble import folds_near
 from ...errors import InputError, NoOrbit, Status
 from ...hybrid.roots import Bracket
 from ...orbits.adapt import Options
@@ -27,10 +28,9 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .batch import Task, in_batch, known_fold
-from .linear import gradient
-from .nearby import fold_near, nominal_fold, prediction
-from .set import COULOMB, STATIC, Array, Uncertainty, check_box, servo_at, values_of
+from ..nearby import expected_gains, fold_near, known_fold, nominal_fold, servo_at, values_of, vectors
+from ..sensitivity import fold_sensitivities
+from .set import COULOMB, STATIC, Array, Uncertainty, check_box
 
 RANDOM_CORNERS = 2
 MOST_EVALUATIONS = 100
@@ -96,13 +96,13 @@ class _Search:
         self.servo, self.model, self.options = servo, model, options
         self.names = uncertainty.parameters
         self.low, self.high = uncertainty.box(servo)
-        self.predict = prediction(servo, fold, self.names)
+        self.fold = fold
         self.known = known_fold(servo, self.names, fold, options.tol)
         self.places: dict[bytes, _Place] = {}
         self.evaluations = 0
         self.failures: list[str] = []
         if fold is not None:
-            self._keep(_Place(self.predict.q, fold.gain, gradient(fold, self.names), fold))
+            self._keep(_Place(values_of(servo, self.names), fold.gain, gradient(fold, self.names), fold))
 
     def _keep(self, place: _Place) -> _Place:
         self.places[place.q.tobytes()] = place
@@ -114,7 +114,7 @@ class _Search:
             self.report(self.evaluations)
 
     def compute(self, asked: list[Array]) -> None:
-        """The folds at points (k,) that are not known yet, in one batch (batch.py)."""
+        """The folds at points (k,) that are not known yet, in one batch."""
         rows: dict[bytes, Array] = {}
         for q in asked:
             if q.tobytes() in self.places or q.tobytes() in rows:
@@ -129,9 +129,8 @@ class _Search:
         if not rows:
             return
         table = np.array(list(rows.values()))
-        expected = self.predict(table)
-        task = Task(self.servo, self.model, self.options, self.names, table, expected, self.known, self.names)
-        folds = None if self.known is None else in_batch(task, self.known)
+        expected, p = expected_gains(self.fold, self.names, table), vectors(self.servo, self.names, table)
+        folds = None if self.known is None else folds_near(self.known, p, self.options.tol, slopes_by=self.names)
         for i, q in enumerate(table):
             if folds is not None and folds.how[i] and q.all():  # of a parameter that is zero no elasticity tells
                 gain = float(folds.values[i])
@@ -233,6 +232,15 @@ class _Search:
             if best.fold is not None or not best.gain > 0:
                 return best
             self._keep(self._alone(best))
+
+
+def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
+    """The gradient dK/dq of the fold gain.
+
+    fold: where it is taken. Returns (k,) [V/rad] per unit of each parameter.
+    """
+    derivatives = fold_sensitivities(fold).derivatives
+    return np.array([derivatives[name] for name in names], dtype=float)
 
 
 def worst_corner(
