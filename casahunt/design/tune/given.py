@@ -31,7 +31,6 @@ from ..uncertainty.worst_corner import WorstCase, worst_corner
 from .demands import DEMANDS, Demands, cost_of, log_numbers, silent, with_numbers
 from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
 from .problem import Cut
-from .refusal import Nearest
 
 Array = np.ndarray
 
@@ -205,9 +204,7 @@ class Given:
         q: (2,) ln of the times there [s]. Returns whether it is a new one.
         """
         self.folds.setdefault(worst.servo, worst.fold)
-        own = worst.servo
-        if self.free:
-            own = with_numbers(own, log_numbers(own) - q + log_numbers(self.servo))
+        own = _moved(worst.servo, log_numbers(self.servo) - q) if self.free else worst.servo
         if any(_same(own, member) for member in self.members):
             return False
         self.members.append(own)
@@ -222,13 +219,9 @@ class Given:
         for name in DEMANDS:
             for box in self.boxes(q):
                 _, loop = shortfall([box], self.demands, gain, name)
-                moved = log_numbers(self.servo)
-                own = {
-                    name: math.exp(math.log(loop.values[name]) - q[i] + moved[i])
-                    for i, name in enumerate(self.servo.controller_names)
-                }
-                values = loop.values | {"servo.motor_gain": loop.kappa / gain} | own
-                cut = Cut(self.servo.replace(**values), name, self.demands.least(name) + self.guard)
+                servo = self.servo.replace(**loop.values, **{"servo.motor_gain": loop.kappa / gain})
+                own = _moved(servo, log_numbers(self.servo) - q)
+                cut = Cut(own, name, self.demands.least(name) + self.guard)
                 if not any(_same(cut.servo, c.servo, 1e-6) and c.demand == name for c in self.cuts):
                     self.cuts.append(cut)
                     new = True
@@ -252,8 +245,7 @@ class Given:
 
         Raises NoOrbit: one was not computed.
         """
-        moved = q - log_numbers(self.servo)
-        members = [with_numbers(m, log_numbers(m) + moved) if moved.any() else m for m in self.members]
+        members = [_moved(member, q - log_numbers(self.servo)) for member in self.members]
         return [fold for fold in map(self._fold, members) if fold is not None]
 
     # Times as they look
@@ -280,16 +272,6 @@ class Given:
         i = int(np.argmin(missed))
         return Outlook(q, float(missed[i]), float(gains[i]), math.inf)
 
-    def nearest(self, q: Array, worst: WorstCase) -> Nearest:
-        """What a refusal says of these times.
-
-        q: (2,) ln of the times [s].
-        """
-        servo = self.at(q)
-        needed = (1 + self.demands.margin) * worst.gain
-        bounds, span = self.limits.get("gain"), self.gains(needed, servo)
-        return Nearest(servo, worst, needed, bounds, span, self.boxes(q), self.free)
-
 
 def fastest(servo: Servo, low: float, high: float) -> float:
     """The gain of fastest settling between two: the best of a row of gains, polished by golden section.
@@ -305,6 +287,11 @@ def fastest(servo: Servo, low: float, high: float) -> float:
     i = int(np.argmin([settling(float(k)) for k in row]))
     between = lowest(settling, float(row[max(i - 1, 0)]), float(row[min(i + 1, row.size - 1)]))
     return min([float(row[i]), low, high, between], key=settling)
+
+
+def _moved(servo: Servo, by: Array) -> Servo:
+    """The servo with other controller numbers, by so much in their logarithms."""
+    return with_numbers(servo, log_numbers(servo) + by) if by.any() else servo
 
 
 def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:

@@ -263,16 +263,16 @@ class Search:
     # What is in the way
 
     def _refuse(self, q: Array, worst: WorstCase) -> NoReturn:
-        raise NoOrbit(refusal(self.given.nearest(q, worst), self.given.demands))
+        raise NoOrbit(refusal(self.given, q, worst))
 
     def _refuse_times(self) -> NoReturn:
         known = [o for o in self.seen.values() if o is not None]
         if not known:
             raise NoOrbit("no fold was computed at any of the times tried; try other bounds", Status.NOT_CONVERGED)
         nearest = min(known, key=lambda o: o.missed)
-        near = self.given.nearest(nearest.q, self.given.worst(self.given.at(nearest.q)))
+        worst = self.given.worst(self.given.at(nearest.q))
         sentence = refusal(
-            near, self.given.demands, times=len(self.seen), missed=nearest.missed, proven=self.excluded
+            self.given, nearest.q, worst, times=len(self.seen), missed=nearest.missed, proven=self.excluded
         )
         raise NoOrbit(sentence, None if self.excluded else Status.NOT_CONVERGED)
 
