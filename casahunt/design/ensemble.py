@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -171,12 +171,19 @@ def folds_of(
     known = known_fold(servo, names, fold, options.tol) if len(rows) else None
     batches = [slice(i, i + ROWS_OF_A_TASK) for i in range(0, len(rows), ROWS_OF_A_TASK)]
     tasks = [_Task(servo, model, options, names, rows[b], expected[b], known, elasticities_by) for b in batches]
-    parts = [_nothing(model, names, rows[:0], len(elasticities_by))]
+    members: list[_Member] = []
     for part in map(_work, tasks) if executor is None else executor.map(_work, tasks):
-        parts.append(part)
+        members += part
         if report is not None:
-            report(sum(map(len, parts)))
-    return _joined(parts)
+            report(len(members))
+    numbers = np.array([member.numbers for member in members]).reshape(len(members), 6 + len(elasticities_by)).T
+    failures = tuple((i, member.sentence) for i, member in enumerate(members) if member.sentence)
+    statuses, how = tuple(member.status for member in members), tuple(member.how for member in members)
+    gain, gain_error, period, period_error, amplitude, amplitude_error = numbers[:6]
+    return FoldEnsemble(
+        model, names, rows, gain, gain_error, period, period_error, amplitude, amplitude_error, numbers[6:].T, statuses,
+        how, failures,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,59 +200,45 @@ class _Task:
     elasticities_by: tuple[str, ...]
 
 
-def _work(task: _Task) -> FoldEnsemble:
+class _Member(NamedTuple):
+    """(6 + j,) gain, period and amplitude, each with its relative error, elasticities; the words of `FoldEnsemble`."""
+
+    numbers: Array
+    status: Status | None
+    how: str
+    sentence: str = ""
+
+
+def _work(task: _Task) -> list[_Member]:
     """The folds of a batch; a function of the batch alone, whoever computes it."""
-    by, sentences = task.elasticities_by, {}
-    out = _nothing(task.model, task.names, task.rows, len(by))
-    columns = [getattr(out, name) for name in _NUMBERS]
-    statuses, how = list(out.statuses), list(out.how)
-    if task.known is not None:
-        p = vectors(task.servo, task.names, task.rows)
-        folds = folds_near(task.known, p, task.options.tol, slopes_by=by)
-        found = [i for i, word in enumerate(folds.how) if word]
-        for column, name in zip(columns, _OF_THE_ENGINE, strict=True):
-            column[found] = getattr(folds, name)[found]
-        for i in found:
-            statuses[i], how[i] = folds.statuses[i], folds.how[i]
-    for i in [i for i, word in enumerate(how) if word == ON_ITS_OWN]:
-        try:
-            servo = servo_at(task.servo, task.names, task.rows[i])
-            fold = fold_near(servo, task.model, float(task.expected[i]), task.options)
-        except NoOrbit as error:
-            statuses[i], sentences[i] = error.status, str(error)
-            continue
-        statuses[i] = Status.CONVERGED
-        if fold is None:
-            out.gains[i] = 0.0
-            continue
-        of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
-        values = fold.gain, fold.gain_error, of.period, of.period_error, of.amplitude, of.amplitude_error
-        for column, value in zip(columns, (*values, [moves[name] for name in by]), strict=True):
-            column[i] = value
-    return replace(out, statuses=tuple(statuses), how=tuple(how), failures=tuple(sentences.items()))
+    if task.known is None:
+        return [_alone(task, i) for i in range(len(task.rows))]
+    p = vectors(task.servo, task.names, task.rows)
+    folds = folds_near(task.known, p, task.options.tol, slopes_by=task.elasticities_by)
+    numbers = np.column_stack([
+        folds.values, folds.value_errors, folds.periods, folds.period_errors, folds.amplitudes, folds.amplitude_errors,
+        folds.slopes,
+    ])  # fmt: skip
+    return [
+        _Member(numbers[i], folds.statuses[i], how) if how else _alone(task, i) for i, how in enumerate(folds.how)
+    ]
 
 
-_NUMBERS = (
-    "gains", "gain_errors", "periods", "period_errors", "amplitudes", "amplitude_errors", "elasticities",
-)  # fmt: skip
-_OF_THE_ENGINE = ("values", "value_errors", *_NUMBERS[2:6], "slopes")
-"""The arrays of an ensemble, and their names where the gain is a parameter like any other."""
-
-
-def _nothing(model: Model, names: tuple[str, ...], rows: Array, count: int) -> FoldEnsemble:
-    """Folds of which nothing is known yet, with `count` elasticities."""
-    n = len(rows)
-    numbers = [np.full(n, np.nan) for _ in range(6)]
-    return FoldEnsemble(model, names, rows, *numbers, np.full((n, count), np.nan), (None,) * n, (ON_ITS_OWN,) * n, ())
-
-
-def _joined(parts: Sequence[FoldEnsemble]) -> FoldEnsemble:
-    """Several of them, of the same parameters, as one."""
-    starts = np.cumsum([0, *map(len, parts)]).tolist()
-    failures = [(at + i, said) for at, part in zip(starts, parts, strict=False) for i, said in part.failures]
-    arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("parameters", *_NUMBERS)}
-    words = {name: tuple(x for p in parts for x in getattr(p, name)) for name in ("statuses", "how")}
-    return replace(parts[0], **arrays, **words, failures=tuple(failures))
+def _alone(task: _Task, i: int) -> _Member:
+    """The fold of one servo, looked for where its gain is expected."""
+    by = task.elasticities_by
+    nothing = np.full(6 + len(by), np.nan)
+    try:
+        servo = servo_at(task.servo, task.names, task.rows[i])
+        fold = fold_near(servo, task.model, float(task.expected[i]), task.options)
+    except NoOrbit as error:
+        return _Member(nothing, error.status, ON_ITS_OWN, str(error))
+    if fold is None:
+        nothing[0] = 0.0
+        return _Member(nothing, Status.CONVERGED, ON_ITS_OWN)
+    of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
+    numbers = fold.gain, fold.gain_error, of.period, of.period_error, of.amplitude, of.amplitude_error
+    return _Member(np.array([*numbers, *(moves[name] for name in by)]), Status.CONVERGED, ON_ITS_OWN)
 
 
 def orbit_ensemble(
@@ -301,10 +294,10 @@ def orbit_ensemble(
     branch: BranchName = "unstable" if known_orbit.multipliers.leading.real > 1 else "stable"
     return orbits_near(
         known_orbit, names, rows, options=options, multipliers=multipliers, executor=executor, report=report,
-        alone=partial(_alone, branch),
+        alone=partial(_cycle_alone, branch),
     )  # fmt: skip
 
 
-def _alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
+def _cycle_alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
     """The cycle of one servo, from nothing."""
     return find_orbit(problem.servo, problem.model, problem.gain, branch=branch, options=options)

@@ -11,7 +11,7 @@ Units: K in V/rad.  Symbols: k parameters that differ, n servos, q (k,) values.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -80,6 +80,11 @@ def servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
     names, q: k names, and (k,) their values. Raises InputError: the values are none of a servo.
     """
     return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})
+
+
+def said(values: Mapping[str, float]) -> str:
+    """Values of parameters in words."""
+    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
 
 
 def vectors(servo: Servo, names: Sequence[str], rows: Array) -> Array:

@@ -17,6 +17,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -29,15 +30,16 @@ from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
-from ...servo.event_map.scan import scan
+from ...servo.event_map.scan import Scan, scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
 from ..ensemble import folds_of
-from ..nearby import fold_beside
+from ..nearby import fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
 from .demands import DEMANDS, Demands, silent
 from .given import Answer
+from .loop_set import loop_box
 from .tasks import Task, regulator_tasks
 
 Array = np.ndarray
@@ -47,10 +49,13 @@ PERIODS = 60.0
 SLACK = 1e-4
 """Relative miss of a margin that counts as kept: the margins are solved for to 1e-9, the gain lies on their edge."""
 CORNERS = {"switch": 32, "lugre": 8}
+"""Corners of the set whose folds are computed, drawn where there are more: all of five parameters, or of three."""
 SAMPLES = {"switch": 16, "lugre": 4}
+"""Servos inside of the set whose folds are computed as well: half as many."""
 LOOP_SAMPLES = 200
-"""Servos of the set whose folds, and whose loops, are computed: corners (drawn where there are more) and samples."""
+"""The same of those whose loops are looked at, which cost nothing beside a fold."""
 MOST_NAMED = 5
+"""Servos without a fold that are named one by one: a page's worth."""
 MOST_SCANS = 6
 """Servos without a computed fold that the event map is asked about."""
 IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": ()}
@@ -242,11 +247,9 @@ def _check_set(
     varied = np.array([name not in IRRELEVANT[model] for name in names]) & (high > low)
     servos, rows = [], []
     for q in _points_of((low, high), CORNERS[model], SAMPLES[model], varied):
-        try:
-            servos.append(answer.servo.replace(**{name: float(v) for name, v in zip(names, q, strict=True)}))
-        except InputError:  # static below Coulomb friction: no servo
-            continue
-        rows.append(q)
+        with suppress(InputError):  # static below Coulomb friction: no servo
+            servos.append(servo_at(answer.servo, names, q))
+            rows.append(q)
     began = time.monotonic()
     found = folds_of(
         answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
@@ -257,9 +260,10 @@ def _check_set(
     unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
     left = []
     for n, i in enumerate(unknown):
-        state = _no_cycle(servos[i], model, answer.gain / (1 + demands.margin)) if n < MOST_SCANS else False
-        if not state and (i in failures or n < MOST_SCANS):
-            corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, rows[i], strict=True))
+        if n < MOST_SCANS and _no_cycle(servos[i], model, answer.gain / (1 + demands.margin)):
+            continue
+        if i in failures or n < MOST_SCANS:
+            corner = said(dict(zip(names, rows[i], strict=True)))
             left.append(f"no fold was computed at {corner}: {failures.get(i, 'no cycle was found')}")
     if len(left) > MOST_NAMED:
         left = [*left[:MOST_NAMED], f"and {len(left) - MOST_NAMED} more servos of the set without a fold"]
@@ -269,8 +273,11 @@ def _check_set(
 
 def _no_cycle(servo: Servo, model: Model, gain: float) -> bool:
     """The scan of the event map finds neither a cycle at this gain nor a motion that grows."""
-    found = scan(StickMap(model, servo, gain))
-    return found.upper is None and not found.failures and found.best < 1
+    return _shown(scan(StickMap(model, servo, gain))) == "clear"
+
+
+def _shown(found: Scan) -> Seen:
+    return "cycle" if found.upper is not None or found.best >= 1 else "open" if found.failures else "clear"
 
 
 def _loops(
@@ -285,15 +292,14 @@ def _loops(
         names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
         for name in DEMANDS:
             least = answer.loops[name]
-            motor_gain = min(max(least.kappa / gain, _bound(uncertainty, servo, 0)), _bound(uncertainty, servo, 1))
-            values = least.values | {"servo.motor_gain": motor_gain}
-            corners[name] = {key: value for key, value in values.items() if key in names}
+            values = least.values | {"servo.motor_gain": least.kappa / gain}  # by a factor off the set's, perhaps
+            corners[name] = {
+                key: float(np.clip(values[key], low[i], high[i])) for i, key in enumerate(names) if key in values
+            }
             named[name] = servo.replace(**corners[name])
-        loop_like = np.array([n in ("servo.inertia", "friction.viscous", "servo.motor_gain") or "controller" in n
-                              for n in names])  # fmt: skip
-        for q in _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, loop_like & (high > low)):
-            values = {n: float(v) for n, v, used in zip(names, q, loop_like, strict=True) if used}
-            others.append(servo.replace(**values))
+        used = np.isin(names, loop_box(servo, {}, lag).names)
+        points = _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, used & (high > low))
+        others = [servo_at(servo, np.array(names)[used].tolist(), q) for q in points[:, used]]
     loops = {name: margins(each, gain, delay=lag) for name, each in named.items()}
     missed = [
         f"the linear loop of the {'servo with the least ' if name in DEMANDS else ''}{name}"
@@ -304,21 +310,11 @@ def _loops(
     for other in others:
         found = margins(other, gain, delay=lag)
         if not _keeps(found, demands):
-            where = _different(other, servo)
-            missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {where}")
+            own = flatten(servo)
+            where = {key: value for key, value in flatten(other).items() if value != own[key]}
+            missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {said(where)}")
             break
     return loops, corners, len(loops) + len(others), missed
-
-
-def _bound(uncertainty: Uncertainty, servo: Servo, end: int) -> float:
-    names = uncertainty.parameters
-    key = "servo.motor_gain"
-    return float(uncertainty.box(servo)[end][names.index(key)]) if key in names else servo.motor_gain
-
-
-def _different(servo: Servo, other: Servo) -> str:
-    a, b = flatten(servo), flatten(other)
-    return ", ".join(f"{key} = {a[key]:.6g}" for key in a if a[key] != b[key])
 
 
 def _keeps(loop: Margins, demands: Demands) -> bool:
@@ -358,10 +354,9 @@ def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None]
         state: Seen = "cycle" if found.fixed or grows else "clear" if found.conclusive and falls else "open"
         return found.sentence(), state
     seen = scan(StickMap(model, servo, gain))
-    state = "cycle" if seen.upper is not None or seen.best >= 1 else "open" if seen.failures else "clear"
     cycles = "no cycle" if seen.upper is None else f"a cycle at {seen.upper.start:.6g} rad"
     return (
         f"{cycles} of the event map between {seen.low:.4g} and {seen.high:.4g} rad: {seen.motions} motions, the "
         f"largest |P(a)|/a is {seen.best:.6g} at a = {seen.best_at:.6g} rad; {len(seen.failures)} motions failed",
-        state,
+        _shown(seen),
     )

@@ -38,6 +38,7 @@ from .demands import DEMANDS, log_numbers, with_numbers
 Array = np.ndarray
 
 PRICE = 1e3
+"""Of breaking a constraint, in units of the cost: what it gains, ratios of logarithms, is of size one."""
 DERIVATIVE = ("controller.lead_time", "controller.kd")
 """What the high-frequency gain grows with."""
 SLACKS = ("hunting margin", *DEMANDS)

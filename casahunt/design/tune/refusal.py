@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from ...servo.controller import Pid
+from ..nearby import said
 from ..uncertainty.worst_corner import WorstCase
 from .demands import DEMANDS, Demands, controller_said
 from .given import Given
@@ -36,12 +37,11 @@ def refusal(
     needed, bounds = (1 + demands.margin) * worst.gain, given.limits.get("gain")
     low, high = given.gains(needed, servo)
     table = Table(boxes, demands, min(low, needed or math.inf) / WIDER, max(high, needed) * WIDER)
-    corner = ", ".join(f"{key} = {value:.6g}" for key, value in worst.corner.items())
     asked = {
         "hunting margin": (
             [(needed, math.inf)],
             f"the hunting margin of {100 * demands.margin:g} % asks for a gain of at least {needed:.6g} (the fold gain "
-            f"is {worst.gain:.6g}{f' at {corner}' if corner else ''})",
+            f"is {worst.gain:.6g}{f' at {said(worst.corner)}' if worst.corner else ''})",
         )
     }
     for name in DEMANDS:
@@ -49,9 +49,9 @@ def refusal(
         asked[name] = sets, _of_a_loop(name, sets, demands, table)
     if bounds is not None:
         asked["bounds"] = [bounds], f"the bounds of the gain allow {bounds[0]:g} to {bounds[1]:g}"
-    said = "; ".join(asked[name][1] for name in _against_each_other({name: each[0] for name, each in asked.items()}))
+    ways = "; ".join(asked[name][1] for name in _against_each_other({name: each[0] for name, each in asked.items()}))
     if not given.free:
-        return f"the tuning cannot be met; in the way: {said}"
+        return f"the tuning cannot be met; in the way: {ways}"
     what = "controllers" if isinstance(servo.controller, Pid) else "pairs of controller times"
     evidence = f"{times} {what} between the bounds were tried"
     if proven:
@@ -61,7 +61,7 @@ def refusal(
     amount = ""
     if missed > 0:
         amount = f", where {100 * math.expm1(missed):.3g} % of gain or {math.degrees(missed):.3g} degrees are missing"
-    return f"{head}; nearest at {controller_said(servo)}{amount}; there in the way: {said}"
+    return f"{head}; nearest at {controller_said(servo)}{amount}; there in the way: {ways}"
 
 
 def _against_each_other(sets: dict[str, Intervals]) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ Array = np.ndarray
 STEP = 0.25
 """Largest change of ln tau between two meshes."""
 SMALLEST_LOG_STEP = 1e-3
+"""Where the folds are not found again the step is quartered, and below this given up: four times."""
 LAST_CHANGE_OF_TIMES = 1e-6
 """Change of ln tau at which the rounds end."""
 ROUNDS, SEARCHES = 40, 8

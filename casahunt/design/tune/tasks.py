@@ -22,6 +22,7 @@ from ...servo.simulation.trajectory import Trajectory
 LONGER, MOST_LONGER = 2.0, 14
 """An undecided task is simulated again, this many times longer, so many times."""
 AFTER_BREAKAWAY = 1.25
+"""Part of the time until a stuck servo breaks away that is simulated: what it does then shows behind it."""
 MOST_TASK_INTERVALS = 20_000
 """Intervals of a motion from which it is not simulated any longer."""
 

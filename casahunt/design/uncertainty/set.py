@@ -32,6 +32,7 @@ from ..sensitivity import NAMES
 Array = np.ndarray
 
 SIGMAS = 3.0
+"""Half width of a covariance's box in standard deviations, where none is given: 99.7 % of one parameter."""
 TYPED_ROUNDING = 1e-10
 """Relative asymmetry, and negative eigenvalue of the correlations, that a typed covariance may have."""
 STATIC, COULOMB = "friction.static", "friction.coulomb"

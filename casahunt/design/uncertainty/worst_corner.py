@@ -28,14 +28,14 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from ..nearby import expected_gains, fold_near, known_fold, nominal_fold, servo_at, values_of, vectors
+from ..nearby import expected_gains, fold_near, known_fold, nominal_fold, said, servo_at, values_of, vectors
 from ..sensitivity import fold_sensitivities
 from .set import COULOMB, STATIC, Array, Uncertainty, check_box
 
 RANDOM_CORNERS = 2
-MOST_EVALUATIONS = 100
-MOST_FOLDS_ALONG = 25
-"""Folds per search for a worst corner, and per search along one coordinate."""
+"""Corners that are searched from besides: K is monotone in most parameters, where one start is enough."""
+MOST_EVALUATIONS, MOST_FOLDS_ALONG = 100, 25
+"""Folds per search for a worst corner, which takes a few on a monotone way, and per search along one coordinate."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,8 +139,7 @@ class _Search:
                 self._keep(self._alone(_Place(q, float(expected[i]))))
 
     def _failed(self, q: Array, sentence: str) -> _Place:
-        corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, q, strict=True))
-        self.failures.append(f"at {corner}: {sentence}")
+        self.failures.append(f"at {said(dict(zip(self.names, q, strict=True)))}: {sentence}")
         return _Place(q, -np.inf)
 
     def _alone(self, place: _Place) -> _Place:
