@@ -53,9 +53,9 @@ SEARCH_STARTS, HALVINGS = 6, 26
 """Places of a grid that are polished, and how often: 2^-26 of its spacing, squared, is rounding at a smooth minimum."""
 LOG_STEP = 0.02
 """Step of a table in ln kappa."""
-EDGE_STEPS, EDGE = 60, 1e-12
+EDGE_STEPS, AT_THE_EDGE = 60, 1e-12
 """Steps to the edge of a demand, and how near to it in ln K [and rad] they end."""
-LEAST = 1e-10
+LEAST_WIDTH = 1e-10
 """Width in ln K to which a smallest value is searched for: a minimum may be a kink."""
 NEAR_MISS = 0.05
 """A demand missed by less [rad] at a gain of a table may be kept between two of them."""
@@ -328,7 +328,7 @@ def lowest(f: Callable[[float], float], low: float, high: float) -> float:
     part = (math.sqrt(5) - 1) / 2
     c, d = b - part * (b - a), a + part * (b - a)
     fc, fd = f(math.exp(c)), f(math.exp(d))
-    while b - a > LEAST and min(fc, fd) > 0:
+    while b - a > LEAST_WIDTH and min(fc, fd) > 0:
         if fc <= fd:
             b, d, fd = d, c, fc
             c = b - part * (b - a)
@@ -355,6 +355,6 @@ def _edge(missed: Callable[[float], float], kept: float, broken: float) -> float
         if value == 0:
             return math.exp(x)
         bracket = bracket.told(x, value)
-        if bracket.width <= EDGE or -10 * EDGE < bracket.f_a:
+        if bracket.width <= AT_THE_EDGE or -10 * AT_THE_EDGE < bracket.f_a:
             break
     return math.exp(bracket.a)
