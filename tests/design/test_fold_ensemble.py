@@ -164,6 +164,7 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
         out[3, ::2] = 1e-3
         return out
 
+    # No fold near Table 1's fails its confirmation: each doubt is put there, and the single way must answer.
     monkeypatch.setattr(engine, "confirmed_many", unsure)
     assert how() == ("alone", "batch", "alone")
     monkeypatch.undo()
@@ -197,6 +198,7 @@ def test_neighbours_that_fail_leave_no_derivative(folds, monkeypatch):
         found.u[0, -1], found.statuses[0] = -1.0, Status.INADMISSIBLE
         return found, settings
 
+    # A neighbour so close never fails; here the first one does.
     monkeypatch.setattr(engine, "from_expansion", spoilt)
     known = known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     assert known is not None and not known.first[0].any() and not known.second[0].any() and known.first[1:].any()

@@ -171,6 +171,7 @@ def test_failures_are_kept(servo, fold, monkeypatch):
     def fails(*_, **__):
         raise NoOrbit("no convergence here", Status.NOT_CONVERGED)
 
+    # No servo of a sensible box is known whose fold is not found.
     monkeypatch.setattr(nearby, "find_fold", fails)
     monkeypatch.setattr(ensemble, "known_fold", lambda *_: None)  # there is nothing to predict from
     samples = sample(servo, "switch", FRICTION, 2, options=QUICK, fold=fold)
@@ -207,6 +208,7 @@ def test_a_batch_does_not_decide_on_the_worst_corner(servo, fold, monkeypatch):
         far = p[:, known.problem.names.index("friction.stribeck_velocity")] > 0.02
         return replace(folds, values=np.where(far, 2.0, folds.values))
 
+    # A batch confirms its folds: what guards against one that is wrong all the same needs one that is.
     monkeypatch.setattr(module, "folds_near", lies)
     worst = worst_corner(servo, "switch", box, options=QUICK, fold=fold, starts=[np.array([0.54, 0.021])])
     assert worst.corner == {"friction.static": 0.54, "friction.stribeck_velocity": 0.019}
@@ -417,6 +419,7 @@ def test_nearby_folds_are_not_computed_twice_where_the_expected_gain_is_too_high
     """A cycle expected above the fold is met by nobody; that takes no proof, which would be the whole search."""
     searched = []
     honest = fold_module.find_any_orbit
+    # Counted, not replaced.
     monkeypatch.setattr(fold_module, "find_any_orbit", lambda *a, **k: searched.append(1) or honest(*a, **k))
     fold = nearby.fold_near(servo, "switch", 2.0, Options())
     assert fold.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)

@@ -25,8 +25,8 @@ from casahunt import (
     walk,
 )
 from casahunt.design.fold_curve.curve import fold_curve
-from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.nearby import values_of
+from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.uncertainty.set import Uncertainty, check_box
 from casahunt.servo.basin import basin
 from casahunt.servo.delayed_loop import crossover, margins
