@@ -40,10 +40,9 @@ if TYPE_CHECKING:
     from .design.tune.tuning import Tuning, tune
     from .design.uncertainty.samples import Samples
     from .design.uncertainty.samples import sample as sample_fold_gains
-    from .design.uncertainty.set import Uncertainty
+    from .design.uncertainty.set import Uncertainty, load_uncertainty
     from .design.uncertainty.summary import Summary
     from .design.uncertainty.summary import summary as compare_uncertainty
-    from .design.uncertainty.set import load_uncertainty
     from .design.uncertainty.worst_corner import WorstCase, worst_corner
     from .errors import InputError, NoOrbit, Status
     from .orbits.adapt import Options

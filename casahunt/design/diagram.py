@@ -22,7 +22,7 @@ from ..continuation.crossings import crossings
 from ..continuation.fold import next_fold
 from ..continuation.natural_walk import walk_naturally
 from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
-from ..continuation.walk import walk
+from ..continuation.walk import run, walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
@@ -234,17 +234,12 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
     True
     """
-    orbits: list[HuntingOrbit] = []
-    special: list[SpecialPoint[HuntingOrbit]] = []
-    missed: list[Missed] = []
-    ended = ""
-    while True:
-        try:
-            point = next(points)
-        except StopIteration as end:
-            ended = str(end.value)
-            break
-        orbits.append(point.orbit)
-        special += point.special
-        missed += point.missed
-    return Branch(model, servo, tuple(orbits), ended, tuple(special), tuple(missed))
+    found, ended = run(points)
+    return branch_of(servo, model, found, ended)
+
+
+def branch_of(servo: Servo, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
+    """The branch of the symmetric cycles that points are of."""
+    special = tuple(found for point in points for found in point.special)
+    missed = tuple(gap for point in points for gap in point.missed)
+    return Branch(model, servo, tuple(point.orbit for point in points), ended, special, missed)
