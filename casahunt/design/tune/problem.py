@@ -28,7 +28,7 @@ from ...collocation.ipopt import minimise
 from ...compiled import alone
 from ...continuation.fold_conditions import data_of, fold_conditions
 from ...orbits.orbit import unknowns_of
-from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
+from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
 from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
 from ...servo.linear_loop import linear_loop
 from ...servo.problem import HuntingFold
@@ -147,10 +147,8 @@ def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX
     servo, own = cut.servo, times + offset
     J, cm, sigma2 = servo.inertia, servo.motor_gain, servo.friction.viscous
     y = ca.MX.sym("y")
-    here = with_numbers(servo, r.q + offset)
-    gain = math.exp(r.k)
-    by_gains = isinstance(servo.controller, Pid)  # with several crossovers the one of least phi is in the way
-    start = math.log(margins(here, gain, delay=r.lag).frequency if by_gains else crossover(here, gain))
+    there = margins(with_numbers(servo, r.q + offset), math.exp(r.k), delay=r.lag)
+    start = math.log(there.frequency)  # with several crossovers the one of least phi is in the way
     p.add(y, [start], start - 20, start + 20)
     p.row(log_magnitude(J, cm, sigma2, k, own, y), 0.0, 0.0)
     p.row(phase(J, sigma2, r.lag, own, y) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
