@@ -25,7 +25,6 @@ import numpy as np
 
 from ... import effort
 from ...errors import InputError, NoOrbit
-from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
@@ -38,7 +37,7 @@ from ..ensemble import folds_of
 from ..nearby import fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
 from .demands import DEMANDS, Demands, silent
-from .given import Answer
+from .given import Answer, Given
 from .loop_set import loop_box
 from .tasks import Task, regulator_tasks
 
@@ -146,39 +145,32 @@ class Verification(Result):
         return not self.against and not self.unverified
 
 
-def verified(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
-    tell: Callable[[str], None] = silent,
-) -> Verification:  # fmt: skip
-    """Everything of the module docstring.
-
-    answer, model, demands, uncertainty, options: the answer of the search, and the problem; no uncertainty: the
-    answer's servo alone; tell: takes sentences that say where the verification is.
-    Returns verification: what was computed, what stands against the answer, and what could not be verified.
-    """
+def verified(answer: Answer, given: Given) -> Verification:
+    """Everything of the module docstring, of the answer to what is given."""
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
+    model, demands, tell = given.model, given.demands, given.tell
     unverified: list[str] = []
 
     def again(of: Servo) -> HuntingFold | None:
         tell("verifying: the fold once more, from nothing")
         try:
-            return fold_beside(of, model, None, options=options)
+            return fold_beside(of, model, None, options=given.options)
         except NoOrbit as error:
             unverified.append(f"the fold was not found again from nothing: {error}")
             return answer.worst.fold if of == worst else None
 
     nominal = again(servo)
     fold = nominal if worst == servo else again(worst)
-    checked = None if uncertainty is None else _check_set(answer, model, demands, uncertainty, options, tell)
+    checked = None if given.uncertainty is None else _check_set(answer, given, given.uncertainty)
     largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
     margin = gain / largest - 1 if largest else math.inf
-    kept = margin >= demands.margin - 10 * options.tol
+    kept = margin >= demands.margin - 10 * given.options.tol
     tell("verifying: the event map")
     sentence, seen = scanned(worst, model, gain, tell)
-    loops, corners, number, missed = _loops(answer, demands, uncertainty)
+    loops, corners, number, missed = _loops(answer, demands, given.uncertainty)
     span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
     amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
-    tasks, missing = _simulated(answer, model, span, amplitude, tell)
+    tasks, missing = _simulated(answer, given, span, amplitude)
     unverified += missing
     against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
     against += missed
@@ -200,17 +192,15 @@ def verified(
     )  # fmt: skip
 
 
-def _simulated(
-    answer: Answer, model: Model, span: float, amplitude: float, tell: Callable[[str], None]
-) -> tuple[list[Task], list[str]]:
+def _simulated(answer: Answer, given: Given, span: float, amplitude: float) -> tuple[list[Task], list[str]]:
     """(the tasks with the nominal and the worst friction, sentences about those that were not simulated)."""
     tasks: list[Task] = []
     missing = []
     servos = {"nominal": answer.servo} | ({"worst": answer.worst.servo} if answer.worst.servo != answer.servo else {})
     for friction, servo in servos.items():
-        tell(f"verifying: simulating the tasks with the {friction} friction")
+        given.tell(f"verifying: simulating the tasks with the {friction} friction")
         try:
-            tasks += regulator_tasks(servo, model, answer.gain, span, amplitude, friction)
+            tasks += regulator_tasks(servo, given.model, answer.gain, span, amplitude, friction)
         except NoOrbit as error:
             missing.append(f"the tasks with the {friction} friction were not simulated: {error}")
     return tasks, missing
@@ -234,15 +224,9 @@ def _points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arr
     return np.concatenate([rows, low + (high - low) * random.random((samples, low.size))])
 
 
-def _check_set(
-    answer: Answer,
-    model: Model,
-    demands: Demands,
-    uncertainty: Uncertainty,
-    options: Options,
-    tell: Callable[[str], None],
-) -> SetCheck:
+def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetCheck:
     """Folds at corners and samples of the set, and what the event map says of servos without one."""
+    model, options = given.model, given.options
     names, (low, high) = uncertainty.parameters, uncertainty.box(answer.servo)
     varied = np.array([name not in IRRELEVANT[model] for name in names]) & (high > low)
     servos, rows = [], []
@@ -250,7 +234,7 @@ def _check_set(
         with suppress(InputError):  # static below Coulomb friction: no servo
             servos.append(servo_at(answer.servo, names, q))
             rows.append(q)
-    began = time.monotonic()
+    began, tell = time.monotonic(), given.tell
     found = folds_of(
         answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
         report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set{effort.left(i, len(rows), began)}"),
@@ -260,7 +244,7 @@ def _check_set(
     unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
     left = []
     for n, i in enumerate(unknown):
-        if n < MOST_SCANS and _no_cycle(servos[i], model, answer.gain / (1 + demands.margin)):
+        if n < MOST_SCANS and _no_cycle(servos[i], model, answer.gain / (1 + given.demands.margin)):
             continue
         if i in failures or n < MOST_SCANS:
             corner = said(dict(zip(names, rows[i], strict=True)))

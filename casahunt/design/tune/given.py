@@ -132,19 +132,18 @@ class Given:
 
     def answer(self, q: Array) -> tuple[Answer | None, WorstCase]:
         """The best gain at these times, the whole set considered; None where there is none."""
-        worst = self.worst(self.at(q))
+        servo, boxes = self.at(q), self.boxes(q)
+        worst = self.worst(servo)
         self.join(worst, q)
-        servo = self.at(q)
-        needed = (1 + self.demands.margin) * worst.gain * (1 + SAFE)
-        gain = self._best_gain(q, needed)
+        gain = self._best_gain(servo, boxes, (1 + self.demands.margin) * worst.gain * (1 + SAFE))
         if gain is None:
             return None, worst
-        loops = {name: shortfall(self.boxes(q), self.demands, gain, name)[1] for name in DEMANDS}
+        loops = {name: shortfall(boxes, self.demands, gain, name)[1] for name in DEMANDS}
         return Answer(servo, gain, worst, loops, self._binding(servo, gain, worst, loops)), worst
 
-    def _best_gain(self, q: Array, needed: float) -> float | None:
+    def _best_gain(self, servo: Servo, boxes: list[LoopBox], needed: float) -> float | None:
         """The gain of least cost that keeps every demand at these times, to rounding."""
-        servo, boxes, demands = self.at(q), self.boxes(q), self.demands
+        demands = self.demands
         low, high = self.gains(needed, servo)
         first = max(needed, low)
         if first > high:
