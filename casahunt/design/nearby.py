@@ -46,13 +46,11 @@ def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> 
     """
     start = None
     if np.isfinite(expected):
-        try:
+        with suppress(NoOrbit):  # where the prediction is too far off: from nothing
             rough = replace(options, tol=max(options.tol, WALK_TOLERANCE))
             met = stable_at(servo, model, BELOW * expected, options=rough)  # where it meets none, that proves nothing
             if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
                 start = met.orbit
-        except NoOrbit:
-            pass  # the prediction was too far off: search from nothing
     try:
         return find_fold(servo, model, options=options, start=start)
     except NoOrbit as error:

@@ -15,6 +15,7 @@ Units: K in V/rad.  Symbols: k uncertain parameters, q, l, h (k,) values and bou
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,11 +109,6 @@ class _Search:
         self.places[place.q.tobytes()] = place
         return place
 
-    def _counted(self) -> None:
-        self.evaluations += 1
-        if self.report is not None:
-            self.report(self.evaluations)
-
     def compute(self, asked: list[Array]) -> None:
         """The folds at points (k,) that are not known yet, in one batch."""
         rows: dict[bytes, Array] = {}
@@ -124,7 +120,9 @@ class _Search:
             except InputError:  # static below Coulomb friction; the other bounds have been checked
                 self._keep(_Place(q, -np.inf))
             else:
-                self._counted()
+                self.evaluations += 1
+                if self.report is not None:
+                    self.report(self.evaluations)
                 rows[q.tobytes()] = q
         if not rows:
             return
@@ -138,29 +136,24 @@ class _Search:
             else:
                 self._keep(self._alone(_Place(q, float(expected[i]))))
 
-    def _failed(self, q: Array, sentence: str) -> _Place:
-        self.failures.append(f"at {said(dict(zip(self.names, q, strict=True)))}: {sentence}")
-        return _Place(q, -np.inf)
-
     def _alone(self, place: _Place) -> _Place:
         """The fold at a point computed alone, where its gain is about known."""
         try:
             fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
         except NoOrbit as error:
-            return self._failed(place.q, str(error))
+            self.failures.append(f"at {said(dict(zip(self.names, place.q, strict=True)))}: {error}")
+            return _Place(place.q, -np.inf)
         return _Place(place.q, 0.0) if fold is None else _Place(place.q, fold.gain, gradient(fold, self.names), fold)
 
     def run(self, ascents: Iterable[Ascent]) -> None:
         """Searches side by side: what they ask for in one round is one batch."""
-        asked = {ascent: next(ascent, None) for ascent in ascents}
-        while waiting := {ascent: points for ascent, points in asked.items() if points is not None}:
-            self.compute([q for points in waiting.values() for q in points])
-            asked = {}
-            for ascent, points in waiting.items():
-                try:
+        asked = {ascent: next(ascent) for ascent in ascents}
+        while asked:
+            self.compute([q for points in asked.values() for q in points])
+            for ascent, points in list(asked.items()):
+                del asked[ascent]
+                with suppress(StopIteration):
                     asked[ascent] = ascent.send([self.places[q.tobytes()] for q in points])
-                except StopIteration:
-                    continue
 
     def climb(self, q: Array) -> Ascent:
         """From q to a point from which no step within the box leads up, to first order."""
