@@ -39,10 +39,9 @@ if TYPE_CHECKING:
     from .design.tune.tuning import Tuning, tune
     from .design.uncertainty.samples import Samples
     from .design.uncertainty.samples import sample as sample_fold_gains
-    from .design.uncertainty.set import Uncertainty
+    from .design.uncertainty.set import Uncertainty, load_uncertainty
     from .design.uncertainty.summary import Summary
     from .design.uncertainty.summary import summary as compare_uncertainty
-    from .design.uncertainty.toml import load_uncertainty
     from .design.uncertainty.worst_corner import WorstCase, worst_corner
     from .errors import InputError, NoOrbit, Status
     from .orbits.adapt import Options
@@ -85,9 +84,8 @@ _HOMES = {
     "design.tune.demands": ("Demands",),
     "design.tune.tuning": ("Tuning", "tune"),
     "design.uncertainty.samples": ("Samples", "sample_fold_gains"),
-    "design.uncertainty.set": ("Uncertainty",),
+    "design.uncertainty.set": ("Uncertainty", "load_uncertainty"),
     "design.uncertainty.summary": ("Summary", "compare_uncertainty"),
-    "design.uncertainty.toml": ("load_uncertainty",),
     "design.uncertainty.worst_corner": ("WorstCase", "worst_corner"),
     "errors": ("InputError", "NoOrbit", "Status"),
     "orbits.adapt": ("Options",),

@@ -15,6 +15,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+MEMBERS_OF_A_PASS = 48
+"""Members of one pass: few enough for the caches, enough to hide the price of a call."""
+ROWS_OF_A_TASK = 96
+"""Rows of a task: enough to hide what a task costs, few enough to keep the workers of a long run busy to its end."""
 EVERY = 2.0
 """Seconds between two lines."""
 MARCHED = 20

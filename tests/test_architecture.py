@@ -140,24 +140,6 @@ def test_the_servo_is_written_as_a_user_writes_a_system(module):
     assert taken == {"hybrid.__init__"} and names == {"Event", "Mode", "System"}
 
 
-NOT_YET: dict[str, set[str]] = {
-    "design.fold_map": {
-        "continuation.fold_ensemble.expansion_beside", "continuation.fold_ensemble.folds_near",
-        "continuation.fold_expansion.Expansion", "orbits.ensemble.MEMBERS_OF_A_PASS",
-    },
-    "design.tune.problem": {
-        "collocation.ipopt.minimise", "continuation.fold_conditions.data_of",
-        "continuation.fold_conditions.fold_conditions", "orbits.orbit.unknowns_of",
-    },
-    "design.uncertainty.batch": {
-        "continuation.fold_ensemble.Folds", "continuation.fold_ensemble.expansion",
-        "continuation.fold_ensemble.folds_near", "continuation.fold_expansion.Expansion",
-        "orbits.ensemble.ROWS_OF_A_TASK",
-    },
-}  # fmt: skip
-"""By module what it still uses of the engine that is in no `__all__`: it only gets less."""
-
-
 @cache
 def published() -> frozenset[tuple[str, str]]:
     """(module, name) of what stands in the `__all__` of the package or of a room of the engine, where it is defined."""
@@ -192,7 +174,7 @@ def unpublished(module: str) -> set[str]:
 @pytest.mark.parametrize("module", [m for m in MODULES if room_of(m) in ("servo", "design", "views")])
 def test_of_the_engine_only_what_is_published_is_used(module):
     """Whatever the servo needs of the engine a user can have: it stands in an `__all__`, with an example."""
-    assert unpublished(module) <= NOT_YET.get(module, set())
+    assert not unpublished(module)
 
 
 def test_nothing_beyond_the_declared_dependencies():

@@ -16,7 +16,7 @@ import pytest
 
 from casahunt import Controller, Pid, Servo, find_fold
 from casahunt.cli import build_parser, main
-from casahunt.design.uncertainty.toml import load_uncertainty
+from casahunt.design.uncertainty.set import load_uncertainty
 from casahunt.servo.servo import KEYS
 from problems import table1
 from problems.taylor import switch_cycle, switch_fold, switch_half_cycle

@@ -32,8 +32,9 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .ipopt import minimise
     from .joints import flow_at
     from .scheme import Scheme
 
-__all__ = ["Scheme", "flow_at"]
-__getattr__ = lazily(__name__, {"joints": ("flow_at",), "scheme": ("Scheme",)})
+__all__ = ["Scheme", "flow_at", "minimise"]
+__getattr__ = lazily(__name__, {"ipopt": ("minimise",), "joints": ("flow_at",), "scheme": ("Scheme",)})

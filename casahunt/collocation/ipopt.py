@@ -228,8 +228,31 @@ def minimise(
     Measured on fold conditions, of which the Hessian takes third derivatives of the collocation equations: 1 s to build
     and 10 to 20 iterations; a limited-memory Hessian needs none and failed wherever the optimum was not at a bound.
 
-    x: (size,) symbol; objective, rows, jacobian: expressions of x: the cost; the equations; their Jacobian, sparse;
-    start: (size,) first point; bounds, row_bounds: (size, 2) and (rows, 2): smallest and largest values.
+    Parameters
+    ----------
+    x
+        (size,) symbol.
+    objective, rows, jacobian
+        expressions of x: the cost; the equations; their Jacobian, sparse.
+    start
+        (size,) first point.
+    bounds, row_bounds
+        (size, 2) and (rows, 2): smallest and largest values.
+
+    Returns
+    -------
+    Minimum: x, status, iterations, and IPOPT's word.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import numpy as np
+    >>> from casahunt.collocation import minimise
+    >>> x, free = ca.MX.sym("x", 2), np.array([[-np.inf, np.inf]] * 2)
+    >>> product = x[0] * x[1]
+    >>> start, equal = np.array([2.0, 3.0]), np.array([[1.0, 1.0]])
+    >>> minimise(x, ca.sumsqr(x), product, ca.jacobian(product, x), start, free, equal).x.round(6).tolist()
+    [1.0, 1.0]
     """
     jac_g = ca.Function("jac_g", [x, (none := ca.MX.sym("none", 0))], [rows, jacobian], ["x", "p"], ["g", "jac"])
     problem = {"x": x, "p": none, "f": objective, "g": rows}

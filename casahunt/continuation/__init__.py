@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from .crossings import special_points_between
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import largest, smallest
-    from .fold import Fold, fold_between, next_fold
+    from .fold import Fold, FoldConstraints, fold_between, next_fold
+    from .fold_ensemble import Folds, expansion, expansion_beside, folds_near
+    from .fold_expansion import Expansion
     from .following import follow
     from .grazing_search import grazing
     from .sheet import Axis
@@ -57,11 +59,13 @@ if TYPE_CHECKING:
     from .special_points import FOLD, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve, special_walk
+    from .walk import run
 
 __all__ = [
-    "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch", "Fold",
-    "Missed", "Monitor", "SpecialCurve", "SpecialEquilibrium", "SpecialOrbit", "SpecialPoint", "born_at", "branch_off",
-    "equilibria", "fold_between", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest",
+    "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch",
+    "Expansion", "Fold", "FoldConstraints", "Folds", "Missed", "Monitor", "SpecialCurve", "SpecialEquilibrium",
+    "SpecialOrbit", "SpecialPoint", "born_at", "branch_off", "equilibria", "expansion", "expansion_beside",
+    "fold_between", "folds_near", "follow", "grazing", "largest", "monitors_of", "next_fold", "run", "smallest",
     "special_curve", "special_points_between", "special_walk", "user_monitor",
 ]  # fmt: skip
 __getattr__ = lazily(
@@ -74,12 +78,15 @@ __getattr__ = lazily(
         "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),
-        "fold": ("Fold", "fold_between", "next_fold"),
+        "fold": ("Fold", "FoldConstraints", "fold_between", "next_fold"),
+        "fold_ensemble": ("Folds", "expansion", "expansion_beside", "folds_near"),
+        "fold_expansion": ("Expansion",),
         "following": ("follow",),
         "terminations": ("End",),
         "sheet": ("Axis",),
         "special_charts": ("SpecialOrbit",),
         "two_parameters": ("SpecialCurve", "special_curve", "special_walk"),
+        "walk": ("run",),
         "special_points": (
             "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Missed", "Monitor", "SpecialPoint", "user_monitor",
         ),

@@ -18,6 +18,7 @@ halved mesh does, and the errors of the result are not less than the distance to
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Generic
@@ -38,13 +39,15 @@ from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .curve import along, curve_point, in_units_of, parameter_value, secant
 from .locating import locate, turned_orbit
-from .optimum import bend_at, multipliers_at, optimum, parameter_slopes
+from .optimum import bend_at, data_of, fold_conditions, multipliers_at, optimum, parameter_slopes
 from .special_points import FOLD, SpecialPoint, special_point
 
 Array = np.ndarray
 
 SECOND_PLACE = 1e-3
 """Part of the tolerance to which the place of the fold on the halved mesh is known."""
+LEAST_LAMBDA = -0.9
+"""lambda of a fold as a constraint: the parameter stays above zero."""
 FREEDOM = 0.01
 """|lambda| at which an extremum is no longer next to a point."""
 
@@ -116,6 +119,65 @@ class Fold(Result, Generic[AnyOrbit]):
     def absolute_error(self) -> float:
         """Estimated error of the value, in its own unit."""
         return float(self.value_error * abs(self.orbit.problem.unit(self.parameter)))
+
+
+@dataclass(frozen=True, eq=False)
+class FoldConstraints:
+    """A fold as constraints of a larger optimisation problem, with exact Jacobian: see optimum.py.
+
+    Attributes
+    ----------
+    equations, jacobian : functions of (q, z, n): q the logarithms of the free parameters, z the unknowns of the cycle
+        and lambda (value of the fold = what it is here times 1 + lambda), n the multipliers; and by all three, sparse.
+    right : what the equations must be.
+    z, lowest, n : where z starts, the smallest it may be, and where n starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.continuation import FoldConstraints, largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> fold = largest(find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True), "g")
+    >>> conditions = FoldConstraints.of(fold, ("omega",))
+    >>> q = np.log([fold.orbit.problem.value("omega")])
+    >>> left = np.array(conditions.equations(q, conditions.z, conditions.n)).ravel() - conditions.right
+    >>> bool(np.abs(left).max() < 1e-5)
+    True
+    """
+
+    equations: Callable[..., Any]
+    jacobian: Callable[..., Any]
+    right: Array
+    z: Array
+    lowest: Array
+    n: Array
+
+    @classmethod
+    def of(cls, fold: Fold[Any], free: tuple[str, ...]) -> FoldConstraints:
+        """The conditions of a fold.
+
+        Parameters
+        ----------
+        fold, free
+            the fold, and the names of the free parameters, all above zero.
+
+        Returns
+        -------
+        FoldConstraints.
+        """
+        problem = fold.orbit.problem
+        t, u, setting = _along(fold.orbit, fold.parameter)
+        equations, jacobian = fold_conditions(t, tuple(problem.names.index(name) for name in free))
+        data, S = data_of(setting), float(np.max(np.abs(fold.multipliers)))
+        lowest = np.full(t.size + 1, -np.inf)
+        lowest[t.size - t.phases : t.size] = 0.0  # durations
+        lowest[-1] = LEAST_LAMBDA
+        right = np.append(np.zeros(2 * t.size), 1.0)
+        return cls(
+            lambda q, z, n: equations(q, z, n, data, S), lambda q, z, n: jacobian(q, z, n, data, S),
+            right, np.append(u, 0.0), lowest, fold.multipliers / S,
+        )  # fmt: skip
 
 
 def turns_back(before: Orbit, after: Orbit, vary: str, sense: float = 1.0) -> bool:

@@ -34,12 +34,13 @@ from ..collocation.error_estimate import Estimate, functional_errors, left_on_ha
 from ..collocation.newton import Solution as Root
 from ..collocation.remesh import better_breaks
 from ..collocation.transcription import Setting, Transcription, settings_of
+from ..effort import MEMBERS_OF_A_PASS
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks, solve_adaptively
 from ..orbits.amplitude import amplitudes_off, estimated, goals_of_many, row_sums
 from ..orbits.border import curve_border, row_along
-from ..orbits.ensemble import MEMBERS_OF_A_PASS, ROOM_FOR_KNOWN, sizes_of_steps
+from ..orbits.ensemble import ROOM_FOR_KNOWN, sizes_of_steps
 from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along
@@ -101,6 +102,20 @@ class Folds:
     how : "batch"; "recut" where other phases or another mesh were needed; "" where there is none.
     slopes : (B, k) d ln value/d ln q for the parameters asked for; (B, 0) where none are.
     solutions : those of the equations; None where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.continuation import expansion, folds_near, largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> known = expansion(largest(orbit, "g"), ("omega",), 1e-6)
+    >>> p = np.repeat(known.problem.vector()[None], 2, axis=0)
+    >>> p[:, known.problem.names.index("omega")] *= [1.01, 1.02]  # g is in proportion to its square
+    >>> found = folds_near(known, p, 1e-6)
+    >>> found.how, bool(found.errors.max() < 1e-6)
+    (('batch', 'batch'), True)
     """
 
     values: Array
@@ -123,8 +138,30 @@ class Folds:
 def expansion(fold: Fold[Any], names: tuple[str, ...], tol: float) -> Expansion:
     """A known fold, on a mesh made for it and the tolerance, and its change with parameters.
 
-    fold, names: the fold, where its parameter is largest, and the k parameters that will differ; tol: relative error
-    that its neighbours may have. Raises NoOrbit: the fold could not be solved again.
+    Parameters
+    ----------
+    fold, names
+        the fold, where its parameter is largest, and the k parameters that will differ.
+    tol
+        relative error that its neighbours may have.
+
+    Returns
+    -------
+    Expansion.
+
+    Raises
+    ------
+    NoOrbit : the fold could not be solved again.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import expansion, largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> known = expansion(largest(orbit, "g"), ("omega",), 1e-6)
+    >>> round(float(known.first[0, -1]), 4)  # d ln g/d ln omega, exactly 2
+    2.0
     """
     return expansion_at(fold.orbit, fold.parameter, names, tol)
 
@@ -198,8 +235,32 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
 def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None:
     """The fold of a problem near a known one, from which others are predicted in turn.
 
-    p: (np,) its parameters; that of the fold is not read; tol: relative error that its neighbours may have.
-    Returns expansion by the same parameters, on phases and a mesh of its own; None where it was not found so.
+    Parameters
+    ----------
+    known
+        a fold that is known.
+    p
+        (np,) parameters; that of the fold is not read.
+    tol
+        relative error that its neighbours may have.
+
+    Returns
+    -------
+    Expansion by the same parameters, on phases and a mesh of its own; None where it was not found so.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.continuation import expansion, expansion_beside, largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> known = expansion(largest(orbit, "g"), ("omega",), 1e-6)
+    >>> p = np.repeat(known.problem.vector()[None], 2, axis=0)
+    >>> p[:, known.problem.names.index("omega")] *= [1.01, 1.02]  # g is in proportion to its square
+    >>> beside = expansion_beside(known, p[0], 1e-6)
+    >>> round(beside.problem.value("g") / known.problem.value("g"), 6)
+    1.0201
     """
     found, settings = from_expansion(known, p[None], tol)
     if found.statuses[0] is not Status.CONVERGED:
@@ -220,10 +281,35 @@ class _Told:
 
 
 def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
-    """The folds of members, confirmed.
+    """The folds of members near a known one, many at once, confirmed.
 
-    p: (B, np) their parameters; that of the fold is not read; tol: relative error of value, period and amplitude;
-    slopes_by: parameters whose d ln value/d ln q are wanted. Returns folds, with nan where there is none.
+    Parameters
+    ----------
+    known
+        the fold that is known.
+    p
+        (B, np) parameters of the members; that of the fold is not read.
+    tol
+        relative error of value, period and amplitude.
+    slopes_by
+        parameters whose d ln value/d ln q are wanted.
+
+    Returns
+    -------
+    Folds, with nan where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.continuation import expansion, folds_near, largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> known = expansion(largest(orbit, "g"), ("omega",), 1e-6)
+    >>> p = np.repeat(known.problem.vector()[None], 2, axis=0)
+    >>> p[:, known.problem.names.index("omega")] *= [1.01, 1.02]  # g is in proportion to its square
+    >>> (folds_near(known, p, 1e-6).values / known.problem.value("g")).round(6).tolist()
+    [1.0201, 1.0404]
     """
     passes = (p[i : i + MEMBERS_OF_A_PASS] for i in range(0, len(p), MEMBERS_OF_A_PASS))
     told = [member for some in passes for member in _pass(known, some, tol, slopes_by)]

@@ -53,6 +53,18 @@ class Expansion:
     bend : d2 lambda/d a2 there.
     names : the k parameters of the expansion.
     first, second : (k, size + 1) derivatives of (x, ln T, ln value) by the logarithms of the parameters.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import expansion, largest
+    >>> from casahunt.hybrid.examples import ball
+    >>> from casahunt.orbits import find_cycle
+    >>> orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    >>> known = expansion(largest(orbit, "g"), ("omega",), 1e-6)
+    >>> p = known.problem.vector()[None] * 1.001
+    >>> change = known.expected(p)
+    >>> change.shape == (1, known.u.size + 1), known.there(change)[1].round(3).tolist()
+    (True, [13.779])
     """
 
     problem: Problem
@@ -104,8 +116,14 @@ class Expansion:
     def changes(self, u: Array, values: Array) -> Array:
         """What leads from the known fold to another point.
 
-        u, values: (B, size) unknowns, and (B,) values of the parameter.
-        Returns (B, size + 1) changes of (x, ln T, ln value).
+        Parameters
+        ----------
+        u, values
+            (B, size) unknowns, and (B,) values of the parameter.
+
+        Returns
+        -------
+        (B, size + 1) changes of (x, ln T, ln value).
         """
         P = self.t.phases
         change = np.column_stack([u - self.u, np.log(values / self.problem.value(self.vary))])

@@ -303,7 +303,19 @@ def corrected(
 
 
 def run(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
-    """All that a walk leads to, and the sentence with which it ended."""
+    """All that a walk leads to, and the sentence with which it ended.
+
+    Examples
+    --------
+    >>> from casahunt import walk
+    >>> from casahunt.continuation import run
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> start = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> orbits, ended = run(walk(start, vary="belt", low=0.2, high=0.21))
+    >>> ended
+    'belt reached 0.21, the end of the range'
+    """
     found: list[Any] = []
     while True:
         try:

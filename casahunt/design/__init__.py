@@ -6,9 +6,10 @@ diagram.py          the branch of a servo from a gain round the fold and back
 diagram_files.py    a diagram on the disk after every point, and taken up again
 sensitivity.py      the fold gain's derivatives by every parameter, from the adjoint
 fold_curve/         the fold gain against a second parameter
-uncertainty/        the fold gain of uncertain parameters: linear, sampled, worst corner
-fold_map.py         the fold gain over two parameters
+nearby.py           the fold of a servo near one whose fold is known
 ensemble.py         the folds of thousands of servos in one call
+fold_map.py         the fold gain over two parameters
+uncertainty/        the fold gain of uncertain parameters: linear, sampled, worst corner
 tune/               gain and controller times of least cost that do not hunt
 record/             amplitude and frequency of a measured or simulated motion
 """

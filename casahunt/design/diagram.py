@@ -27,7 +27,7 @@ from ..continuation import (
     next_fold,
     special_points_between,
 )
-from ..continuation.walk import walk, walk_naturally
+from ..continuation.walk import run, walk, walk_naturally
 from ..errors import NoOrbit, Status
 from ..orbits import Options, with_multipliers
 from ..results import Result
@@ -217,17 +217,12 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
     True
     """
-    orbits: list[HuntingOrbit] = []
-    special: list[SpecialPoint[HuntingOrbit]] = []
-    missed: list[Missed] = []
-    ended = ""
-    while True:
-        try:
-            point = next(points)
-        except StopIteration as end:
-            ended = str(end.value)
-            break
-        orbits.append(point.orbit)
-        special += point.special
-        missed += point.missed
-    return Branch(model, servo, tuple(orbits), ended, tuple(special), tuple(missed))
+    found, ended = run(points)
+    return branch_of(servo, model, found, ended)
+
+
+def branch_of(servo: Servo, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
+    """The branch of the symmetric cycles that points are of."""
+    special = tuple(found for point in points for found in point.special)
+    missed = tuple(gap for point in points for gap in point.missed)
+    return Branch(model, servo, tuple(point.orbit for point in points), ended, special, missed)

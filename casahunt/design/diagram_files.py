@@ -21,7 +21,7 @@ from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_run, of_another_run, same_task, save_branch
 from ..servo.servo import Servo
 from ..tables import table
-from .diagram import DiagramPoint
+from .diagram import DiagramPoint, branch_of
 
 SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": Archive.SIGN}
 """What stands in a table and in an archive of a diagram, and in no other file."""
@@ -84,7 +84,7 @@ def keep(
     its lopsided pairs, where these are known. Raises InputError, OSError: as `save_branch`.
     """
     words = words or Words()
-    branch = beside or branch_of(task, model, points, ended)
+    branch = beside or branch_of(task.servo, model, points, ended)
     with together():
         run = {**task.settings, "special_before": [i for i, point in enumerate(points) for _ in point.special]}
         save_branch(branch, out / f"{model}.npz", run=run, said=words.orbits)
@@ -94,13 +94,6 @@ def keep(
             for number, pair in enumerate(branch.lopsided, 1):
                 stream.write(_lines(pair_rows(pair, number)))
     return branch
-
-
-def branch_of(task: Task, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
-    """The branch of the symmetric cycles that points are of."""
-    special = tuple(found for point in points for found in point.special)
-    missed = tuple(gap for point in points for gap in point.missed)
-    return Branch(model, task.servo, tuple(point.orbit for point in points), ended, special, missed)
 
 
 def _lines(rows: Sequence[Sequence[Any]]) -> str:

@@ -2,10 +2,15 @@
 
     servo, rows of parameter values -> fold gain, period and amplitude of each, with their errors
 
-They are computed from the fold or the cycle of one servo, in batches (uncertainty/batch.py, orbits/ensemble.py);
-what a batch cannot do is computed alone, as `find_fold` and `find_orbit` do, and says so.
+    folds: rows of parameters -> batches -> folds_near (continuation/fold_ensemble.py) -> fold_near (nearby.py) for the
+    rest;    cycles: orbits/ensemble.py
 
-Units: K in V/rad, amplitude in rad, period in s.  Symbols: n servos, k parameters.
+They are computed from the fold or the cycle of one servo, in batches that any executor may share out; what a batch
+cannot do is computed alone, as `find_fold` and `find_orbit` do, and says so.  A batch carries the expansion of the
+known fold, made once; its results are a function of the batch, and a row's of the row: whoever computes it, in whatever
+company.
+
+Units: K in V/rad, amplitude in rad, period in s.  Symbols: n servos, k parameters, j whose elasticities are wanted.
 """
 
 from __future__ import annotations
@@ -14,12 +19,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..checks import known
-from ..errors import Status
+from ..continuation import Expansion, folds_near
+from ..effort import ROWS_OF_A_TASK
+from ..errors import NoOrbit, Status
 from ..orbits import Options, OrbitEnsemble
 from ..orbits import orbit_ensemble as orbits_near
 from ..results import Rows
@@ -27,10 +34,13 @@ from ..servo.find_orbit import BranchName, find_orbit
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
 from ..servo.servo import Servo, a_servo
-from .uncertainty.batch import Done, folds_of
-from .uncertainty.nearby import nominal_fold
+from .nearby import expected_gains, fold_near, known_fold, nominal_fold, servo_at, vectors
+from .sensitivity import fold_sensitivities
 
 Array = np.ndarray
+
+ON_ITS_OWN = "alone"
+"""How a fold was computed that no batch did."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,11 +150,94 @@ def fold_ensemble(
     names = tuple(names)
     table = Hunting(model, servo, 1.0).rows(names, rows)
     options = options or Options()
-    done = folds_of(
+    return folds_of(
         servo, model, names, table, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,
         report=report, elasticities_by=names if elasticities else (),
     )  # fmt: skip
-    return _ensemble(model, names, table, done)
+
+
+def folds_of(
+    servo: Servo, model: Model, names: Sequence[str], rows: Array, *, options: Options, fold: HuntingFold | None,
+    executor: Executor | None = None, report: Callable[[int], None] | None = None,
+    elasticities_by: tuple[str, ...] = (),
+) -> FoldEnsemble:  # fmt: skip
+    """The folds of servos by the rows of their parameters, as `fold_ensemble`, nothing checked.
+
+    fold: from which the others are predicted, of any servo nearby; None: each is looked for alone; elasticities_by: j
+    parameters whose d ln K/d ln q are wanted.
+    """
+    names, expected = tuple(names), expected_gains(fold, names, rows)
+    known = known_fold(servo, names, fold, options.tol) if len(rows) else None
+    batches = [slice(i, i + ROWS_OF_A_TASK) for i in range(0, len(rows), ROWS_OF_A_TASK)]
+    tasks = [_Task(servo, model, options, names, rows[b], expected[b], known, elasticities_by) for b in batches]
+    members: list[_Member] = []
+    for part in map(_work, tasks) if executor is None else executor.map(_work, tasks):
+        members += part
+        if report is not None:
+            report(len(members))
+    numbers = np.array([member.numbers for member in members]).reshape(len(members), 6 + len(elasticities_by)).T
+    failures = tuple((i, member.sentence) for i, member in enumerate(members) if member.sentence)
+    statuses, how = tuple(member.status for member in members), tuple(member.how for member in members)
+    gain, gain_error, period, period_error, amplitude, amplitude_error = numbers[:6]
+    return FoldEnsemble(
+        model, names, rows, gain, gain_error, period, period_error, amplitude, amplitude_error, numbers[6:].T, statuses,
+        how, failures,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Everything a worker needs for a batch; small, and pickled once per task."""
+
+    servo: Servo
+    model: Model
+    options: Options
+    names: tuple[str, ...]
+    rows: Array
+    expected: Array
+    known: Expansion | None
+    elasticities_by: tuple[str, ...]
+
+
+class _Member(NamedTuple):
+    """(6 + j,) gain, period and amplitude, each with its relative error, elasticities; the words of `FoldEnsemble`."""
+
+    numbers: Array
+    status: Status | None
+    how: str
+    sentence: str = ""
+
+
+def _work(task: _Task) -> list[_Member]:
+    """The folds of a batch; a function of the batch alone, whoever computes it."""
+    if task.known is None:
+        return [_alone(task, i) for i in range(len(task.rows))]
+    p = vectors(task.servo, task.names, task.rows)
+    folds = folds_near(task.known, p, task.options.tol, slopes_by=task.elasticities_by)
+    numbers = np.column_stack([
+        folds.values, folds.value_errors, folds.periods, folds.period_errors, folds.amplitudes, folds.amplitude_errors,
+        folds.slopes,
+    ])  # fmt: skip
+    return [
+        _Member(numbers[i], folds.statuses[i], how) if how else _alone(task, i) for i, how in enumerate(folds.how)
+    ]
+
+
+def _alone(task: _Task, i: int) -> _Member:
+    """The fold of one servo, looked for where its gain is expected."""
+    by = task.elasticities_by
+    nothing = np.full(6 + len(by), np.nan)
+    try:
+        servo = servo_at(task.servo, task.names, task.rows[i])
+        fold = fold_near(servo, task.model, float(task.expected[i]), task.options)
+    except NoOrbit as error:
+        return _Member(nothing, error.status, ON_ITS_OWN, str(error))
+    if fold is None:
+        nothing[0] = 0.0
+        return _Member(nothing, Status.CONVERGED, ON_ITS_OWN)
+    of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
+    numbers = fold.gain, fold.gain_error, of.period, of.period_error, of.amplitude, of.amplitude_error
+    return _Member(np.array([*numbers, *(moves[name] for name in by)]), Status.CONVERGED, ON_ITS_OWN)
 
 
 def orbit_ensemble(
@@ -200,19 +293,10 @@ def orbit_ensemble(
     branch: BranchName = "unstable" if known_orbit.multipliers.leading.real > 1 else "stable"
     return orbits_near(
         known_orbit, names, rows, options=options, multipliers=multipliers, executor=executor, report=report,
-        alone=partial(_alone, branch),
+        alone=partial(_cycle_alone, branch),
     )  # fmt: skip
 
 
-def _alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
+def _cycle_alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
     """The cycle of one servo, from nothing."""
     return find_orbit(problem.servo, problem.model, problem.gain, branch=branch, options=options)
-
-
-def _ensemble(model: Model, names: tuple[str, ...], rows: Array, done: Done) -> FoldEnsemble:
-    failures = tuple((i, sentence) for i, sentence in enumerate(done.sentences) if sentence)
-    gain, gain_error, period, period_error, amplitude, amplitude_error = done.numbers
-    return FoldEnsemble(
-        model, names, rows, gain, gain_error, period, period_error, amplitude, amplitude_error, done.elasticities,
-        done.statuses, done.how, failures,
-    )  # fmt: skip

@@ -5,7 +5,7 @@
     a known fold, expanded -> the next ones around it, in a batch -> the nearest to what is left, expanded -> ...
                                                                        | nothing reached
                                                                        v
-                                                         that servo alone (uncertainty/nearby.py)
+                                                         that servo alone (nearby.py)
 
 An expansion costs as much as ten folds of a batch: spread over the plane, folds need fewer than row by row.
 
@@ -24,20 +24,18 @@ from typing import Any
 import numpy as np
 
 from ..checks import known
-from ..continuation.fold_ensemble import expansion_beside, folds_near
-from ..continuation.fold_expansion import Expansion
+from ..continuation import Expansion, expansion_beside, folds_near
+from ..effort import MEMBERS_OF_A_PASS
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..orbits import Options
-from ..orbits.ensemble import MEMBERS_OF_A_PASS
 from ..results import Result
 from ..servo.find_fold import find_fold
 from ..servo.hunting import MODELS, Model
 from ..servo.problem import HuntingFold
 from ..servo.servo import Servo, a_servo
+from .nearby import fold_near, known_fold, values_of, vectors
 from .sensitivity import NAMES
-from .uncertainty.batch import known_fold
-from .uncertainty.nearby import fold_near
 
 Array = np.ndarray
 
@@ -208,11 +206,8 @@ class _Spreading:
     span: Array
 
     def __post_init__(self) -> None:
-        k, own = len(self.q), self.servo.parameters(1.0)
-        at = [self.servo.names.index(name) for name in self.names]
-        self.p = np.repeat(own[None], k, axis=0)
-        self.p[:, at] = self.q
-        self.where = (self.q - own[at]) / self.span
+        k, self.p = len(self.q), vectors(self.servo, self.names, self.q)
+        self.where = (self.q - values_of(self.servo, self.names)) / self.span
         self.gains, self.sentences = np.full(k, np.nan), [""] * k
         self.left = np.ones(k, dtype=bool)
         self.bases: dict[int, Expansion] = {}  # those that others were predicted from, by place

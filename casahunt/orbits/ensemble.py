@@ -30,6 +30,7 @@ from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import functional_errors
 from ..collocation.newton import DIVERGED, LARGEST_MOVE
 from ..collocation.transcription import Setting, Transcription, settings_of
+from ..effort import MEMBERS_OF_A_PASS, ROWS_OF_A_TASK
 from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
 from ..results import Rows
@@ -42,10 +43,6 @@ from .restart import Start
 
 Array = np.ndarray
 
-MEMBERS_OF_A_PASS = 48
-"""Members of one pass: few enough for the caches, enough to hide the price of a call."""
-ROWS_OF_A_TASK = 96
-"""Rows of a task: enough to hide what a task costs, few enough to keep the workers of a long run busy to its end."""
 MOST_NEWTON_STEPS = 12
 ROOM_FOR_KNOWN = 0.1
 """Part of the tolerance that the known cycle's own error may take, so that those of its neighbours fit in."""

@@ -5,11 +5,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from curve_support import Known
 
+from casahunt import Options
+from casahunt.continuation import two_parameters
 from casahunt.continuation.plane_curve import LOCATED, Place, Reading, follow, tangent_at
+from casahunt.continuation.special_charts import SpecialOrbit
+from casahunt.continuation.special_points import FOLD
+from casahunt.continuation.walk import run
 
 ANGLE = 0.35
 """Between successive tangents, at which steps stay as they are [rad]."""
@@ -41,7 +48,7 @@ class Chart:
         return replace(self, x=self.x + s, position=self.position + m)
 
 
-def followed(chart: Chart, **how: float) -> tuple[list[Place], str]:
+def followed(chart: Chart | Known, **how: float) -> tuple[list[Place], str]:
     """All places and the sentence at the end."""
     places, generator = [], follow(chart, **{"sense": 1.0, **how})
     while True:
@@ -207,3 +214,114 @@ def test_tangents_are_oriented():
     nowhere = replace(line(), slopes=lambda x, c: (0.0, 0.0))
     like = np.array([0.6, 0.8])
     assert tangent_at(nowhere, like) is like
+
+
+# Normal forms of folds in two parameters
+
+
+@pytest.mark.parametrize("cusp", [0.35, 0.8, 0.999])
+def test_round_a_cusp(cusp):
+    """The fold curve of the cusp's normal form turns back exactly at s = 0, c = cusp."""
+
+    def phi(s: float, c: float) -> float:
+        return (c - cusp) + 3 * s**2
+
+    places, ended = followed(Known(-np.sqrt(cusp / 3), 0.0, phi))
+    assert ended == ""
+    turns = [place.chart for place in places if place.turns]
+    assert len(turns) == 1
+    assert turns[0].position == pytest.approx(cusp, abs=1e-8)
+    assert abs(turns[0].s) < 1e-6
+    last = places[-1].chart
+    assert (last.position, last.s) == (0.0, pytest.approx(np.sqrt(cusp / 3), abs=1e-6))
+    assert all(abs(phi(place.chart.s, place.chart.position)) <= 1e-8 for place in places)
+
+
+def test_round_two_cusps():
+    """c = 1/2 + s - 4 s^3 turns back at s = 1/sqrt(12) and at s = -1/sqrt(12)."""
+
+    def c_of(s: float) -> float:
+        return 0.5 + s - 4 * s**3
+
+    start = max(float(r.real) for r in np.roots([-4, 0, 1, 0.5]) if abs(r.imag) < 1e-9)
+    places, ended = followed(Known(start, 0.0, lambda s, c: c - c_of(s)))
+    assert ended == ""
+    s = 1 / np.sqrt(12)
+    turns = np.array([(place.chart.s, place.chart.position) for place in places if place.turns])
+    assert turns == pytest.approx(np.array([(s, c_of(s)), (-s, c_of(-s))]), abs=1e-6)
+    assert places[-1].chart.position == 1.0
+
+
+def test_no_cusp_on_a_curve_that_does_not_turn():
+    places, ended = followed(Known(0.0, 1.0, lambda s, c: s - np.sin(3 * (c - 1))), sense=-1.0)
+    assert ended == ""
+    assert not any(place.turns for place in places)
+    assert places[-1].chart.position == 0.0
+    assert places[-1].chart.s == pytest.approx(np.sin(-3), abs=1e-9)
+
+
+def test_a_jump_of_the_tangent_is_no_cusp():
+    """Where the gradient is wrong the tangent is turned round: no cusp is reported, and no place off the curve."""
+
+    class Noisy(Known):
+        @property
+        def gradient(self) -> tuple[float, float]:
+            by_s, by_c = super().gradient
+            return (-by_s if 0.5 < self.position < 0.8 else by_s), by_c
+
+    places, ended = followed(Noisy(0.0, 0.0, lambda s, c: 2 * s - c))
+    assert not any(place.turns for place in places)
+    assert ended or places[-1].chart.position in (0.0, 1.0)
+    assert all(place.chart.s == pytest.approx(place.chart.position / 2, abs=1e-6) for place in places)
+
+
+def test_where_phi_ends_the_curve_ends():
+    class Ending(Known):
+        def value(self, s: float, m: float) -> Reading | str:
+            return super().value(s, m) if self.position + m < 0.5 else "nothing there"
+
+        @property
+        def gradient(self) -> tuple[float, float]:
+            return 1.0, -2 * self.position
+
+    places, ended = followed(Ending(0.0, 0.0, lambda s, c: s - c**2))
+    assert ended == "nothing there"
+    assert 0.45 < places[-1].chart.position < 0.5
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_curve_that_is_lost_is_taken_up_by_another_way(monkeypatch, same):
+    """Nothing is computed for c in 0.48 to 0.525: what lies beyond comes from elsewhere, if the curve is the same."""
+
+    class Gap(Known):
+        task = SimpleNamespace(monitor=FOLD, options=Options())
+        sheet = SimpleNamespace(agrees=lambda _: same)
+
+        def value(self, s: float, m: float) -> Reading | str:
+            return "nothing there" if 0.48 < self.position + m < 0.525 else super().value(s, m)
+
+        @property
+        def gradient(self) -> tuple[float, float]:
+            return 1.0, -0.5
+
+        @property
+        def special(self) -> SpecialOrbit:
+            return SpecialOrbit(self.position, 1e-9, 0.5, -1.0)
+
+    def phi(s: float, c: float) -> float:
+        return s - c / 2
+
+    asked: list[float] = []
+
+    def again(c: float) -> float:
+        asked.append(c)
+        return c
+
+    # The charts are of a curve in closed form: there is nothing to expand, and no orbit to make a chart of.
+    monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
+    monkeypatch.setattr(two_parameters, "special_chart", lambda task, at, sheet, m: Gap(at.data / 2, at.data, phi))
+    places, why = run(two_parameters.special_orbits(Gap(0.0, 0.0, phi), sense=1.0, again=again))
+    c = np.array([place.orbit for place in places])
+    assert len(asked) == 1 and 0.525 < asked[0] <= 0.53
+    assert (c[-1] == 1.0 and why == "" and asked[0] in c) if same else (0.47 < c[-1] <= 0.48 and why == "nothing there")
+    assert (np.diff(c) > 0).all()

@@ -33,6 +33,7 @@ def walking(monkeypatch, gains: list[float], with_what: str | BaseException) -> 
             raise with_what
         return with_what
 
+    # How a walk ends, and after how many orbits, cannot be asked of a servo.
     monkeypatch.setattr(design, "walk", walk)
     monkeypatch.setattr(design, "find_orbit", lambda servo, model, gain, *, options: orbit(gain))
     return reached

@@ -15,11 +15,12 @@ from casahunt import InputError, Options, Servo, Status, find_fold
 from casahunt.continuation import fold_ensemble as engine
 from casahunt.continuation import fold_expansion, smallest
 from casahunt.continuation.fold_ensemble import confirmed_many
+from casahunt.design import ensemble
 from casahunt.design.ensemble import fold_ensemble
+from casahunt.design.nearby import known_fold
 from casahunt.design.sensitivity import fold_sensitivities
-from casahunt.design.uncertainty import batch
+from casahunt.effort import MEMBERS_OF_A_PASS, ROWS_OF_A_TASK
 from casahunt.orbits import find_cycle
-from casahunt.orbits.ensemble import MEMBERS_OF_A_PASS, ROWS_OF_A_TASK
 from problems import bouncing_ball, table1
 
 SHARP = Options(tol=1e-8)
@@ -163,6 +164,7 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
         out[3, ::2] = 1e-3
         return out
 
+    # No fold near Table 1's fails its confirmation: each doubt is put there, and the single way must answer.
     monkeypatch.setattr(engine, "confirmed_many", unsure)
     assert how() == ("alone", "batch", "alone")
     monkeypatch.undo()
@@ -186,12 +188,12 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
     monkeypatch.setattr(engine, "FARTHEST_SECOND", 1e-15)  # the fold of the halved mesh is another one
     assert how() == ("alone",) * 3
     monkeypatch.undo()
-    known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
+    known = known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     monkeypatch.setattr(fold_expansion, "LARGEST_MOVE", 1e-9)  # another fold than the one that was expected
-    monkeypatch.setattr(batch, "known_fold", lambda *_: known)
+    monkeypatch.setattr(ensemble, "known_fold", lambda *_: known)
     assert how() == ("alone",) * 3
     monkeypatch.undo()
-    monkeypatch.setattr(batch, "known_fold", lambda *_: None)
+    monkeypatch.setattr(ensemble, "known_fold", lambda *_: None)
     assert how() == ("alone",) * 3
 
 
@@ -203,8 +205,9 @@ def test_neighbours_that_fail_leave_no_derivative(folds, monkeypatch):
         found.u[0, -1], found.statuses[0] = -1.0, Status.INADMISSIBLE
         return found, settings
 
+    # A neighbour so close never fails; here the first one does.
     monkeypatch.setattr(engine, "from_expansion", spoilt)
-    known = batch.known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
+    known = known_fold(Servo(), NAMES["switch"], folds["switch"], 1e-6)
     assert known is not None and not known.first[0].any() and not known.second[0].any() and known.first[1:].any()
 
 
@@ -233,7 +236,7 @@ def test_by_way_of_the_fold_halfway(folds, monkeypatch):
     found = fold_ensemble(Servo(), "switch", names, rows, options=SHARP, fold=folds["switch"])
     assert "alone" not in found.how
     assert found.gains[0] == pytest.approx(found.gains[1], rel=found.gain_errors.sum())
-    known = batch.known_fold(Servo(), names, folds["switch"], 1e-8)
+    known = known_fold(Servo(), names, folds["switch"], 1e-8)
     p = np.array([Servo().replace(**dict(zip(names, row, strict=True))).parameters(1.0) for row in rows])
     assert any(s is not Status.CONVERGED for s in fold_expansion.from_expansion(known, p, 1e-8, 0)[0].statuses)
 

@@ -42,6 +42,7 @@ def test_a_task_is_simulated_until_it_is_decided(servo, monkeypatch):
         motion = simulate(servo, model, gain, time=time, **start)
         return motion if time > decided_after else undecided(motion)
 
+    # When a motion is decided is up to its judge; here it is known.
     monkeypatch.setattr("casahunt.design.tune.tasks.simulate", slow)
     decided_after = 20.0
     motion = until_decided(servo, "switch", 0.7121, 0.5, {"set_point": 0.1})
@@ -61,9 +62,10 @@ def test_a_task_is_simulated_until_it_is_decided(servo, monkeypatch):
 def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     """Neither verified nor refused: the sentence stands in the text, the record and on standard error."""
 
-    def too_short(servo, model, gain, _, start):
+    def too_short(servo, model, gain, _, start, most):
         return undecided(simulate(servo, model, gain, time=0.3, **start))
 
+    # A task that stays undecided within all limits takes minutes.
     monkeypatch.setattr("casahunt.design.tune.tasks.until_decided", too_short)
     assert main(["tune", "--quiet"]) == 0
     said = capsys.readouterr()
@@ -89,6 +91,7 @@ def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
             return search(servo, model, uncertainty, starts=starts, **rest)
         return WorstCase(servo, find_fold(servo, model), {"friction.static": 0.53}, 1)
 
+    # No box is known where the search misses the worst corner: one that stops at its start does.
     monkeypatch.setattr(tune_given, "worst_corner", lazy)
     found = tune(servo, "switch", uncertainty=box)
     worst = find_fold(servo.replace(**{"friction.static": 0.535}), "switch")
@@ -98,9 +101,10 @@ def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
 @pytest.mark.slow
 def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypatch, servo):
     """A fold that is not computed at a corner, and an event map that does not help, leave it unverified."""
-    from casahunt.design.uncertainty import nearby, worst_corner
+    from casahunt.design import nearby
+    from casahunt.design.uncertainty import worst_corner
 
-    honest, honest_batch = nearby.fold_near, check.fold_gains
+    honest, honest_batch = nearby.fold_near, check.folds_of
 
     def failing(servo, *rest):
         if servo.inertia > 0.027:
@@ -108,13 +112,14 @@ def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypa
         return honest(servo, *rest)
 
     def failing_batch(servo, model, names, rows, **rest):
-        gains, failures = honest_batch(servo, model, names, rows, **rest)
-        lost = np.flatnonzero(rows[:, 0] > 0.027)
-        return np.where(rows[:, 0] > 0.027, np.nan, gains), failures | {int(i): "not today" for i in lost}
+        found = honest_batch(servo, model, names, rows, **rest)
+        failures = tuple((int(i), "not today") for i in np.flatnonzero(rows[:, 0] > 0.027))
+        return replace(found, gains=np.where(rows[:, 0] > 0.027, np.nan, found.gains), failures=failures)
 
+    # Every fold near Table 1 is found: those of one end of the set are lost on purpose.
     for module in (nearby, worst_corner):
         monkeypatch.setattr(module, "fold_near", failing)
-    monkeypatch.setattr(check, "fold_gains", failing_batch)
+    monkeypatch.setattr(check, "folds_of", failing_batch)
     monkeypatch.setattr("casahunt.design.tune.check._no_cycle", lambda *_: False)
     found = tune(servo, "switch", uncertainty=Uncertainty({"servo.inertia": (0.025, 0.028)}))
     shown = found.verification
@@ -181,6 +186,7 @@ def seen(starts, positions, **others) -> FixedPoints:
     ],
 )  # fmt: skip
 def test_what_the_event_map_shows(monkeypatch, servo, positions, others, state):
+    # Each verdict of the map, as its record has it: no servo at hand shows all of them.
     monkeypatch.setattr(check, "fixed_points", lambda *_, **__: seen((1.0, 2.0, 3.0), positions, **others))
     assert scanned(servo, "switch", 0.1)[1] == state
 
@@ -191,6 +197,7 @@ def test_what_the_event_map_shows(monkeypatch, servo, positions, others, state):
 )
 def test_what_a_scan_shows(monkeypatch, servo, best, upper, failures, state):
     cycle = SimpleNamespace(start=0.02) if upper else None
+    # As above, for the scan.
     monkeypatch.setattr(check, "scan", lambda *_: Scan(1e-4, 1.0, best, 0.01, cycle, failures, 50))
     assert scanned(servo, "lugre", 0.1)[1] == state
     assert check._no_cycle(servo, "lugre", 0.1) is (state == "clear")

@@ -74,6 +74,7 @@ def searched(servo, monkeypatch, v) -> Search:
         missed = float(v(q[0] - math.log(TIME)))
         return Outlook(q, missed, 1.0, math.inf if missed > 0 else 1.0 + missed)
 
+    # v as a function in closed form: how deep its well is decides, which folds of a servo do not let one choose.
     monkeypatch.setattr(given, "outlook", outlook)
     return Search(given)
 
@@ -98,6 +99,7 @@ def test_times_are_found_where_ipopt_gives_up(unscanned, monkeypatch, servo):
     def gives_up(r):
         return Point(r.q, r.k, np.zeros(4), False, "Maximum_Iterations_Exceeded")
 
+    # No problem is known that IPOPT does not solve.
     monkeypatch.setattr("casahunt.design.tune.search.solve_round", gives_up)
     found = tune(servo, "switch", free=["lead_time"], bounds={"lead_time": (0.05, 0.6), "gain": (0.01, 0.2)})
     expected = 1.1 * find_fold(servo.replace(**{"controller.lead_time": 0.6}), "switch").gain

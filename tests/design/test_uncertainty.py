@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Options, Servo, cli, find_fold
+from casahunt.design import ensemble, nearby
+from casahunt.design.nearby import fold_beside
 from casahunt.design.sensitivity import fold_sensitivities
-from casahunt.design.uncertainty import batch, nearby
-from casahunt.design.uncertainty.linear import linear_gains, linear_moments, linear_range
-from casahunt.design.uncertainty.nearby import fold_beside
 from casahunt.design.uncertainty.samples import draw, sample
-from casahunt.design.uncertainty.set import Uncertainty
-from casahunt.design.uncertainty.summary import summary
-from casahunt.design.uncertainty.toml import load_uncertainty
+from casahunt.design.uncertainty.set import Uncertainty, load_uncertainty
+from casahunt.design.uncertainty.summary import linear_gains, linear_moments, linear_range, summary
 from casahunt.design.uncertainty.worst_corner import WorstCase, worst_corner
 from casahunt.servo import find_fold as fold_module
 from problems import table1
@@ -29,11 +27,6 @@ EXAMPLE = Path(table1.__file__).with_name("table1_uncertainty.toml")
 FRICTION = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.435, 0.445)})
 PAIR = ("friction.static", "friction.coulomb")
 QUICK = Options(tol=1e-6)
-
-
-def linear_interval(fold, uncertainty):
-    """(low, high) of the linear function over intervals; (mean, std) for a covariance."""
-    return (linear_range if uncertainty.covariance is None else linear_moments)(fold, uncertainty)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +55,7 @@ def gain_at(servo, names, q):
 def test_linear_interval_and_moments(fold):
     """The box of an exact symmetry: K depends on Fs and Fc through Fs - Fc only, so dK/dFc = -dK/dFs."""
     slope = fold_sensitivities(fold).derivatives["friction.static"]
-    low, high = linear_interval(fold, FRICTION)
+    low, high = linear_range(fold, FRICTION)
     assert low == pytest.approx(fold.gain - 0.015 * slope, rel=1e-6)
     assert high == pytest.approx(fold.gain + 0.015 * slope, rel=1e-6)
     # A sum of two uniform distributions.
@@ -75,9 +68,9 @@ def test_linear_covariance(fold):
     """Fs and Fc that move together leave the fold where it is."""
     slope = fold_sensitivities(fold).derivatives["friction.static"]
     together = Uncertainty(names=PAIR, covariance=1e-6 * np.ones((2, 2)))
-    assert linear_interval(fold, together) == pytest.approx((fold.gain, 0.0), abs=1e-6)
+    assert linear_moments(fold, together) == pytest.approx((fold.gain, 0.0), abs=1e-6)
     apart = Uncertainty(names=PAIR, covariance=1e-6 * np.eye(2), sigmas=2)
-    mean, std = linear_interval(fold, apart)
+    mean, std = linear_moments(fold, apart)
     assert (mean, std) == pytest.approx((fold.gain, 1e-3 * slope * np.sqrt(2)), rel=1e-6)
     assert linear_range(fold, apart) == pytest.approx((mean - 2 * std, mean + 2 * std))
 
@@ -86,7 +79,7 @@ def test_intervals_off_the_servo(fold):
     """An interval need not hold the servo's own value."""
     slope = fold_sensitivities(fold).derivatives["friction.static"]
     off = Uncertainty({"friction.static": (0.54, 0.56)})
-    assert linear_interval(fold, off) == pytest.approx((fold.gain + 0.01 * slope, fold.gain + 0.03 * slope))
+    assert linear_range(fold, off) == pytest.approx((fold.gain + 0.01 * slope, fold.gain + 0.03 * slope))
     middle, width = fold.gain + 0.02 * slope, 0.02 * abs(slope)
     assert linear_moments(fold, off) == pytest.approx((middle, width / np.sqrt(12)), rel=1e-12)
     assert linear_gains(fold, ["friction.static"], np.array([[0.55]])) == pytest.approx(middle, rel=1e-12)
@@ -178,8 +171,9 @@ def test_failures_are_kept(servo, fold, monkeypatch):
     def fails(*_, **__):
         raise NoOrbit("no convergence here", Status.NOT_CONVERGED)
 
+    # No servo of a sensible box is known whose fold is not found.
     monkeypatch.setattr(nearby, "find_fold", fails)
-    monkeypatch.setattr(batch, "known_fold", lambda *_: None)  # there is nothing to predict from
+    monkeypatch.setattr(ensemble, "known_fold", lambda *_: None)  # there is nothing to predict from
     samples = sample(servo, "switch", FRICTION, 2, options=QUICK, fold=fold)
     assert np.isnan(samples.gains).all() and samples.worst is None and samples.quantiles() == {}
     assert samples.failures == ((0, "no convergence here"), (1, "no convergence here"))
@@ -207,13 +201,15 @@ def test_a_batch_does_not_decide_on_the_worst_corner(servo, fold, monkeypatch):
     from casahunt.design.uncertainty import worst_corner as module
 
     box = Uncertainty({"friction.static": (0.52, 0.54), "friction.stribeck_velocity": (0.019, 0.021)})
-    honest = module.in_batch
+    honest = module.folds_near
 
-    def lies(task, known):
-        folds = honest(task, known)
-        return replace(folds, values=np.where(task.rows[:, 1] > 0.02, 2.0, folds.values))
+    def lies(known, p, tol, *, slopes_by):
+        folds = honest(known, p, tol, slopes_by=slopes_by)
+        far = p[:, known.problem.names.index("friction.stribeck_velocity")] > 0.02
+        return replace(folds, values=np.where(far, 2.0, folds.values))
 
-    monkeypatch.setattr(module, "in_batch", lies)
+    # A batch confirms its folds: what guards against one that is wrong all the same needs one that is.
+    monkeypatch.setattr(module, "folds_near", lies)
     worst = worst_corner(servo, "switch", box, options=QUICK, fold=fold, starts=[np.array([0.54, 0.021])])
     assert worst.corner == {"friction.static": 0.54, "friction.stribeck_velocity": 0.019}
     assert worst.gain == pytest.approx(gain_at(servo, box.parameters, [0.54, 0.019]), rel=2 * QUICK.tol)
@@ -288,7 +284,7 @@ def test_summary(servo, fold, eleven):
     seen = summary(fold, FRICTION, eleven, worst)
     assert seen.quantiles["max"] == eleven.gains.max() <= worst.gain
     assert "does not mislead" in seen.misleading
-    error = linear_interval(fold, FRICTION)[1] / worst.gain - 1
+    error = linear_range(fold, FRICTION)[1] / worst.gain - 1
     assert seen.relative_error["worst corner"] == pytest.approx(error, rel=1e-6)
     # +-20 % of the Stribeck velocity: K goes like 1/vs^1.03 and the straight line does not.
     far = servo.replace(**{"friction.stribeck_velocity": 0.016})
@@ -402,7 +398,7 @@ def test_command(tmp_path, capsys, fold):
     assert set(record) >= {"model", "gain", "linear", "worst", "samples", "misleading", "status", "wall_s"}
     assert record["gain"] == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)
     box = load_uncertainty(EXAMPLE, Servo())
-    assert (record["linear"]["low"], record["linear"]["high"]) == pytest.approx(linear_interval(fold, box))
+    assert (record["linear"]["low"], record["linear"]["high"]) == pytest.approx(linear_range(fold, box))
     assert record["samples"]["n"] == 6 and record["samples"]["failures"] == 0
     assert record["worst"]["gain"] >= record["samples"]["quantiles"]["max"]
     assert record["worst"]["corner"]["friction.static"] == 0.54
@@ -423,6 +419,7 @@ def test_nearby_folds_are_not_computed_twice_where_the_expected_gain_is_too_high
     """A cycle expected above the fold is met by nobody; that takes no proof, which would be the whole search."""
     searched = []
     honest = fold_module.find_any_orbit
+    # Counted, not replaced.
     monkeypatch.setattr(fold_module, "find_any_orbit", lambda *a, **k: searched.append(1) or honest(*a, **k))
     fold = nearby.fold_near(servo, "switch", 2.0, Options())
     assert fold.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)

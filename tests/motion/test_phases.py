@@ -19,6 +19,7 @@ from casahunt.motion.march_exits import end_of_flow, flow_to, locate
 from casahunt.motion.march_step import Foretold, Stepper
 from casahunt.motion.march_watch import TooLong, Watch, _first_beyond
 from casahunt.motion.phases import MarchFailure, Segment, march
+from casahunt.motion.sensitivity import forward_sensitivity
 
 NO_PARAMETERS = np.zeros(1)
 
@@ -311,3 +312,26 @@ def test_an_event_that_changes_by_rounding_alone_is_no_exit() -> None:
                 exit_ = Exit(Event("far", far), +1, lambda x, p: "ramp", mark=True)
                 found = end_of_flow(ramp, (exit_,), x, NO_PARAMETERS)
                 assert found is None or found[0] > 1e13
+
+
+def test_how_the_end_of_a_phase_moves():
+    """Against closed forms: y'' = -k y, by the start and by k, at a fixed duration."""
+
+    def field(x: Any, p: Any, sign: Any) -> Any:
+        return ca.vertcat(x[1], -p[0] * x[0])
+
+    end = Exit(Event("down", lambda x, duration, p: x[0]), -1, lambda x, p: "swing")
+    system = System("spring", ("y", "v"), {"swing": Mode("swing", field)}, {"swing": (end,)})
+    k, scale = 1.7, np.array([0.5, 2.0])
+    p, w = np.array([k]), math.sqrt(k)
+    (segment,) = march(system, "swing", np.array([0.3, 0.4]), p, scale=scale, until=lambda _: True, tol=1e-12)
+    c, s = math.cos(w * segment.duration), math.sin(w * segment.duration)
+    dx = np.diag(scale) @ np.eye(2, 3)
+    moved, rate = forward_sensitivity(system, segment, dx / scale[:, None], p, np.ones(1), scale=scale, degree=7)
+    through = np.array([[c, s / w], [-w * s, c]]) @ dx[:, :2]
+    dw, T = 1 / (2 * w), segment.duration
+    by_k = dw * np.array([
+        -0.3 * T * s + 0.4 * (T * c / w - s / w**2), -0.3 * (s + w * T * c) - 0.4 * T * s,
+    ])  # fmt: skip
+    np.testing.assert_allclose(moved * scale[:, None], np.column_stack([through, by_k]), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rate * scale, [segment.end[1], -k * segment.end[0]], atol=1e-9)

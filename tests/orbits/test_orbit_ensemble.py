@@ -13,9 +13,10 @@ import pytest
 from casahunt import InputError, NoOrbit, Options, Servo, Status, find_orbit
 from casahunt.collocation.transcription import settings_of
 from casahunt.design.ensemble import orbit_ensemble as hunting_ensemble
+from casahunt.effort import MEMBERS_OF_A_PASS
 from casahunt.orbits import ensemble as module
 from casahunt.orbits import ensemble_multipliers, find_cycle, floquet, orbit_ensemble
-from casahunt.orbits.ensemble import MEMBERS_OF_A_PASS, newton_of_many
+from casahunt.orbits.ensemble import newton_of_many
 from casahunt.orbits.floquet import Multipliers
 from casahunt.orbits.fold_side import side_of
 from casahunt.orbits.orbit import unknowns_of

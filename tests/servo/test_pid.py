@@ -26,8 +26,9 @@ from casahunt import (
     walk,
 )
 from casahunt.design.fold_curve.curve import fold_curve
+from casahunt.design.nearby import values_of
 from casahunt.design.sensitivity import fold_sensitivities
-from casahunt.design.uncertainty.set import Uncertainty, check_box, values_of
+from casahunt.design.uncertainty.set import Uncertainty, check_box
 from casahunt.servo.basin import basin
 from casahunt.servo.delayed_loop import crossover, margins
 from casahunt.servo.denial import no_cycle

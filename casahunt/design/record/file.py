@@ -273,13 +273,11 @@ def _samples(read: bytes, name: str, head: _Head, columns: tuple[int, int]) -> A
     """(m, 2) values of the columns."""
     try:
         with _text(read) as stream:
-            for _ in range(head.skip):
-                next(stream)
-            values = np.loadtxt(stream, delimiter=head.delimiter, usecols=columns, ndmin=2, quotechar='"')
+            values = np.loadtxt(
+                stream, delimiter=head.delimiter, usecols=columns, ndmin=2, quotechar='"', skiprows=head.skip
+            )
         if np.isfinite(values).all():
             return values
-    except UnicodeDecodeError:
-        raise
     except ValueError:
         pass  # a cell that numpy cannot read: the walk below names it, or reads it
     rows = []

@@ -130,22 +130,16 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
         whole, gapped = _whole(marks, period, gaps)
         if not whole.any():
             break
-        middle, mean = means_between(times, values, marks, whole)
-        at = extended(times, middle, mean)
+        at = extended(times, ((marks[1:] + marks[:-1]) / 2)[whole], means_between(times, values, marks)[whole])
         # The threshold is fixed to the waveform, its distance from the level to the level of the first pass.
     slowness = float(np.median(passages[1] - passages[0])) / (2 * BAND * (high - low))
     return Marks(marks, whole, gapped, rising, resolution, slowness, at)
 
 
-def means_between(times: Array, values: Array, marks: Array, whole: Array) -> tuple[Array, Array]:
-    """Means over time of the whole periods.
-
-    times, values: (m,) samples [s], [rad]; marks, whole: (k,) times that divide the record [s]; (k - 1,) bool.
-    Returns middle times of the whole periods [s], and the means there [rad].
-    """
+def means_between(times: Array, values: Array, edges: Array) -> Array:
+    """Means over time of samples (m,) [rad] at times [s] between neighbouring edges (..., k + 1) [s]: (..., k)."""
     integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
-    mean = np.diff(np.interp(marks, times, integral))[whole] / np.diff(marks)[whole]
-    return ((marks[1:] + marks[:-1]) / 2)[whole], mean
+    return np.asarray(np.diff(np.interp(edges, times, integral)) / np.diff(edges))
 
 
 def _gaps(times: Array, period: float) -> Array:
@@ -187,19 +181,18 @@ def _chosen(
     for share in THRESHOLDS:
         for rising, passages in zip((True, False), _passages(grid, r, *ends, share), strict=True):
             passages = passages[:, ~_between(passages, gaps)]
-            for chain in _chains(passages.mean(axis=0), period):
-                whole, _ = _whole(passages.mean(axis=0)[chain], period, gaps)
-                width = float(np.median(passages[1, chain] - passages[0, chain]))
-                tried.append((int(whole.sum()), width, rising, share, passages[:, chain]))
-    if not tried or max(entry[0] for entry in tried) < 1:
+            passages = passages[:, _chain(passages.mean(axis=0), period)]
+            if passages.shape[1] > 1:
+                whole, _ = _whole(passages.mean(axis=0), period, gaps)
+                tried.append((int(whole.sum()), float(np.median(passages[1] - passages[0])), rising, share, passages))
+    most = max((entry[0] for entry in tried), default=0)
+    if most < 1:
         return None
-    most = max(entry[0] for entry in tried)
-    tried = [entry for entry in tried if entry[0] >= min(most, max(1, most - 1))]
+    tried = [entry for entry in tried if entry[0] >= max(1, most - 1)]
     sharpest = min(entry[1] for entry in tried)
     sharp = [entry for entry in tried if entry[1] <= EQUALLY_SHARP * sharpest + grid.step]
     # Of equally sharp ones the nearest to the middle, then the one with more periods, then the rising one.
-    best = min(sharp, key=lambda entry: (abs(entry[3] - 0.5), -entry[0], not entry[2]))
-    return best[2], best[3], best[4]
+    return min(sharp, key=lambda entry: (abs(entry[3] - 0.5), -entry[0], not entry[2]))[2:]
 
 
 def _passages(grid: Grid, r: Array, low: float, high: float, share: float) -> tuple[Array, Array]:
@@ -216,15 +209,13 @@ def _passages(grid: Grid, r: Array, low: float, high: float, share: float) -> tu
     return both[:, up], both[:, ~up]
 
 
-def _chains(at: Array, period: float) -> list[list[int]]:
-    """Passages that follow each other by about a period; one chain from each of those in the middle period."""
+def _chain(at: Array, period: float) -> list[int]:
+    """Passages that follow each other by about a period, from the middle one on to either side."""
+    middle, last = at.size // 2, at.size - 1
     if at.size < 2:
         return []
-    middle = at.size // 2
-    starts = [i for i in range(middle, at.size) if at[i] < at[middle] + (1 - REACH) * period]
-    last = at.size - 1
-    back = -at[::-1]
-    return [[*(last - j for j in _follow(back, last - i, period)[::-1]), i, *_follow(at, i, period)] for i in starts]
+    before = [last - j for j in _follow(-at[::-1], last - middle, period)]
+    return [*before[::-1], middle, *_follow(at, middle, period)]
 
 
 def _follow(at: Array, i: int, period: float) -> list[int]:

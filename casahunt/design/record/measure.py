@@ -36,7 +36,7 @@ from ...results import Result
 from ...servo.simulation.trajectory import Trajectory
 from .file import Record
 from .marks import Marks, level_of, mark, means_between
-from .period import FEWEST_PERIODS, Grid, find_period, gridded, off_line, usual_distance
+from .period import FEWEST_PERIODS, Grid, find_period, gridded, in_blocks, off_line, usual_distance
 from .shape import equal_parts, factors, fold, peak_to_peak, quantum, shape_of, waves
 from .verdict import Kind, Periods, deviation, judge, lasting, settled
 
@@ -224,7 +224,6 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
         return _nothing(record, still=not _moves(grid))
     k = found.lengths.size
     period = float(np.mean(found.lengths)) if k else period
-    kind, reason = judge(found) if k > 1 else ("hunting", "")
     held = t[-1] - t[0] - np.sum(np.diff(found.marks.times)[found.marks.gapped])
     if k < FEWEST_PERIODS and held > (FEWEST_PERIODS + 2) * period:
         return _nothing(record, still=False)
@@ -233,6 +232,7 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
             f"{record.name}: must hold at least {FEWEST_PERIODS} whole periods, but holds {k} of about "
             f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
         )
+    kind, reason = judge(found)
     if kind in ("hunting", "irregular"):
         found = _divided(times, values, settled(found, blur))
         kind, reason = judge(found)
@@ -246,11 +246,9 @@ def _thinned(t: Array, y: Array, period: float) -> tuple[Array, Array]:
     block = int(min(t.size / MOST, period / ((t[-1] - t[0]) / t.size) / DETAIL))
     if block < 2:
         return t, y
-    n = t.size // block
-    times, values = (v[: n * block].reshape(n, block).mean(axis=1) for v in (t, y))
-    ends = t[: n * block].reshape(n, block)[:, [0, -1]]
-    near = np.diff(ends, axis=1)[:, 0] < 4 * block * usual_distance(t)  # not on both sides of a gap
-    return times[near], values[near]
+    times, values = in_blocks(t, block), in_blocks(y, block)
+    near = times[:, -1] - times[:, 0] < 4 * block * usual_distance(t)  # not on both sides of a gap
+    return times.mean(axis=1)[near], values.mean(axis=1)[near]
 
 
 def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: float) -> Periods | None:
@@ -293,7 +291,7 @@ def _averages(
     level = np.interp(record.times, times, marks.level)
     inside = (times >= edges[0]) & (times <= edges[-1])
     drift = float(np.polyfit(times[inside] - edges[0], marks.level[inside], 1)[0])
-    _, means = means_between(times, values, marks.times, marks.whole)
+    means = means_between(times, values, marks.times)[marks.whole]
     # Steps hide how slow a passage is; a drift of the level shifts them against the waveform, by half a step at most.
     shift = min(step / 2, float(np.ptp(np.interp(edges, times, marks.level))))
     resolution = float(np.median(marks.resolution)) + step / 2 * marks.slowness

@@ -47,6 +47,8 @@ PARTS = (0.25, 0.5, 0.75)
 """Beginnings that are left out of the search where a transient at the start hides the period."""
 CLEARER = 0.5
 """Part of U that such a search must reach to be preferred to that of the whole record."""
+
+
 @dataclass(frozen=True, eq=False)
 class Grid:
     """The record on an even grid.
@@ -107,9 +109,13 @@ def find_period(grid: Grid) -> tuple[float, float]:
         times = best[0] / found[0]
         # Pairs at a larger lag may leave out the transient, because of a gap, and so repeat better.
         fraction = times > 1.5 and abs(times - round(times)) < 0.02 * times and found[1] < 1.1 * best[1] + FLOOR
-        if fraction or found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
-            best = found
+        best = found if fraction else _clearer(best, found)
     return best
+
+
+def _clearer(best: tuple[float, float], found: tuple[float, float]) -> tuple[float, float]:
+    """Of two lags with their U the second one where that is by far the better."""
+    return found if found[1] + FLOOR < CLEARER * (best[1] + FLOOR) else best
 
 
 def _best(grid: Grid) -> tuple[float, float]:
@@ -117,9 +123,7 @@ def _best(grid: Grid) -> tuple[float, float]:
     for values, covered, step in _differences(grid):
         if best[1] <= FLOOR:
             break
-        found = _smallest_lag(unlikeness(values, covered), step)
-        if found[1] + FLOOR < CLEARER * (best[1] + FLOOR):
-            best = found
+        best = _clearer(best, _smallest_lag(unlikeness(values, covered), step))
     return best
 
 
@@ -147,10 +151,14 @@ def _differences(grid: Grid) -> Iterator[tuple[Array, Array, float]]:
 def _thinned(values: Array, covered: Array, step: float, block: int) -> tuple[Array, Array, float]:
     """Means of blocks of neighbouring points."""
     block = max(1, block)
+    blocks = in_blocks(covered, block).all(axis=1)
+    return np.where(blocks, in_blocks(values, block).mean(axis=1), 0.0), np.asarray(blocks), step * block
+
+
+def in_blocks(values: Array, block: int) -> Array:
+    """(n, block) neighbouring values as rows; what is left over at the end is left out."""
     n = values.size // block
-    blocks = covered[: n * block].reshape(n, block).all(axis=1)
-    mean = values[: n * block].reshape(n, block).mean(axis=1)
-    return np.where(blocks, mean, 0.0), np.asarray(blocks), step * block
+    return values[: n * block].reshape(n, block)
 
 
 def moving_mean(values: Array, covered: Array, width: int) -> Array:
@@ -204,10 +212,8 @@ def _smallest_lag(u: Array, step: float) -> tuple[float, float]:
     inner = u[1:-1]
     low = np.flatnonzero((inner <= u[:-2]) & (inner < u[2:]) & (inner < UNRELATED)) + 1
     low = low[low > off[0]]
-    # A dip of several small minima, of noise: its lowest one.
     lags, depths = [], []
-    for group in np.split(low, np.flatnonzero(_parted(u, low)) + 1) if low.size else []:
-        i = int(group[np.argmin(u[group])])
+    for i in low.tolist():
         bend = u[i - 1] - 2 * u[i] + u[i + 1]
         shift = 0.5 * (u[i - 1] - u[i + 1]) / bend if bend > 0 else 0.0
         lags.append((i + shift) * step)
@@ -221,9 +227,3 @@ def _smallest_lag(u: Array, step: float) -> tuple[float, float]:
         if all(d + FLOOR >= BEATEN * (depth + FLOOR) for d in later):
             return lags[i], depth
     return none
-
-
-def _parted(u: Array, low: Array) -> Array:
-    """Between this minimum and the next U rises out of the dip: half-way to where nothing is alike."""
-    rises = np.array([float(np.nanmax(u[a : b + 1])) for a, b in zip(low[:-1], low[1:], strict=True)])
-    return rises > 0.5 * (np.maximum(u[low[:-1]], u[low[1:]]) + UNRELATED)

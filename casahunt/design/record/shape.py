@@ -19,6 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .marks import means_between
+from .period import in_blocks
+
 Array = np.ndarray
 
 BINS = 100
@@ -83,10 +86,8 @@ def waves(times: Array, values: Array, marks: Array, whole: Array) -> Array:
     times, values: (m,) samples [s], [rad]; marks, whole: times that divide the record [s]; for each gap between them,
     whether it is a whole period. Returns (k, BINS) [rad].
     """
-    integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
-    length = np.diff(marks)[whole]
-    edges = marks[:-1][whole][:, None] + length[:, None] * (np.arange(BINS + 1) / BINS)
-    mean = np.diff(np.interp(edges, times, integral), axis=1) / (length[:, None] / BINS)
+    edges = marks[:-1][whole][:, None] + np.diff(marks)[whole][:, None] * (np.arange(BINS + 1) / BINS)
+    mean = means_between(times, values, edges)
     return np.asarray(mean - mean.mean(axis=1, keepdims=True))
 
 
@@ -152,9 +153,7 @@ def shape_of(folded: Folded) -> tuple[Array, Array, float]:
     """
     phi, values = folded.phase, folded.values
     block = max(1, phi.size // FOLDED)
-    if block > 1:
-        n = phi.size // block
-        phi, values = (v[: n * block].reshape(n, block).mean(axis=1) for v in (phi, values))
+    phi, values = (in_blocks(v, block).mean(axis=1) for v in (phi, values))
     m = phi.size
     grid = np.linspace(0, 1, GRID + 1)
     count, noise = max(min(NEIGHBOURS, m), round(SHARE * m)), 0.0

@@ -115,8 +115,6 @@ def judge(found: Periods) -> tuple[Kind, str]:
         return "irregular", f"the periods scatter by {scatter:.0%} of their mean"
     if (amplitudes <= 0).any():
         return "irregular", "not every period has the same shape"
-    if amplitudes.size < FEWEST_PERIODS:
-        return "hunting", ""
     slope = _trend(amplitudes)
     if slope:
         return _changing(amplitudes, slope)

@@ -17,6 +17,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,20 +25,20 @@ import numpy as np
 
 from ... import effort
 from ...errors import InputError, NoOrbit
-from ...orbits import Options
 from ...results import Result
 from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
-from ...servo.event_map.scan import scan
+from ...servo.event_map.scan import Scan, scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
-from ..uncertainty.batch import fold_gains
+from ..ensemble import folds_of
+from ..nearby import fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
-from .demands import Demands, silent
-from .given import Answer, fold_of
-from .loop_set import DEMANDS
+from .demands import DEMANDS, Demands, silent
+from .given import Answer, Given
+from .loop_set import loop_box
 from .tasks import Task, regulator_tasks
 
 Array = np.ndarray
@@ -47,10 +48,13 @@ PERIODS = 60.0
 SLACK = 1e-4
 """Relative miss of a margin that counts as kept: the margins are solved for to 1e-9, the gain lies on their edge."""
 CORNERS = {"switch": 32, "lugre": 8}
+"""Corners of the set whose folds are computed, drawn where there are more: all of five parameters, or of three."""
 SAMPLES = {"switch": 16, "lugre": 4}
+"""Servos inside of the set whose folds are computed as well: half as many."""
 LOOP_SAMPLES = 200
-"""Servos of the set whose folds, and whose loops, are computed: corners (drawn where there are more) and samples."""
+"""The same of those whose loops are looked at, which cost nothing beside a fold."""
 MOST_NAMED = 5
+"""Servos without a fold that are named one by one: a page's worth."""
 MOST_SCANS = 6
 """Servos without a computed fold that the event map is asked about."""
 IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": ()}
@@ -141,39 +145,32 @@ class Verification(Result):
         return not self.against and not self.unverified
 
 
-def verified(
-    answer: Answer, model: Model, demands: Demands, uncertainty: Uncertainty | None, options: Options,
-    tell: Callable[[str], None] = silent,
-) -> Verification:  # fmt: skip
-    """Everything of the module docstring.
-
-    answer, model, demands, uncertainty, options: the answer of the search, and the problem; no uncertainty: the
-    answer's servo alone; tell: takes sentences that say where the verification is.
-    Returns verification: what was computed, what stands against the answer, and what could not be verified.
-    """
+def verified(answer: Answer, given: Given) -> Verification:
+    """Everything of the module docstring, of the answer to what is given."""
     servo, worst, gain = answer.servo, answer.worst.servo, answer.gain
+    model, demands, tell = given.model, given.demands, given.tell
     unverified: list[str] = []
 
     def again(of: Servo) -> HuntingFold | None:
         tell("verifying: the fold once more, from nothing")
         try:
-            return fold_of(of, model, options)
+            return fold_beside(of, model, None, options=given.options)
         except NoOrbit as error:
             unverified.append(f"the fold was not found again from nothing: {error}")
             return answer.worst.fold if of == worst else None
 
     nominal = again(servo)
     fold = nominal if worst == servo else again(worst)
-    checked = None if uncertainty is None else _check_set(answer, model, demands, uncertainty, options, tell)
+    checked = None if given.uncertainty is None else _check_set(answer, given, given.uncertainty)
     largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
     margin = gain / largest - 1 if largest else math.inf
-    kept = margin >= demands.margin - 10 * options.tol
+    kept = margin >= demands.margin - 10 * given.options.tol
     tell("verifying: the event map")
     sentence, seen = scanned(worst, model, gain, tell)
-    loops, corners, number, missed = _loops(answer, demands, uncertainty)
+    loops, corners, number, missed = _loops(answer, demands, given.uncertainty)
     span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
     amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
-    tasks, missing = _simulated(answer, model, span, amplitude, tell)
+    tasks, missing = _simulated(answer, given, span, amplitude)
     unverified += missing
     against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
     against += missed
@@ -195,17 +192,15 @@ def verified(
     )  # fmt: skip
 
 
-def _simulated(
-    answer: Answer, model: Model, span: float, amplitude: float, tell: Callable[[str], None]
-) -> tuple[list[Task], list[str]]:
+def _simulated(answer: Answer, given: Given, span: float, amplitude: float) -> tuple[list[Task], list[str]]:
     """(the tasks with the nominal and the worst friction, sentences about those that were not simulated)."""
     tasks: list[Task] = []
     missing = []
     servos = {"nominal": answer.servo} | ({"worst": answer.worst.servo} if answer.worst.servo != answer.servo else {})
     for friction, servo in servos.items():
-        tell(f"verifying: simulating the tasks with the {friction} friction")
+        given.tell(f"verifying: simulating the tasks with the {friction} friction")
         try:
-            tasks += regulator_tasks(servo, model, answer.gain, span, amplitude, friction)
+            tasks += regulator_tasks(servo, given.model, answer.gain, span, amplitude, friction)
         except NoOrbit as error:
             missing.append(f"the tasks with the {friction} friction were not simulated: {error}")
     return tasks, missing
@@ -229,36 +224,30 @@ def _points_of(box: tuple[Array, Array], corners: int, samples: int, varied: Arr
     return np.concatenate([rows, low + (high - low) * random.random((samples, low.size))])
 
 
-def _check_set(
-    answer: Answer,
-    model: Model,
-    demands: Demands,
-    uncertainty: Uncertainty,
-    options: Options,
-    tell: Callable[[str], None],
-) -> SetCheck:
+def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetCheck:
     """Folds at corners and samples of the set, and what the event map says of servos without one."""
+    model, options = given.model, given.options
     names, (low, high) = uncertainty.parameters, uncertainty.box(answer.servo)
     varied = np.array([name not in IRRELEVANT[model] for name in names]) & (high > low)
     servos, rows = [], []
     for q in _points_of((low, high), CORNERS[model], SAMPLES[model], varied):
-        try:
-            servos.append(answer.servo.replace(**{name: float(v) for name, v in zip(names, q, strict=True)}))
-        except InputError:  # static below Coulomb friction: no servo
-            continue
-        rows.append(q)
-    began = time.monotonic()
-    gains, failures = fold_gains(
+        with suppress(InputError):  # static below Coulomb friction: no servo
+            servos.append(servo_at(answer.servo, names, q))
+            rows.append(q)
+    began, tell = time.monotonic(), given.tell
+    found = folds_of(
         answer.servo, model, names, np.array(rows), options=options, fold=answer.worst.fold,
         report=lambda i: tell(f"verifying: {i} of {len(rows)} folds of the set{effort.left(i, len(rows), began)}"),
     )  # fmt: skip
+    gains, failures = found.gains, dict(found.failures)
     above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
     unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
     left = []
     for n, i in enumerate(unknown):
-        state = _no_cycle(servos[i], model, answer.gain / (1 + demands.margin)) if n < MOST_SCANS else False
-        if not state and (i in failures or n < MOST_SCANS):
-            corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, rows[i], strict=True))
+        if n < MOST_SCANS and _no_cycle(servos[i], model, answer.gain / (1 + given.demands.margin)):
+            continue
+        if i in failures or n < MOST_SCANS:
+            corner = said(dict(zip(names, rows[i], strict=True)))
             left.append(f"no fold was computed at {corner}: {failures.get(i, 'no cycle was found')}")
     if len(left) > MOST_NAMED:
         left = [*left[:MOST_NAMED], f"and {len(left) - MOST_NAMED} more servos of the set without a fold"]
@@ -268,8 +257,11 @@ def _check_set(
 
 def _no_cycle(servo: Servo, model: Model, gain: float) -> bool:
     """The scan of the event map finds neither a cycle at this gain nor a motion that grows."""
-    found = scan(StickMap(model, servo, gain))
-    return found.upper is None and not found.failures and found.best < 1
+    return _shown(scan(StickMap(model, servo, gain))) == "clear"
+
+
+def _shown(found: Scan) -> Seen:
+    return "cycle" if found.upper is not None or found.best >= 1 else "open" if found.failures else "clear"
 
 
 def _loops(
@@ -284,15 +276,14 @@ def _loops(
         names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
         for name in DEMANDS:
             least = answer.loops[name]
-            motor_gain = min(max(least.kappa / gain, _bound(uncertainty, servo, 0)), _bound(uncertainty, servo, 1))
-            values = least.values | {"servo.motor_gain": motor_gain}
-            corners[name] = {key: value for key, value in values.items() if key in names}
+            values = least.values | {"servo.motor_gain": least.kappa / gain}  # by a factor off the set's, perhaps
+            corners[name] = {
+                key: float(np.clip(values[key], low[i], high[i])) for i, key in enumerate(names) if key in values
+            }
             named[name] = servo.replace(**corners[name])
-        loop_like = np.array([n in ("servo.inertia", "friction.viscous", "servo.motor_gain") or "controller" in n
-                              for n in names])  # fmt: skip
-        for q in _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, loop_like & (high > low)):
-            values = {n: float(v) for n, v, used in zip(names, q, loop_like, strict=True) if used}
-            others.append(servo.replace(**values))
+        used = np.isin(names, loop_box(servo, {}, lag).names)
+        points = _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, used & (high > low))
+        others = [servo_at(servo, np.array(names)[used].tolist(), q) for q in points[:, used]]
     loops = {name: margins(each, gain, delay=lag) for name, each in named.items()}
     missed = [
         f"the linear loop of the {'servo with the least ' if name in DEMANDS else ''}{name}"
@@ -303,21 +294,11 @@ def _loops(
     for other in others:
         found = margins(other, gain, delay=lag)
         if not _keeps(found, demands):
-            where = _different(other, servo)
-            missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {where}")
+            own = flatten(servo)
+            where = {key: value for key, value in flatten(other).items() if value != own[key]}
+            missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {said(where)}")
             break
     return loops, corners, len(loops) + len(others), missed
-
-
-def _bound(uncertainty: Uncertainty, servo: Servo, end: int) -> float:
-    names = uncertainty.parameters
-    key = "servo.motor_gain"
-    return float(uncertainty.box(servo)[end][names.index(key)]) if key in names else servo.motor_gain
-
-
-def _different(servo: Servo, other: Servo) -> str:
-    a, b = flatten(servo), flatten(other)
-    return ", ".join(f"{key} = {a[key]:.6g}" for key in a if a[key] != b[key])
 
 
 def _keeps(loop: Margins, demands: Demands) -> bool:
@@ -357,10 +338,9 @@ def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None]
         state: Seen = "cycle" if found.fixed or grows else "clear" if found.conclusive and falls else "open"
         return found.sentence(), state
     seen = scan(StickMap(model, servo, gain))
-    state = "cycle" if seen.upper is not None or seen.best >= 1 else "open" if seen.failures else "clear"
     cycles = "no cycle" if seen.upper is None else f"a cycle at {seen.upper.start:.6g} rad"
     return (
         f"{cycles} of the event map between {seen.low:.4g} and {seen.high:.4g} rad: {seen.motions} motions, the "
         f"largest |P(a)|/a is {seen.best:.6g} at a = {seen.best_at:.6g} rad; {len(seen.failures)} motions failed",
-        state,
+        _shown(seen),
     )

@@ -19,7 +19,6 @@ from ...errors import InputError
 from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.linear_loop import linear_loop
 from ...servo.servo import Servo, flatten
-from .loop_set import LoopDemands
 
 Array = np.ndarray
 
@@ -28,6 +27,10 @@ COSTS = {
     "high-frequency": "high-frequency gain K tau_d, or K kd [V s/rad]",
     "settling": "settling time of the linear loop to two per cent [s]",
 }
+DEMANDS = ("phase margin", "gain margin (lowering)", "gain margin (raising)")
+"""What is asked of the linear loop of every servo (loop_set.py)."""
+BARELY_STABLE = 1e-6
+"""Phase margin [rad] that is always asked for: on the edge of stability rounding decides."""
 LARGEST_FACTOR = 1e6
 """Largest margins that can be asked for; loops keep 10 or 100."""
 FREE_FACTOR = 2.0
@@ -76,10 +79,14 @@ class Demands:
         """D = delay + half a sample [s]."""
         return self.delay + self.sample_time / 2
 
-    @property
-    def loops(self) -> LoopDemands:
-        """Those on the linear loop."""
-        return LoopDemands(math.radians(self.phase_margin), self.gain_margin)
+    def factors(self, name: str) -> tuple[float, float]:
+        """The range of factors of the gain over which one of `DEMANDS` must hold."""
+        f = self.gain_margin
+        return {DEMANDS[0]: (1.0, 1.0), DEMANDS[1]: (1 / f, 1.0), DEMANDS[2]: (1.0, f)}[name]
+
+    def least(self, name: str) -> float:
+        """The smallest phi [rad] that one of `DEMANDS` allows."""
+        return max(math.radians(self.phase_margin), BARELY_STABLE) if name == DEMANDS[0] else 0.0
 
 
 def check_bounds(

@@ -21,18 +21,16 @@ import numpy as np
 
 from ...errors import NoOrbit
 from ...orbits import Options
-from ...servo.find_fold import find_fold
 from ...servo.hunting import Model
 from ...servo.linear_loop import integral_gain
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from ..uncertainty.nearby import fold_beside
+from ..nearby import fold_beside
 from ..uncertainty.set import Uncertainty
 from ..uncertainty.worst_corner import WorstCase, worst_corner
-from .demands import Demands, cost_of, log_numbers, silent, with_numbers
-from .loop_set import DEMANDS, LoopBox, Table, WorstLoop, allowed, common, loop_box, shortfall
+from .demands import DEMANDS, Demands, cost_of, log_numbers, silent, with_numbers
+from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
 from .problem import Cut
-from .refusal import Nearest
 
 Array = np.ndarray
 
@@ -134,19 +132,18 @@ class Given:
 
     def answer(self, q: Array) -> tuple[Answer | None, WorstCase]:
         """The best gain at these times, the whole set considered; None where there is none."""
-        worst = self.worst(self.at(q))
+        servo, boxes = self.at(q), self.boxes(q)
+        worst = self.worst(servo)
         self.join(worst, q)
-        servo = self.at(q)
-        needed = (1 + self.demands.margin) * worst.gain * (1 + SAFE)
-        gain = self._best_gain(q, needed)
+        gain = self._best_gain(servo, boxes, (1 + self.demands.margin) * worst.gain * (1 + SAFE))
         if gain is None:
             return None, worst
-        loops = {name: shortfall(self.boxes(q), self.demands.loops, gain, name)[1] for name in DEMANDS}
+        loops = {name: shortfall(boxes, self.demands, gain, name)[1] for name in DEMANDS}
         return Answer(servo, gain, worst, loops, self._binding(servo, gain, worst, loops)), worst
 
-    def _best_gain(self, q: Array, needed: float) -> float | None:
+    def _best_gain(self, servo: Servo, boxes: list[LoopBox], needed: float) -> float | None:
         """The gain of least cost that keeps every demand at these times, to rounding."""
-        servo, boxes, demands = self.at(q), self.boxes(q), self.demands.loops
+        demands = self.demands
         low, high = self.gains(needed, servo)
         first = max(needed, low)
         if first > high:
@@ -170,7 +167,7 @@ class Given:
         if worst.gain and gain <= (1 + demands.margin) * worst.gain * (1 + touching):
             found.append("hunting margin")
         for name, loop in loops.items():
-            if loop.phase - demands.loops.least(name) <= touching:
+            if loop.phase - demands.least(name) <= touching:
                 found.append(name)
         for name in ("gain", *self.free):
             if name not in self.limits:
@@ -206,9 +203,7 @@ class Given:
         q: (2,) ln of the times there [s]. Returns whether it is a new one.
         """
         self.folds.setdefault(worst.servo, worst.fold)
-        own = worst.servo
-        if self.free:
-            own = with_numbers(own, log_numbers(own) - q + log_numbers(self.servo))
+        own = _moved(worst.servo, log_numbers(self.servo) - q) if self.free else worst.servo
         if any(_same(own, member) for member in self.members):
             return False
         self.members.append(own)
@@ -222,14 +217,10 @@ class Given:
         new = False
         for name in DEMANDS:
             for box in self.boxes(q):
-                _, loop = shortfall([box], self.demands.loops, gain, name)
-                moved = log_numbers(self.servo)
-                own = {
-                    name: math.exp(math.log(loop.values[name]) - q[i] + moved[i])
-                    for i, name in enumerate(self.servo.controller_names)
-                }
-                values = loop.values | {"servo.motor_gain": loop.kappa / gain} | own
-                cut = Cut(self.servo.replace(**values), name, self.demands.loops.least(name) + self.guard)
+                _, loop = shortfall([box], self.demands, gain, name)
+                servo = self.servo.replace(**loop.values, **{"servo.motor_gain": loop.kappa / gain})
+                own = _moved(servo, log_numbers(self.servo) - q)
+                cut = Cut(own, name, self.demands.least(name) + self.guard)
                 if not any(_same(cut.servo, c.servo, 1e-6) and c.demand == name for c in self.cuts):
                     self.cuts.append(cut)
                     new = True
@@ -245,10 +236,7 @@ class Given:
             self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
             known = [fold for fold in self.folds.values() if fold is not None]
             near = min(known, key=lambda fold: _distance(fold.orbit.servo, servo), default=None)
-            self.folds[servo] = (
-                fold_of(servo, self.model, self.options) if near is None
-                else fold_beside(servo, self.model, near, options=self.options)
-            )  # fmt: skip
+            self.folds[servo] = fold_beside(servo, self.model, near, options=self.options)
         return self.folds[servo]
 
     def folds_at(self, q: Array) -> list[HuntingFold]:
@@ -256,8 +244,7 @@ class Given:
 
         Raises NoOrbit: one was not computed.
         """
-        moved = q - log_numbers(self.servo)
-        members = [with_numbers(m, log_numbers(m) + moved) if moved.any() else m for m in self.members]
+        members = [_moved(member, q - log_numbers(self.servo)) for member in self.members]
         return [fold for fold in map(self._fold, members) if fold is not None]
 
     # Times as they look
@@ -270,7 +257,7 @@ class Given:
             return None
         servo = self.at(q)
         low, high = self.gains(needed, servo)
-        table = Table(self.boxes(q), self.demands.loops, low, high)
+        table = Table(self.boxes(q), self.demands, low, high)
         extra = [needed * (1 + self.guard)] if low < needed < high else []
         gains = np.append(table.gains, extra)
         loops = table.missed.max(axis=0)
@@ -283,16 +270,6 @@ class Given:
             return Outlook(q, float(missed.min()), float(gains[fine[i]]), costs[i])
         i = int(np.argmin(missed))
         return Outlook(q, float(missed[i]), float(gains[i]), math.inf)
-
-    def nearest(self, q: Array, worst: WorstCase) -> Nearest:
-        """What a refusal says of these times.
-
-        q: (2,) ln of the times [s].
-        """
-        servo = self.at(q)
-        needed = (1 + self.demands.margin) * worst.gain
-        bounds, span = self.limits.get("gain"), self.gains(needed, servo)
-        return Nearest(servo, worst, needed, bounds, span, self.boxes(q), self.free)
 
 
 def fastest(servo: Servo, low: float, high: float) -> float:
@@ -307,13 +284,13 @@ def fastest(servo: Servo, low: float, high: float) -> float:
     row = np.geomspace(low, high, FASTEST)
     row[0], row[-1] = low, high
     i = int(np.argmin([settling(float(k)) for k in row]))
-    a, b = float(row[max(i - 1, 0)]), float(row[min(i + 1, row.size - 1)])
-    part = (math.sqrt(5) - 1) / 2
-    best = [float(row[i]), low, high]
-    while b / a - 1 > 1e-10:
-        c, d = b * (a / b) ** part, a * (b / a) ** part
-        a, b = (a, d) if settling(c) <= settling(d) else (c, b)
-    return min([*best, math.sqrt(a * b)], key=settling)
+    between = lowest(settling, float(row[max(i - 1, 0)]), float(row[min(i + 1, row.size - 1)]))
+    return min([float(row[i]), low, high, between], key=settling)
+
+
+def _moved(servo: Servo, by: Array) -> Servo:
+    """The servo with other controller numbers, by so much in their logarithms."""
+    return with_numbers(servo, log_numbers(servo) + by) if by.any() else servo
 
 
 def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:
@@ -326,17 +303,3 @@ def _distance(a: Servo, b: Servo) -> float:
     both = (x > 0) & (y > 0)
     far = np.where(both, np.log(np.where(both, x, 1.0) / np.where(both, y, 1.0)), x != y)
     return float(np.linalg.norm(far))
-
-
-def fold_of(servo: Servo, model: Model, options: Options) -> HuntingFold | None:
-    """The fold of a servo, from nothing.
-
-    Returns the fold; None where a proof shows that it hunts at no gain, which the scan at the answer has to confirm.
-    Raises NoOrbit: it was not computed.
-    """
-    try:
-        return find_fold(servo, model, options=options)
-    except NoOrbit as error:
-        if error.status is None:
-            return None
-        raise

@@ -1,8 +1,14 @@
 """The linear loops of a box of servos: the worst one, and the gains that keep the margins for every one.
 
-kappa = K cm g [N m/rad], g a factor by which the gain may be off, and phi [rad] at |L| g = 1: crossover.py.
+With kappa = K cm g, g a factor by which the gain may be off, and w = omega^2, |L| g = 1 at
 
-What is asked of every servo of the box:
+    w^2 (J^2 w + sigma2^2) = kappa^2 (kp'^2 w + (kd' w - ki')^2),                                         [N m/rad]
+    phi = atan2(kd' w - ki', kp' omega) + pi/2 - atan2(J omega, sigma2) - omega D                              [rad]
+
+(servo/delayed_loop.py), a cubic in w.  It may have three roots, one in each of the stretches between the zeros of its
+derivative, which are bisected; phi is the least of them.  A controller by times is one by gains (servo/controller.py).
+
+What is asked of every servo of the box (demands.py):
 
     phase margin               phi >= PM     for g = 1
     gain margin (lowering)     phi >= 0      for 1/f <= g <= 1        stable at every gain from K/f
@@ -29,23 +35,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...roots import Bracket
 from ...servo.servo import Servo, flatten
-from .crossover import crossover_phase, log_kappa, phase_at
+from .demands import DEMANDS, Demands
 
 Array = np.ndarray
 
 Intervals = list[tuple[float, float]]
 
-DEMANDS = ("phase margin", "gain margin (lowering)", "gain margin (raising)")
+LOG_OMEGA, BISECTIONS = 60.0, 50
+"""Largest |ln omega| that is looked at, and how often a stretch of it is halved: to 1e-13."""
 GRID_POINTS, TABLE_POINTS = 4000, 700
 """Points of the grid of a search, and of the curves of a table, at most."""
 MOST_ALONG = 65
 """Grid points along one parameter, at most."""
 SEARCH_STARTS, HALVINGS = 6, 26
+"""Places of a grid that are polished, and how often: 2^-26 of its spacing, squared, is rounding at a smooth minimum."""
 LOG_STEP = 0.02
 """Step of a table in ln kappa."""
-EDGE_STEPS = 60
-BARELY_STABLE = 1e-6
+EDGE_STEPS, AT_THE_EDGE = 60, 1e-12
+"""Steps to the edge of a demand, and how near to it in ln K [and rad] they end."""
+LEAST_WIDTH = 1e-10
+"""Width in ln K to which a smallest value is searched for: a minimum may be a kink."""
 NEAR_MISS = 0.05
 """A demand missed by less [rad] at a gain of a table may be kept between two of them."""
 
@@ -96,6 +107,61 @@ def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float
     return LoopBox(names, low, high, lag)
 
 
+def crossovers(loops: Array, goal: Array) -> tuple[Array, Array]:
+    """Where loops cross: which of them, and ln omega there, as many as there are.
+
+    loops, goal: (5, m) J, sigma2, kp', ki', kd', and (m,) ln kappa.
+    """
+    J, sigma2, kp, ki, kd = loops
+    k2 = np.exp(2 * goal)
+    a, b, c = J**2, sigma2**2 - (k2 * kd) * kd, k2 * (2 * kd * ki - kp**2)  # of w^3, w^2, w
+    square = b**2 - 3 * a * c
+    two = (square > 0) & (b < 0) & (c > 0)  # zeros w1 < w2 of the derivative
+    w2 = np.where(two, -b + np.sqrt(np.where(two, square, 0.0)), 1.0) / (3 * a)
+    w1 = np.where(two, c, 1.0) / (3 * a * w2)
+    low = np.full(goal.size, -LOG_OMEGA)
+    ends = np.array([low, np.where(two, np.log(w1) / 2, low), np.where(two, np.log(w2) / 2, low), -low])
+
+    def below(y: Array, i: Array) -> Array:
+        w = np.exp(2 * y)
+        return np.asarray(w * w * (a[i] * w + sigma2[i] ** 2) < k2[i] * (kp[i] ** 2 * w + (kd[i] * w - ki[i]) ** 2))
+
+    sides = below(ends, np.arange(goal.size))
+    stretch, i = np.nonzero(sides[:-1] != sides[1:])
+    left, right, side = ends[stretch, i], ends[stretch + 1, i], sides[stretch, i]
+    for _ in range(BISECTIONS):
+        middle = (left + right) / 2
+        same = below(middle, i) == side
+        left, right = np.where(same, middle, left), np.where(same, right, middle)
+    return i, (left + right) / 2
+
+
+def _loops_of(points: Array) -> Array:
+    """(5, m) J, sigma2, kp', ki', kd' of (m, 4 or 5) points, whose controllers may be by times."""
+    if points.shape[1] == 5:
+        return points.T
+    J, sigma2, lead, integral = points.T
+    return np.array([J, sigma2, 1 + lead / integral, 1 / integral, lead])
+
+
+def _phase(loops: Array, omega: Array, lag: float) -> Array:
+    """phi [rad] of loops (5, m) at omega [rad/s]."""
+    J, sigma2, kp, ki, kd = loops
+    lead = np.arctan2(kd * omega - ki / omega, kp) + np.pi / 2
+    return np.asarray(lead - np.arctan2(J * omega, sigma2) - omega * lag)
+
+
+def _least_phases(points: Array, lag: float) -> Array:
+    """(m,) phi [rad] of loops at their crossovers, the least where there are several.
+
+    points: (m, 5 or 6) J, sigma2, the numbers of the controller, ln kappa.
+    """
+    loops, phi = _loops_of(points[:, :-1]), np.full(len(points), np.inf)
+    i, y = crossovers(loops, points[:, -1])
+    np.minimum.at(phi, i, _phase(loops[:, i], np.exp(y), lag))
+    return phi
+
+
 def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
     """The loop of least phase over the box, with the gain multiplied by anything between two factors.
 
@@ -105,7 +171,7 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     low, high = np.append(box.low[:-1], ends[0]), np.append(box.high[:-1], ends[1])
     varied = np.flatnonzero(high > low)
     points = _grid(low, high, varied, GRID_POINTS)
-    phases = crossover_phase(points, box.lag)
+    phases = _least_phases(points, box.lag)
     if not varied.size:
         return _worst_loop(box, points[0], float(phases[0]))
     best = _apart(points, phases, (high - low)[varied], varied)
@@ -116,7 +182,7 @@ def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) 
     for _ in range(HALVINGS):
         tried = np.repeat(best[:, None, :], len(offsets), axis=1)
         tried[:, :, varied] = np.clip(tried[:, :, varied] + offsets * width, low[varied], high[varied])
-        found = crossover_phase(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
+        found = _least_phases(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
         pick = np.argmin(found, axis=1)
         best, values = tried[np.arange(len(best)), pick], found[np.arange(len(best)), pick]
         width = width / 2
@@ -153,24 +219,7 @@ def _apart(points: Array, phases: Array, size: Array, varied: Array) -> Array:
     return np.array(chosen)
 
 
-@dataclass(frozen=True)
-class LoopDemands:
-    """Phase margin PM [rad] and gain margin f >= 1."""
-
-    phase_margin: float
-    gain_margin: float
-
-    def factors(self, name: str) -> tuple[float, float]:
-        """The range of g of a demand (`DEMANDS`)."""
-        f = self.gain_margin
-        return {DEMANDS[0]: (1.0, 1.0), DEMANDS[1]: (1 / f, 1.0), DEMANDS[2]: (1.0, f)}[name]
-
-    def least(self, name: str) -> float:
-        """The smallest phi [rad] that a demand allows; a loop without a phase margin asked for must be stable."""
-        return max(self.phase_margin, BARELY_STABLE) if name == DEMANDS[0] else 0.0
-
-
-def shortfall(boxes: Sequence[LoopBox], demands: LoopDemands, gain: float, name: str) -> tuple[float, WorstLoop]:
+def shortfall(boxes: Sequence[LoopBox], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
     """By how much a demand is missed at a gain.
 
     gain: K > 0 [V/rad]; name: which of `DEMANDS`.
@@ -189,13 +238,13 @@ class Table:
     missed : (3, m) [rad], one row for each of `DEMANDS`; negative where it is kept.
     """
 
-    def __init__(self, boxes: Sequence[LoopBox], demands: LoopDemands, low: float, high: float) -> None:
+    def __init__(self, boxes: Sequence[LoopBox], demands: Demands, low: float, high: float) -> None:
         n = max(2, int(math.ceil(math.log(high / low) / LOG_STEP)) + 1)
         self.gains = np.geomspace(low, high, n)
         rows = [self._of_box(box, demands) for box in boxes]
         self.missed = np.max(rows, axis=0)
 
-    def _of_box(self, box: LoopBox, demands: LoopDemands) -> Array:
+    def _of_box(self, box: LoopBox, demands: Demands) -> Array:
         f, k = demands.gain_margin, np.log(self.gains)
         first, last = k[0] + math.log(box.low[-1] / f), k[-1] + math.log(box.high[-1] * f)
         x = np.arange(first, last + LOG_STEP, LOG_STEP)
@@ -211,45 +260,29 @@ class Table:
 def _least_phase(box: LoopBox, x: Array) -> Array:
     """(m,) smallest phi at ln kappa = x over J, sigma2 and the controller of the box."""
     varied = np.flatnonzero(box.high[:-1] > box.low[:-1])
-    points = _grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS)
-    if points.shape[1] == 5:
-        return np.min([_least_phase_by_gains(point, x, box.lag) for point in points], axis=0)
-    ends = []
-    for goal in (x[0], x[-1]):
-        lows, highs = np.full(len(points), -60.0), np.full(len(points), 60.0)
-        for _ in range(30):
-            middle = (lows + highs) / 2
-            J, sigma2, lead, integral = points.T
-            below = log_kappa(J, sigma2, lead, integral, middle) < goal
-            lows, highs = np.where(below, middle, lows), np.where(below, highs, middle)
-        ends.append((float(lows.min()), float(highs.max())))
-    y = np.arange(ends[0][0] - LOG_STEP, ends[1][1] + LOG_STEP, LOG_STEP / 2)
-    found = np.full(x.size, np.inf)
-    for point in points:
-        J, sigma2, lead, integral = point
-        phi = phase_at(J, sigma2, lead, integral, np.exp(y), lag=box.lag)
-        found = np.minimum(found, np.interp(x, log_kappa(J, sigma2, lead, integral, y), phi))
+    loops = _loops_of(_grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS))
+    ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
+    y = np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2)
+    w, found = np.exp(2 * y), np.full(x.size, np.inf)
+    for loop in loops.T:
+        J, sigma2, kp, ki, kd = loop
+        goal = y + np.log(w * (J**2 * w + sigma2**2) / (kp**2 * w + (kd * w - ki) ** 2)) / 2
+        phi, rises = _phase(loop, np.exp(y), box.lag), np.diff(goal) > 0
+        turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
+        for a, b in zip([0, *turns], [*turns, y.size - 1], strict=True):  # from turn to turn kappa rises, or falls
+            way = slice(a, b + 1) if rises[a] else slice(b, a - 1 if a else None, -1)
+            found = np.minimum(found, np.interp(x, goal[way], phi[way], left=np.inf, right=np.inf))
     return found
-
-
-def _least_phase_by_gains(point: Array, x: Array, lag: float) -> Array:
-    """(m,) smallest phi at ln kappa = x of one loop by gains, of all its crossovers."""
-    return crossover_phase(np.column_stack([np.tile(point, (x.size, 1)), x]), lag)
 
 
 def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array:
     """Smallest value of a piecewise linear function between left and right, for each pair."""
     at_ends = np.minimum(np.interp(left, x, values), np.interp(right, x, values))
-    i, j = np.searchsorted(x, left), np.searchsorted(x, right)
-    width = int(np.max(j - i, initial=0))
-    inside = np.full(left.size, np.inf)
-    for k in range(width):
-        here = i + k < j
-        inside = np.where(here, np.minimum(inside, values[np.minimum(i + k, x.size - 1)]), inside)
-    return np.minimum(at_ends, inside)
+    windows = zip(np.searchsorted(x, left), np.searchsorted(x, right), strict=True)
+    return np.minimum(at_ends, [values[i:j].min(initial=np.inf) for i, j in windows])
 
 
-def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: str) -> Intervals:
+def allowed(boxes: Sequence[LoopBox], demands: Demands, table: Table, name: str) -> Intervals:
     """The gains that keep a demand.
 
     The table says where to look; ends, and intervals that fit between its gains, come from `worst`.
@@ -271,7 +304,7 @@ def allowed(boxes: Sequence[LoopBox], demands: LoopDemands, table: Table, name: 
         a, b = max(int(run[0]) - 1, 0), min(int(run[-1]) + 1, last)
         best = float(gains[run[int(np.argmin(row[run]))]])
         if missed(best) > 0:
-            best = _least(missed, float(gains[a]), float(gains[b]))
+            best = lowest(missed, float(gains[a]), float(gains[b]))
             if missed(best) > 0:
                 continue
         outer = float(gains[a]), float(gains[b])
@@ -289,21 +322,21 @@ def common(sets: Sequence[Intervals]) -> Intervals:
     return sorted(found)
 
 
-def _least(missed: Callable[[float], float], low: float, high: float) -> float:
-    """The gain between two at which a demand is missed least, or one at which it is kept: golden section."""
+def lowest(f: Callable[[float], float], low: float, high: float) -> float:
+    """The gain between two at which f is least, or one at which it is not positive: golden section."""
     a, b = math.log(low), math.log(high)
     part = (math.sqrt(5) - 1) / 2
     c, d = b - part * (b - a), a + part * (b - a)
-    fc, fd = missed(math.exp(c)), missed(math.exp(d))
-    while b - a > 1e-7 and min(fc, fd) > 0:
+    fc, fd = f(math.exp(c)), f(math.exp(d))
+    while b - a > LEAST_WIDTH and min(fc, fd) > 0:
         if fc <= fd:
             b, d, fd = d, c, fc
             c = b - part * (b - a)
-            fc = missed(math.exp(c))
+            fc = f(math.exp(c))
         else:
             a, c, fc = c, d, fd
             d = a + part * (b - a)
-            fd = missed(math.exp(d))
+            fd = f(math.exp(d))
     return math.exp(c if fc <= fd else d)
 
 
@@ -312,24 +345,16 @@ def _edge(missed: Callable[[float], float], kept: float, broken: float) -> float
 
     `missed` of a gain is at most 0 where the demand is kept.
     """
-    a, b = math.log(kept), math.log(broken)
-    fa, fb = missed(kept), missed(broken)
-    side = 0
+    least = missed(kept)
+    if least == 0:
+        return kept
+    bracket = Bracket(math.log(kept), least, math.log(broken), missed(broken))
     for _ in range(EDGE_STEPS):
-        if abs(b - a) <= 1e-12:
+        x = bracket.illinois
+        value = missed(math.exp(x))
+        if value == 0:
+            return math.exp(x)
+        bracket = bracket.told(x, value)
+        if bracket.width <= AT_THE_EDGE or -10 * AT_THE_EDGE < bracket.f_a:
             break
-        middle = (a + b) / 2 if not math.isfinite(fb - fa) or fa == fb else a - fa * (b - a) / (fb - fa)
-        inset = 1e-13 * max(1.0, abs(a))
-        middle = min(max(middle, min(a, b) + inset), max(a, b) - inset)
-        value = missed(math.exp(middle))
-        if value <= 0:  # Illinois: the end that stays loses half of its weight
-            a, fa = middle, value
-            fb = fb / 2 if side == 1 else fb
-            side = 1
-            if value > -1e-11:
-                break
-        else:
-            b, fb = middle, value
-            fa = fa / 2 if side == -1 else fa
-            side = -1
-    return math.exp(a)
+    return math.exp(bracket.a)

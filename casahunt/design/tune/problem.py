@@ -19,26 +19,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from ...collocation.ipopt import minimise
+from ...collocation import minimise
 from ...compiled import alone
-from ...continuation.optimum import data_of, fold_conditions
-from ...orbits.orbit import unknowns_of
-from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
+from ...continuation import FoldConstraints
+from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
 from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
 from ...servo.linear_loop import linear_loop
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .demands import log_numbers, with_numbers
-from .loop_set import DEMANDS
+from .demands import DEMANDS, log_numbers, with_numbers
 
 Array = np.ndarray
 
 PRICE = 1e3
+"""Of breaking a constraint, in units of the cost: what it gains, ratios of logarithms, is of size one."""
 DERIVATIVE = ("controller.lead_time", "controller.kd")
 """What the high-frequency gain grows with."""
 SLACKS = ("hunting margin", *DEMANDS)
@@ -51,7 +50,7 @@ class Cut:
     Attributes
     ----------
     servo : its parameters, with the controller times as given; the motor gain may hold a factor of the gain.
-    demand : one of loop_set.DEMANDS.
+    demand : one of `DEMANDS`.
     least : smallest phi [rad].
     """
 
@@ -123,20 +122,14 @@ def solve_round(r: Round) -> Point:
     cost = {"gain": k, "high-frequency": k + times[derivative]}.get(r.cost)
     if cost is None:
         cost = _settling(p, r.servo, k, times, gain)
-    places = tuple(r.servo.names.index(name) for name in r.servo.controller_names)
     for fold in r.folds:
-        t, u, setting = unknowns_of(fold.orbit)
-        setting = replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain)
-        z, n = ca.MX.sym("z", t.size + 1), ca.MX.sym("n", t.size)
-        lower = np.full(t.size + 1, -np.inf)
-        lower[t.size - t.phases : t.size] = 0.0
-        lower[-1] = -0.9
-        S = float(np.max(np.abs(fold.multipliers)))
-        p.add(z, np.append(u, 0.0), lower, np.inf)
-        p.add(n, fold.multipliers / S, -np.inf, np.inf)
-        excess = k - math.log(r.needed * fold.gain) - ca.log(1 + z[t.size]) + slack[0]
+        constraints = FoldConstraints.of(fold, r.servo.controller_names)
+        z, n = ca.MX.sym("z", constraints.z.size), ca.MX.sym("n", constraints.n.size)
+        p.add(z, constraints.z, constraints.lowest, np.inf)
+        p.add(n, constraints.n, -np.inf, np.inf)
+        excess = k - math.log(r.needed * fold.gain) - ca.log(1 + z[-1]) + slack[0]
         p.row(excess, 0.0, np.inf)
-        p.fold(t, places, times + (log_numbers(fold.orbit.servo) - r.q), times, z, n, data_of(setting), S)
+        p.fold(constraints, times + (log_numbers(fold.orbit.servo) - r.q), times, z, n)
     found = p.solve(cost + PRICE * ca.sum1(slack))
     x, n = found.x, 1 + r.q.size
     return Point(x[1:n], float(x[0]), x[n : n + len(SLACKS)], found.status.ok, found.message)
@@ -147,10 +140,8 @@ def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX
     servo, own = cut.servo, times + offset
     J, cm, sigma2 = servo.inertia, servo.motor_gain, servo.friction.viscous
     y = ca.MX.sym("y")
-    here = with_numbers(servo, r.q + offset)
-    gain = math.exp(r.k)
-    by_gains = isinstance(servo.controller, Pid)  # with several crossovers the one of least phi is in the way
-    start = math.log(margins(here, gain, delay=r.lag).frequency if by_gains else crossover(here, gain))
+    there = margins(with_numbers(servo, r.q + offset), math.exp(r.k), delay=r.lag)
+    start = math.log(there.frequency)  # with several crossovers the one of least phi is in the way
     p.add(y, [start], start - 20, start + 20)
     p.row(log_magnitude(J, cm, sigma2, k, own, y), 0.0, 0.0)
     p.row(phase(J, sigma2, r.lag, own, y) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
@@ -199,15 +190,12 @@ class _Problem:
         self.row_bounds.append(np.array([[low, high]]))
         self.jacobians.append(None)
 
-    def fold(self, t, free, own: ca.MX, times: ca.MX, z: ca.MX, n: ca.MX, data: Array, S: float) -> None:  # type: ignore[no-untyped-def]
-        """The conditions of a fold, with exp(own) at the places `free` of p; own = times + numbers."""
-        equations, jacobian = fold_conditions(t, free)
-        self.rows.append(equations(own, z, n, data, S))
-        right = np.zeros(2 * t.size + 1)
-        right[-1] = 1.0
-        self.row_bounds.append(np.column_stack([right, right]))
-        J = jacobian(own, z, n, data, S)
-        i, j = len(free), len(free) + t.size + 1
+    def fold(self, constraints: FoldConstraints, own: ca.MX, times: ca.MX, z: ca.MX, n: ca.MX) -> None:
+        """The conditions of a fold at the controller numbers exp(own); own = times + numbers."""
+        self.rows.append(constraints.equations(own, z, n))
+        self.row_bounds.append(np.column_stack([constraints.right, constraints.right]))
+        J = constraints.jacobian(own, z, n)
+        i, j = times.numel(), times.numel() + z.numel()
         self.jacobians.append((J, [(times, J[:, :i]), (z, J[:, i:j]), (n, J[:, j:])]))
 
     def solve(self, objective: ca.MX):  # type: ignore[no-untyped-def]

@@ -8,65 +8,51 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...servo.controller import Pid
-from ...servo.servo import Servo
+from ..nearby import said
 from ..uncertainty.worst_corner import WorstCase
-from .demands import Demands, controller_said
-from .loop_set import DEMANDS, Intervals, LoopBox, Table, allowed, common
+from .demands import DEMANDS, Demands, controller_said
+from .given import Given
+from .loop_set import Intervals, Table, allowed, common
+
+Array = np.ndarray
 
 WIDER = 100.0
 """How far beyond the gains that matter the demands are looked at."""
 
-@dataclass(frozen=True, eq=False)
-class Nearest:
-    """The times that come nearest to what is asked for.
 
-    Attributes
-    ----------
-    servo : with these times.
-    worst : the worst servo for the fold.
-    needed : (1 + margin) times its fold gain; 0 without one.
-    bounds : of the gain, where given.
-    span : gains that were looked at.
-    boxes : the linear loops of the set.
-    free : names of the free times.
-    """
-
-    servo: Servo
-    worst: WorstCase
-    needed: float
-    bounds: tuple[float, float] | None
-    span: tuple[float, float]
-    boxes: Sequence[LoopBox]
-    free: Sequence[str]
-
-
-def refusal(near: Nearest, demands: Demands, *, times: int = 0, missed: float = 0.0, proven: bool = True) -> str:
+def refusal(
+    given: Given, q: Array, worst: WorstCase, *, times: int = 0, missed: float = 0.0, proven: bool = True
+) -> str:
     """What cannot be met, or was not found, and which demand stands against which.
 
-    near, demands: the nearest times, and what is asked for; times, missed: with free times: how many pairs were looked
-    at, and v at the nearest one; proven: whether they are evidence that there are none.
+    q, worst: ln of the times [s] that come nearest to what is asked for, and the worst servo there; times, missed: with
+    free times: how many pairs were looked at, and v at the nearest one; proven: whether they are evidence that there
+    are none.
     """
-    low = min(near.span[0], near.needed or math.inf) / WIDER
-    high = max(near.span[1], near.needed) * WIDER
-    table = Table(near.boxes, demands.loops, low, high)
-    sets: dict[str, Intervals] = {"hunting margin": [(near.needed, math.inf)]}
-    sets |= {name: allowed(near.boxes, demands.loops, table, name) for name in DEMANDS}
-    if near.bounds is not None:
-        sets["bounds of the gain"] = [near.bounds]
-    names = _against_each_other(sets)
-    said = "; ".join(_said(name, sets[name], near, demands, table) for name in names)
-    where = ""
-    if near.free:
-        where = f" at {controller_said(near.servo)}"
-    if not near.free:
-        return f"the tuning cannot be met; in the way: {said}"
-    what = "controllers" if isinstance(near.servo.controller, Pid) else "pairs of controller times"
+    servo, demands, boxes = given.at(q), given.demands, given.boxes(q)
+    needed, bounds = (1 + demands.margin) * worst.gain, given.limits.get("gain")
+    low, high = given.gains(needed, servo)
+    table = Table(boxes, demands, min(low, needed or math.inf) / WIDER, max(high, needed) * WIDER)
+    asked = {
+        "hunting margin": (
+            [(needed, math.inf)],
+            f"the hunting margin of {100 * demands.margin:g} % asks for a gain of at least {needed:.6g} (the fold gain "
+            f"is {worst.gain:.6g}{f' at {said(worst.corner)}' if worst.corner else ''})",
+        )
+    }
+    for name in DEMANDS:
+        sets = allowed(boxes, demands, table, name)
+        asked[name] = sets, _of_a_loop(name, sets, demands, table)
+    if bounds is not None:
+        asked["bounds"] = [bounds], f"the bounds of the gain allow {bounds[0]:g} to {bounds[1]:g}"
+    ways = "; ".join(asked[name][1] for name in _against_each_other({name: each[0] for name, each in asked.items()}))
+    if not given.free:
+        return f"the tuning cannot be met; in the way: {ways}"
+    what = "controllers" if isinstance(servo.controller, Pid) else "pairs of controller times"
     evidence = f"{times} {what} between the bounds were tried"
     if proven:
         head = f"the tuning cannot be met: {evidence}, and what is missing is everywhere more than it varies in between"
@@ -75,7 +61,7 @@ def refusal(near: Nearest, demands: Demands, *, times: int = 0, missed: float = 
     amount = ""
     if missed > 0:
         amount = f", where {100 * math.expm1(missed):.3g} % of gain or {math.degrees(missed):.3g} degrees are missing"
-    return f"{head}; nearest{where}{amount}; there in the way: {said}"
+    return f"{head}; nearest at {controller_said(servo)}{amount}; there in the way: {ways}"
 
 
 def _against_each_other(sets: dict[str, Intervals]) -> tuple[str, ...]:
@@ -87,33 +73,20 @@ def _against_each_other(sets: dict[str, Intervals]) -> tuple[str, ...]:
     return tuple(sets)
 
 
-def _said(name: str, allowed: Intervals, near: Nearest, demands: Demands, table: Table) -> str:
-    if name == "hunting margin":
-        corner = ", ".join(f"{key} = {value:.6g}" for key, value in near.worst.corner.items())
-        at = f" at {corner}" if corner else ""
-        return (
-            f"the hunting margin of {100 * demands.margin:g} % asks for a gain of at least {near.needed:.6g} (the fold "
-            f"gain is {near.worst.gain:.6g}{at})"
-        )
-    if name == "bounds of the gain":
-        assert near.bounds is not None
-        return f"the bounds of the gain allow {near.bounds[0]:g} to {near.bounds[1]:g}"
+def _of_a_loop(name: str, sets: Intervals, demands: Demands, table: Table) -> str:
+    """The gains that one of `DEMANDS` allows, in words."""
     lag = f" with a delay of {demands.lag:g} s" if demands.lag else ""
     what = f"the gain margin of {demands.gain_margin:g} when the gain {'falls' if name == DEMANDS[1] else 'rises'}{lag}"
     if name == DEMANDS[0]:
         what = f"the phase margin of {demands.phase_margin:g} degrees{lag}"
-    if not allowed:
+    if not sets:
         row = table.missed[DEMANDS.index(name)]
         i = int(np.argmin(row))
-        best = demands.loops.least(name) - float(row[i])
-        margin = f"the smallest phase margin is {math.degrees(best):.4g} degrees at best, at gain {table.gains[i]:.4g}"
+        best = math.degrees(demands.least(name) - float(row[i]))
+        margin = f"the smallest phase margin is {best:.4g} degrees at best, at gain {table.gains[i]:.4g}"
         return f"{what} is kept at no gain ({margin})"
-    texts = []
-    for low, high in allowed:
-        if low == 0.0:
-            texts.append(f"at most {high:.6g}")
-        elif high == math.inf:
-            texts.append(f"at least {low:.6g}")
-        else:
-            texts.append(f"{low:.6g} to {high:.6g}")
+    texts = [
+        f"at most {high:.6g}" if low == 0 else f"at least {low:.6g}" if high == math.inf else f"{low:.6g} to {high:.6g}"
+        for low, high in sets
+    ]
     return f"{what} allows gains of {' or '.join(texts)}"

@@ -19,6 +19,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import NoReturn
 
 import numpy as np
@@ -36,6 +37,7 @@ Array = np.ndarray
 STEP = 0.25
 """Largest change of ln tau between two meshes."""
 SMALLEST_LOG_STEP = 1e-3
+"""Where the folds are not found again the step is quartered, and below this given up: four times."""
 LAST_CHANGE_OF_TIMES = 1e-6
 """Change of ln tau at which the rounds end."""
 ROUNDS, SEARCHES = 40, 8
@@ -67,11 +69,12 @@ class Search:
         self.rounds = 0
         self.gain_only: float | None = None
         self.seen: dict[tuple[float, ...], Outlook | None] = {}
-        self.known = 0
+        self.members = 0
         """Servos and loops known when these times were looked at."""
         self.excluded = False
         self.names = [name.removeprefix("controller.") for name in given.servo.controller_names]
         self.axes = self._axes(log_numbers(given.servo))
+        self.low, self.high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
 
     def run(self) -> Answer:
         """The answer.
@@ -107,10 +110,8 @@ class Search:
         """The best answer over the times; None where none is found."""
         best: Answer | None = None
         for start in self._starts()[:ATTEMPTS]:
-            try:
+            with suppress(NoOrbit):
                 best = self._descend(start)
-            except NoOrbit:
-                continue
             if best is not None:
                 break
         # What is known of the grid by now, should no problem have been solved, or one from the wrong start.
@@ -165,21 +166,20 @@ class Search:
         self.rounds += 1
         self.given.tell(f"optimising the controller times: round {self.rounds}")
         given = self.given
-        low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
         needed = (1 + given.demands.margin) * (1 + given.guard)
         gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), given.at(q))
         return solve_round(
             Round(
                 given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
-                np.maximum(q - step, low), np.minimum(q + step, high),
+                np.maximum(q - step, self.low), np.minimum(q + step, self.high),
                 gains, needed, folds, given.cuts, given.demands.lag,
             )
         )  # fmt: skip
 
     def _outlook(self, q: Array) -> Outlook | None:
         """The outlook at times, computed once as long as no servo joins."""
-        if len(self.given.members) != self.known:
-            self.known = len(self.given.members)
+        if len(self.given.members) != self.members:
+            self.members = len(self.given.members)
             self.seen.clear()
         key = tuple(np.round(q, 12).tolist())
         if key not in self.seen:
@@ -208,17 +208,19 @@ class Search:
         self._look_at(itertools.product(*self.axes))
         if not self._good():
             self.excluded = self._exclude()
-            known = [o for o in self.seen.values() if o is not None]
-            if not self._good() and not self.excluded and known:
-                nearest = self._compass(min(known, key=lambda o: o.missed))
+            if not self._good() and not self.excluded and self._known():
+                nearest = self._compass(min(self._known(), key=lambda o: o.missed))
                 return self._good() or [nearest]
         return sorted(self._good(), key=lambda o: o.cost)
 
     def _look_at(self, times: Iterable[tuple[float, ...]]) -> list[Outlook | None]:
         return [self._outlook(np.array(pair)) for pair in times]
 
+    def _known(self) -> list[Outlook]:
+        return [o for o in self.seen.values() if o is not None]
+
     def _good(self) -> list[Outlook]:
-        return [o for o in self.seen.values() if o is not None and o.missed <= 0]
+        return [o for o in self._known() if o.missed <= 0]
 
     def _exclude(self) -> bool:
         """Whether v varies less than its size in every cell of the grid, cells halved where it does not.
@@ -250,9 +252,8 @@ class Search:
         here, step = start, STEP
         moves = [np.array(m, float) for m in itertools.product((-1, 0, 1), repeat=len(self.names)) if any(m)]
         moves = [m for m in moves if all(name in self.given.free or m[i] == 0 for i, name in enumerate(self.names))]
-        low, high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
         while step >= FINEST_STEP:
-            tried = [self._outlook(np.clip(here.q + step * m, low, high)) for m in moves]
+            tried = [self._outlook(np.clip(here.q + step * m, self.low, self.high)) for m in moves]
             best = min((o for o in tried if o is not None), key=_rank, default=here)
             if _rank(best) < _rank(here):
                 here = best
@@ -263,16 +264,15 @@ class Search:
     # What is in the way
 
     def _refuse(self, q: Array, worst: WorstCase) -> NoReturn:
-        raise NoOrbit(refusal(self.given.nearest(q, worst), self.given.demands))
+        raise NoOrbit(refusal(self.given, q, worst))
 
     def _refuse_times(self) -> NoReturn:
-        known = [o for o in self.seen.values() if o is not None]
-        if not known:
+        if not self._known():
             raise NoOrbit("no fold was computed at any of the times tried; try other bounds", Status.NOT_CONVERGED)
-        nearest = min(known, key=lambda o: o.missed)
-        near = self.given.nearest(nearest.q, self.given.worst(self.given.at(nearest.q)))
+        nearest = min(self._known(), key=lambda o: o.missed)
+        worst = self.given.worst(self.given.at(nearest.q))
         sentence = refusal(
-            near, self.given.demands, times=len(self.seen), missed=nearest.missed, proven=self.excluded
+            self.given, nearest.q, worst, times=len(self.seen), missed=nearest.missed, proven=self.excluded
         )
         raise NoOrbit(sentence, None if self.excluded else Status.NOT_CONVERGED)
 

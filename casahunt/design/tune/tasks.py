@@ -19,9 +19,12 @@ from ...servo.servo import Servo
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
 
+TASK_STEPS = (1.0, 0.1)
+"""Sizes [rad] of the steps of the set point."""
 LONGER, MOST_LONGER = 2.0, 14
 """An undecided task is simulated again, this many times longer, so many times."""
 AFTER_BREAKAWAY = 1.25
+"""Part of the time until a stuck servo breaks away that is simulated: what it does then shows behind it."""
 MOST_TASK_INTERVALS = 20_000
 """Intervals of a motion from which it is not simulated any longer."""
 
@@ -57,16 +60,18 @@ class Task(Result):
         return self.motion.verdict.kind != "undecided" and self.motion.status.ok
 
 
-def until_decided(servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float]) -> Trajectory:
+def until_decided(
+    servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float], most: int = MOST_LONGER
+) -> Trajectory:
     """A motion, simulated until its verdict is decided, within limits.
 
     servo, model, gain: the problem; gain K > 0 [V/rad]; span: first length [s]; start: initial values, as `simulate`
-    takes them. Returns trajectory over `span`, or over as much longer as its verdict takes; perhaps still undecided.
-    Raises NoOrbit: not even the first length could be computed.
+    takes them; most: times that it may be simulated again. Returns trajectory over `span`, or over as much longer as
+    its verdict takes; perhaps still undecided. Raises NoOrbit: not even the first length could be computed.
     """
     values: dict[str, Any] = dict(start)
     motion = simulate(servo, model, gain, time=span, **values)
-    for _ in range(MOST_LONGER):
+    for _ in range(most):
         if motion.verdict.kind != "undecided" or motion.ended or motion.times.size > MOST_TASK_INTERVALS:
             break
         span = max(LONGER * span, AFTER_BREAKAWAY * (float(motion.times[-1]) + waits(motion)))
@@ -93,23 +98,22 @@ def regulator_tasks(
 ) -> list[Task]:
     """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
 
-    servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s]; amplitude: of the breakaway
-    [rad]. Returns three tasks: a step of 1 rad, one of 0.1 rad, the breakaway. Raises NoOrbit: a motion could not be
-    computed.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s], longer where they are to be
+    decided; amplitude: of the breakaway [rad]. Raises NoOrbit: a motion could not be computed.
     """
-    kp, _, ki = servo.torque_gains(gain)
-    brink = (kp * amplitude - servo.friction.static) / ki
-    starts: list[tuple[str, dict[str, float]]] = [
-        *[(f"a step of {size:g} rad from rest", {"set_point": size}) for size in (1.0, 0.1)],
-        (
-            f"breaking away {amplitude:.4g} rad beside the set point",
-            {"set_point": 0.0, "position": -amplitude, "integral": brink},
-        ),
+    return [
+        Task(friction, said, until_decided(servo, model, gain, span, start, MOST_LONGER if decide else 0))
+        for said, start in stated(servo, gain, amplitude).items()
     ]
 
-    def motion(values: dict[str, Any]) -> Trajectory:
-        if decide:
-            return until_decided(servo, model, gain, span, values)
-        return simulate(servo, model, gain, time=span, **values)
 
-    return [Task(friction, name, motion(values)) for name, values in starts]
+def stated(servo: Servo, gain: float, amplitude: float) -> dict[str, dict[str, float]]:
+    """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad]."""
+    kp, _, ki = servo.torque_gains(gain)
+    brink = (kp * amplitude - servo.friction.static) / ki
+    return {
+        **{f"a step of {size:g} rad from rest": {"set_point": size} for size in TASK_STEPS},
+        f"breaking away {amplitude:.4g} rad beside the set point": {
+            "set_point": 0.0, "position": -amplitude, "integral": brink,
+        },
+    }  # fmt: skip

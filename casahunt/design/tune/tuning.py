@@ -30,8 +30,8 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import fold_sensitivities
-from ..uncertainty.linear import linear_range
 from ..uncertainty.set import Uncertainty, check_box
+from ..uncertainty.summary import linear_range
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
 from .given import Answer, Given
@@ -202,17 +202,13 @@ def tune(
     given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
     search = Search(given)
     answer = search.run()
-    verification = _verified(answer, given)
+    verification = verified(answer, given)
     for _ in range(REPAIRS):
         if verification.set_check is None or not verification.set_check.above:
             break
         answer = search.again(log_numbers(answer.servo), list(verification.set_check.above))
-        verification = _verified(answer, given)
+        verification = verified(answer, given)
     return _tuning(search, answer, verification, began)
-
-
-def _verified(answer: Answer, given: Given) -> Verification:
-    return verified(answer, given.model, given.demands, given.uncertainty, given.options, given.tell)
 
 
 def _tuning(search: Search, answer: Answer, verification: Verification, began: float) -> Tuning:

@@ -22,9 +22,9 @@ from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, column
-from .batch import folds_of
-from .nearby import nominal_fold
-from .set import Array, Uncertainty, check_box, servo_at, values_of
+from ..ensemble import folds_of
+from ..nearby import nominal_fold, servo_at, values_of
+from .set import Array, Uncertainty, check_box
 
 MOST_SAMPLES = 1_000_000
 """Beyond so many the folds would take days."""
@@ -154,7 +154,7 @@ def sample(
     fold
         the servo's own fold, where it is known already.
     report
-        called with the number of samples solved so far, batch after batch (batch.py).
+        called with the number of samples solved so far, batch after batch (ensemble.py).
 
     Returns
     -------
@@ -177,9 +177,8 @@ def sample(
     options = of_kind("options", options or Options(), Options)
     names = uncertainty.parameters
     rows = draw(servo, uncertainty, n, seed=seed)
-    done = folds_of(
+    found = folds_of(
         servo, model, names, rows, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,
         report=report,
     )  # fmt: skip
-    failures = tuple((i, sentence) for i, sentence in enumerate(done.sentences) if sentence)
-    return Samples(names, rows, done.numbers[0], failures, options.tol)
+    return Samples(names, rows, found.gains, found.failures, options.tol)

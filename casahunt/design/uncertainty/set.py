@@ -2,6 +2,11 @@
 
     l_i <= q_i <= h_i,    or    mean q0 and covariance C, whose box is    q0_i +- sigmas sqrt(C_ii)
 
+A TOML file has one of two tables:
+
+    [interval]      "friction.static" = [0.52, 0.54], or "2%": l, h = q0 -+ 0.02 |q0|
+    [covariance]    names, matrix, sigmas
+
 The box of a covariance takes no notice of correlations: its corners are farther out than any likely servo, and normal
 samples may lie outside it.
 
@@ -10,20 +15,24 @@ Units: q as in servo/servo.py.  Symbols: k uncertain parameters, l, h (k,) bound
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...checks import LARGEST, SMALLEST, known, number, of_kind, quoted, require, shown
 from ...errors import InputError
-from ...servo.servo import Servo, a_servo, flatten
+from ...servo.servo import Servo, a_servo, read_toml
+from ..nearby import values_of
 from ..sensitivity import NAMES
 
 Array = np.ndarray
 
 SIGMAS = 3.0
+"""Half width of a covariance's box in standard deviations, where none is given: 99.7 % of one parameter."""
 TYPED_ROUNDING = 1e-10
 """Relative asymmetry, and negative eigenvalue of the correlations, that a typed covariance may have."""
 STATIC, COULOMB = "friction.static", "friction.coulomb"
@@ -129,15 +138,6 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
     return (c + c.T) / 2
 
 
-def values_of(servo: Servo, names: Iterable[str]) -> Array:
-    """Values of parameters of a servo.
-
-    names: k names `section.key`. Returns (k,) in the units of the servo.
-    """
-    values = flatten(servo)
-    return np.array([values[known("parameter", name, servo.names)] for name in names])
-
-
 def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
     """Refuse a box that is no servo's.
 
@@ -161,9 +161,85 @@ def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
     servo.replace(**roomy)
 
 
-def servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
-    """The servo with other values of some parameters.
+def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
+    """Read an uncertainty from a TOML file.
 
-    names, q: k names, and (k,) their values. Raises InputError: the values are none of a servo.
+    Either a table [interval] with ``"friction.static" = [0.52, 0.54]``, or ``"2%"`` of the servo's value to both
+    sides; or a table [covariance] with names, matrix and perhaps sigmas.
+
+    Parameters
+    ----------
+    path
+        the file.
+    servo
+        whose parameters they are; per cents are of its values.
+
+    Returns
+    -------
+    Uncertainty.
+
+    Raises
+    ------
+    InputError : missing file, broken TOML, unknown key, or what `Uncertainty` refuses.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import Servo, load_uncertainty
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "friction.toml")
+    ...     _ = path.write_text('[interval]\\n"friction.static" = [0.52, 0.54]\\n"friction.viscous" = "10%"\\n')
+    ...     uncertainty = load_uncertainty(path, Servo())
+    >>> low, high = uncertainty.box(Servo())
+    >>> low.round(3).tolist(), high.round(3).tolist()
+    ([0.52, 0.09], [0.54, 0.11])
     """
-    return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})
+    what = f"uncertainty file {str(path)!r}"
+    tree = read_toml(path, what)
+    try:
+        uncertainty = _from_tree(tree, servo)
+        check_box(servo, uncertainty)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+    return uncertainty
+
+
+def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
+    for section, table in tree.items():
+        known("section", section, ("interval", "covariance"))
+        if not isinstance(table, dict):
+            raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
+    if len(tree) != 1:
+        raise InputError("must hold one table, either [interval] or [covariance]")
+    if "interval" in tree:
+        intervals: dict[str, Any] = {}
+        for key, value in tree["interval"].items():  # friction.static without quotes is a table in a table
+            inner = {f"{key}.{name}": v for name, v in value.items()} if isinstance(value, dict) else {key: value}
+            intervals |= {name: _absolute(name, v, servo) for name, v in inner.items()}
+        return Uncertainty(intervals)
+    table = tree["covariance"]
+    for key in table:
+        known("key", key, ("names", "matrix", "sigmas"))
+    names = table.get("names", [])
+    if not isinstance(names, list):
+        raise InputError(f"names = {quoted(names)}: must be a list of parameters")
+    if "matrix" not in table:
+        raise InputError("[covariance]: must have a matrix")
+    return Uncertainty(names=tuple(names), covariance=table["matrix"], sigmas=table.get("sigmas", SIGMAS))
+
+
+def _absolute(name: str, value: Any, servo: Servo) -> Any:
+    """An interval as it stands, or that of "2%"."""
+    if not isinstance(value, str):
+        return value
+    known("parameter", name, NAMES)
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*%\s*", value)
+    try:
+        part = float(match.group(1)) / 100 if match else None
+    except ValueError:
+        part = None
+    if part is None:
+        raise InputError(f'{name} = {value!r}: must be [low, high] or a percentage such as "2%"')
+    q = float(values_of(servo, [name])[0])
+    return q - part * abs(q), q + part * abs(q)

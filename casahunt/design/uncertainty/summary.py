@@ -1,12 +1,17 @@
 """Linear answer, samples and worst corner side by side.
 
+    K(q) ~ K(q0) + g . (q - q0),    g = dK/dq at q0, exact (design/sensitivity.py)
+    box: low, high = K(q0) + sum_i min, max(g_i (l_i - q0_i), g_i (h_i - q0_i));    covariance: std^2 = g . C g
     relative error of the linear answer = K_linear/K_solved - 1, both at the same parameters
 
 It misleads from an error of 2 % on, where a sample cannot hunt at all, or where its lower end is no gain.
+
+Units: K in V/rad.  Symbols: k uncertain parameters, n servos, g (k,) gradient.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +19,10 @@ import numpy as np
 
 from ...results import Result
 from ...servo.problem import HuntingFold
-from .linear import linear_gains, linear_moments, linear_range
+from ..nearby import values_of
 from .samples import Samples
-from .set import Uncertainty
-from .worst_corner import WorstCase
+from .set import Array, Uncertainty
+from .worst_corner import WorstCase, gradient
 
 MISLEADS = 0.02
 """Relative error of a fold gain from which the linear answer is said to mislead."""
@@ -134,3 +139,38 @@ def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst
         misleading=text,
         range_name="interval" if uncertainty.covariance is None else f"+- {uncertainty.sigmas:g} standard deviations",
     )
+
+
+def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
+    """Range of the linearised fold gain.
+
+    fold: where it is linearised.
+    Returns (low, high) [V/rad]: extremes over the intervals; mean -+ sigmas std for a covariance.
+    """
+    if uncertainty.covariance is not None:
+        mean, std = linear_moments(fold, uncertainty)
+        return mean - uncertainty.sigmas * std, mean + uncertainty.sigmas * std
+    g, q = gradient(fold, uncertainty.parameters), values_of(fold.orbit.servo, uncertainty.parameters)
+    ends = np.array([g * (bound - q) for bound in uncertainty.box(fold.orbit.servo)])
+    return fold.gain + float(ends.min(axis=0).sum()), fold.gain + float(ends.max(axis=0).sum())
+
+
+def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
+    """Moments of the linearised fold gain, with uniform distributions on intervals.
+
+    fold: where it is linearised. Returns (mean, standard deviation) [V/rad].
+    """
+    g, servo = gradient(fold, uncertainty.parameters), fold.orbit.servo
+    if uncertainty.covariance is not None:
+        return fold.gain, float(np.sqrt(max(g @ uncertainty.covariance @ g, 0.0)))
+    low, high = uncertainty.box(servo)
+    shift = float(g @ ((low + high) / 2 - values_of(servo, uncertainty.parameters)))
+    return fold.gain + shift, float(np.linalg.norm(g * uncertainty.std))
+
+
+def linear_gains(fold: HuntingFold, names: Sequence[str], rows: Array) -> Array:
+    """Linearised fold gains.
+
+    fold: where it is linearised; rows: (n, k) their values. Returns (n,) [V/rad].
+    """
+    return fold.gain + (rows - values_of(fold.orbit.servo, names)) @ gradient(fold, names)

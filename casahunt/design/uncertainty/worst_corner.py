@@ -14,12 +14,14 @@ Units: K in V/rad.  Symbols: k uncertain parameters, q, l, h (k,) values and bou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...checks import known
+from ...continuation import folds_near
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options
 from ...results import Result
@@ -27,15 +29,14 @@ from ...roots import Bracket
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from .batch import Task, in_batch, known_fold
-from .linear import gradient
-from .nearby import fold_near, nominal_fold, prediction
-from .set import COULOMB, STATIC, Array, Uncertainty, check_box, servo_at, values_of
+from ..nearby import expected_gains, fold_near, known_fold, nominal_fold, said, servo_at, values_of, vectors
+from ..sensitivity import fold_sensitivities
+from .set import COULOMB, STATIC, Array, Uncertainty, check_box
 
 RANDOM_CORNERS = 2
-MOST_EVALUATIONS = 100
-MOST_FOLDS_ALONG = 25
-"""Folds per search for a worst corner, and per search along one coordinate."""
+"""Corners that are searched from besides: K is monotone in most parameters, where one start is enough."""
+MOST_EVALUATIONS, MOST_FOLDS_ALONG = 100, 25
+"""Folds per search for a worst corner, which takes a few on a monotone way, and per search along one coordinate."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,25 +97,20 @@ class _Search:
         self.servo, self.model, self.options = servo, model, options
         self.names = uncertainty.parameters
         self.low, self.high = uncertainty.box(servo)
-        self.predict = prediction(servo, fold, self.names)
+        self.fold = fold
         self.known = known_fold(servo, self.names, fold, options.tol)
         self.places: dict[bytes, _Place] = {}
         self.evaluations = 0
         self.failures: list[str] = []
         if fold is not None:
-            self._keep(_Place(self.predict.q, fold.gain, gradient(fold, self.names), fold))
+            self._keep(_Place(values_of(servo, self.names), fold.gain, gradient(fold, self.names), fold))
 
     def _keep(self, place: _Place) -> _Place:
         self.places[place.q.tobytes()] = place
         return place
 
-    def _counted(self) -> None:
-        self.evaluations += 1
-        if self.report is not None:
-            self.report(self.evaluations)
-
     def compute(self, asked: list[Array]) -> None:
-        """The folds at points (k,) that are not known yet, in one batch (batch.py)."""
+        """The folds at points (k,) that are not known yet, in one batch."""
         rows: dict[bytes, Array] = {}
         for q in asked:
             if q.tobytes() in self.places or q.tobytes() in rows:
@@ -124,14 +120,15 @@ class _Search:
             except InputError:  # static below Coulomb friction; the other bounds have been checked
                 self._keep(_Place(q, -np.inf))
             else:
-                self._counted()
+                self.evaluations += 1
+                if self.report is not None:
+                    self.report(self.evaluations)
                 rows[q.tobytes()] = q
         if not rows:
             return
         table = np.array(list(rows.values()))
-        expected = self.predict(table)
-        task = Task(self.servo, self.model, self.options, self.names, table, expected, self.known, self.names)
-        folds = None if self.known is None else in_batch(task, self.known)
+        expected, p = expected_gains(self.fold, self.names, table), vectors(self.servo, self.names, table)
+        folds = None if self.known is None else folds_near(self.known, p, self.options.tol, slopes_by=self.names)
         for i, q in enumerate(table):
             if folds is not None and folds.how[i] and q.all():  # of a parameter that is zero no elasticity tells
                 gain = float(folds.values[i])
@@ -139,30 +136,24 @@ class _Search:
             else:
                 self._keep(self._alone(_Place(q, float(expected[i]))))
 
-    def _failed(self, q: Array, sentence: str) -> _Place:
-        corner = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, q, strict=True))
-        self.failures.append(f"at {corner}: {sentence}")
-        return _Place(q, -np.inf)
-
     def _alone(self, place: _Place) -> _Place:
         """The fold at a point computed alone, where its gain is about known."""
         try:
             fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
         except NoOrbit as error:
-            return self._failed(place.q, str(error))
+            self.failures.append(f"at {said(dict(zip(self.names, place.q, strict=True)))}: {error}")
+            return _Place(place.q, -np.inf)
         return _Place(place.q, 0.0) if fold is None else _Place(place.q, fold.gain, gradient(fold, self.names), fold)
 
     def run(self, ascents: Iterable[Ascent]) -> None:
         """Searches side by side: what they ask for in one round is one batch."""
-        asked = {ascent: next(ascent, None) for ascent in ascents}
-        while waiting := {ascent: points for ascent, points in asked.items() if points is not None}:
-            self.compute([q for points in waiting.values() for q in points])
-            asked = {}
-            for ascent, points in waiting.items():
-                try:
+        asked = {ascent: next(ascent) for ascent in ascents}
+        while asked:
+            self.compute([q for points in asked.values() for q in points])
+            for ascent, points in list(asked.items()):
+                del asked[ascent]
+                with suppress(StopIteration):
                     asked[ascent] = ascent.send([self.places[q.tobytes()] for q in points])
-                except StopIteration:
-                    continue
 
     def climb(self, q: Array) -> Ascent:
         """From q to a point from which no step within the box leads up, to first order."""
@@ -233,6 +224,15 @@ class _Search:
             if best.fold is not None or not best.gain > 0:
                 return best
             self._keep(self._alone(best))
+
+
+def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
+    """The gradient dK/dq of the fold gain.
+
+    fold: where it is taken. Returns (k,) [V/rad] per unit of each parameter.
+    """
+    derivatives = fold_sensitivities(fold).derivatives
+    return np.array([derivatives[name] for name in names], dtype=float)
 
 
 def worst_corner(

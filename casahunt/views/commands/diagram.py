@@ -13,8 +13,8 @@ from typing import IO, Any
 
 from ... import effort
 from ...continuation import FOLD
-from ...design.diagram import DiagramPoint, diagram, starting_gain
-from ...design.diagram_files import SIGNS, Left, Task, Words, begun, branch_of, keep
+from ...design.diagram import DiagramPoint, branch_of, diagram, starting_gain
+from ...design.diagram_files import SIGNS, Left, Task, Words, begun, keep
 from ...errors import NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
@@ -248,7 +248,7 @@ def _one_branch(
     if found:
         say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
     if found and ended != INTERRUPTED:
-        beside = replace(branch_of(task, model, found, ended), lopsided=there.lopsided)
+        beside = replace(branch_of(task.servo, model, found, ended), lopsided=there.lopsided)
         return keep(task, model, found, ended, out, words, beside)
     points = diagram(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
@@ -272,7 +272,7 @@ def _one_branch(
             say(stream, f"{model:7s} {special.meaning}")
         say(stream, progress_line(point.orbit) + way.left(point))
         effort.heard()
-    beside = _beside(branch_of(task, model, found, ended), task, stream)
+    beside = _beside(branch_of(task.servo, model, found, ended), task, stream)
     return keep(task, model, found, ended, out, words, beside)
 
 

@@ -33,7 +33,7 @@ from typing import Any
 from ...checks import known, to_error
 from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tuning import Tuning, tune
-from ...design.uncertainty.toml import load_uncertainty
+from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
 from ...export import columns_from
 from ...files import together, whole_text

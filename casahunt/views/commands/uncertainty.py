@@ -13,9 +13,8 @@ import numpy as np
 from ... import effort, interrupts
 from ...checks import to_error
 from ...design.uncertainty.samples import Samples, draw, sample
-from ...design.uncertainty.set import Uncertainty
+from ...design.uncertainty.set import Uncertainty, load_uncertainty
 from ...design.uncertainty.summary import Summary, summary
-from ...design.uncertainty.toml import load_uncertainty
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import NoOrbit, Status
 from ...orbits import Options

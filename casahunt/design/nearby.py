@@ -1,0 +1,140 @@
+"""Folds of servos nearby: looked for where the fold of one of them lets them be expected.
+
+    K(q) ~ K0 prod_i (q_i/q0_i)^e_i,    e_i = d ln K/d ln q_i at q0: positive everywhere, unlike the linear answer
+
+One by one: the way to a fold starts at a cycle below the gain that is expected; where none is met there, from nothing.
+Many at once are those of ensemble.py, which leaves to this what it cannot do.  A fold depends on its own servo and on
+the fold from which it is predicted, not on what was computed before it.
+
+Units: K in V/rad.  Symbols: k parameters that differ, n servos, q (k,) values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from ..checks import known as one_of
+from ..continuation import Expansion, expansion
+from ..errors import NoOrbit, Status
+from ..orbits import Options
+from ..servo.cold_start import stable_at
+from ..servo.event_map.half_cycle import StickMap
+from ..servo.event_map.scan import scan
+from ..servo.find_fold import find_fold
+from ..servo.hunting import Model
+from ..servo.problem import HuntingFold
+from ..servo.servo import Servo, flatten
+from .sensitivity import fold_sensitivities
+
+Array = np.ndarray
+
+BELOW = 0.7
+"""Part of the predicted fold gain at which the way to the fold starts; the cold search costs three times as much."""
+
+
+def fold_near(servo: Servo, model: Model, expected: float, options: Options) -> HuntingFold | None:
+    """The fold of a servo whose gain is about known.
+
+    expected: its fold gain [V/rad], about; nan: unknown. Returns the fold; None where the servo cannot hunt. Raises
+    NoOrbit: the fold was not computed.
+    """
+    start = None
+    if np.isfinite(expected):
+        with suppress(NoOrbit):  # where the prediction is too far off: from nothing
+            rough = options.rough()
+            met = stable_at(servo, model, BELOW * expected, options=rough)  # where it meets none, that proves nothing
+            if met.orbit is not None and (met.clearly_stable or met.orbit.multipliers.leading.real <= 1):
+                start = met.orbit
+    try:
+        return find_fold(servo, model, options=options, start=start)
+    except NoOrbit as error:
+        if error.status is not None:
+            raise
+        # A proof says that it hunts at no gain; the map at the expected gain is asked all the same.
+        if np.isfinite(expected) and scan(StickMap("switch", servo, BELOW * expected)).upper is not None:
+            sentence = f"{error}, but the event map has one near gain {expected:.4g}"
+            raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
+        return None
+
+
+def values_of(servo: Servo, names: Iterable[str]) -> Array:
+    """Values of parameters of a servo.
+
+    names: k names `section.key`. Returns (k,) in the units of the servo.
+    """
+    values = flatten(servo)
+    return np.array([values[one_of("parameter", name, servo.names)] for name in names])
+
+
+def servo_at(servo: Servo, names: Sequence[str], q: Array) -> Servo:
+    """The servo with other values of some parameters.
+
+    names, q: k names, and (k,) their values. Raises InputError: the values are none of a servo.
+    """
+    return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})
+
+
+def said(values: Mapping[str, float]) -> str:
+    """Values of parameters in words."""
+    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+
+
+def vectors(servo: Servo, names: Sequence[str], rows: Array) -> Array:
+    """(n, np) parameters of a servo, k of them with other values (n, k); the gain, 1 V/rad, is to be found."""
+    p = np.repeat(servo.parameters(1.0)[None], len(rows), axis=0)
+    p[:, [servo.names.index(name) for name in names]] = rows
+    return p
+
+
+def expected_gains(fold: HuntingFold | None, names: Sequence[str], rows: Array) -> Array:
+    """(n,) fold gains [V/rad] to be expected at values (n, k) of parameters, from a fold nearby; nan without one."""
+    if fold is None:
+        return np.full(len(rows), np.nan)
+    q, elasticities = values_of(fold.orbit.servo, names), fold_sensitivities(fold).elasticities
+    usable = (q > 0) & (rows > 0)
+    logs = np.log(np.where(usable, rows, 1.0) / np.where(usable, q, 1.0))
+    changes = np.where(usable, logs, 0.0) @ np.array([elasticities[name] for name in names])
+    return np.asarray(fold.gain * np.exp(np.clip(changes, -50, 50)))
+
+
+def nominal_fold(servo: Servo, model: Model, options: Options, fold: HuntingFold | None) -> HuntingFold | None:
+    """The servo's own fold, computed where it is not given.
+
+    fold: the fold, where known. Returns the fold; None where it cannot hunt or was not computed.
+    """
+    if fold is None:
+        with suppress(NoOrbit):
+            fold = find_fold(servo, model, options=options)
+    return fold
+
+
+def fold_beside(
+    servo: Servo, model: Model, known: HuntingFold | None, *, options: Options | None = None
+) -> HuntingFold | None:
+    """The fold of a servo, looked for where that of a servo nearby lets it be expected.
+
+    known: that fold; None: it is looked for from nothing. Returns the fold; None where a proof shows that it hunts at
+    no gain (servo/denial.py). Raises NoOrbit: it was not computed.
+    """
+    names = servo.names[:-1] if known is None else tuple(fold_sensitivities(known).elasticities)
+    (expected,) = expected_gains(known, names, values_of(servo, names)[None]).tolist()
+    return fold_near(servo, model, expected, options or Options())
+
+
+def known_fold(servo: Servo, names: Sequence[str], fold: HuntingFold | None, tol: float) -> Expansion | None:
+    """The expansion from which servos near one are predicted.
+
+    servo, names: the servo, and the parameters that differ from its own; tol: relative error of the folds that are to
+    be computed.
+    Returns expansion; None where there is no fold, its controller is given otherwise, or it could not be solved again.
+    """
+    if fold is None or fold.orbit.problem.names != servo.names:
+        return None
+    own, there = servo.parameters(fold.gain), fold.orbit.problem.vector()
+    differ = [name for name, a, b in zip(servo.names, own, there, strict=True) if name in names or a != b]
+    with suppress(NoOrbit):
+        return expansion(fold, tuple(differ), tol)
+    return None
