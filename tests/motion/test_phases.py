@@ -320,7 +320,7 @@ def test_how_the_end_of_a_phase_moves():
     def field(x: Any, p: Any, sign: Any) -> Any:
         return ca.vertcat(x[1], -p[0] * x[0])
 
-    end = Exit(Event("down", lambda x, duration, p: x[0]), -1, lambda x, p: "swing")
+    end = Exit(Event("down", lambda x, duration, p: x[0]), -1, lambda x, p: "swing", mark=True)
     system = System("spring", ("y", "v"), {"swing": Mode("swing", field)}, {"swing": (end,)})
     k, scale = 1.7, np.array([0.5, 2.0])
     p, w = np.array([k]), math.sqrt(k)
