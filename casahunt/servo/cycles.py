@@ -1,6 +1,8 @@
 """The hunting servo (hunting.py) in the terms of the engine: its vectors and its schemes.
 
     x = (x1, x2, x3 [, x4]),    p = servo.PARAMETERS or PID_PARAMETERS [, STICK_BAND], whose length tells which
+
+Half a cycle closes by its mirror image, S = -I, the whole of it by itself (problem.py).
 """
 
 from __future__ import annotations

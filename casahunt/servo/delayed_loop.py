@@ -11,15 +11,13 @@ gains (kp' and so on: at K = 1):
     phi = arg L + pi = atan(tau_d omega) + atan(tau_i omega) - atan2(J omega, sigma2) - omega D    [rad]
         = atan2(kd' w - ki', kp' omega) + pi/2 - atan2(J omega, sigma2) - omega D
 
-By times, |L| = c has one root for every c > 0 (Descartes, linear_loop.py), so |L| falls with omega.  The loop is stable
-at the gain K if and only if phi > 0 where |L| = 1 (phi < pi; two integrators at omega = 0), and at the gain f K if and
-only if phi > 0 where |L| = 1/f.  So it is stable from K/f_low to K f_high if phi > 0 between the two frequencies.
-
-By gains, |L| may rise between two frequencies and have three crossovers.  The unstable poles are counted: those
-without delay, 0 or 2 (Routh), and two more, or less, for each of the delays (phi_0 + 2 pi k)/omega up to D at a
-crossover omega where |L| falls, or rises (phi_0: without delay).  The phase margin is the least phi of all crossovers;
-phi > 0 at all of them is stable, and where a loop is stable all the same, phi counts modulo 2 pi.  A stable loop stays
-so while the gain is multiplied by anything between the two factors 1/|L|, phi a multiple of 2 pi, next to 1.
+By times, |L| = c has one root for every c > 0 (Descartes, linear_loop.py), so |L| falls with omega, and the loop is
+stable if and only if phi > 0 there (phi < pi; two integrators at omega = 0).  By gains, |L| may rise between two
+frequencies and have three crossovers.  In either case the unstable poles are counted: those without delay, 0 or 2
+(Routh), and two more, or less, for each of the delays (phi_0 + 2 pi k)/omega up to D at a crossover omega where |L|
+falls, or rises (phi_0: without delay).  The phase margin is the least phi of all crossovers; phi > 0 at all of them is
+stable, and where a loop is stable all the same, phi counts modulo 2 pi.  A stable loop stays so while the gain is
+multiplied by anything between the two factors 1/|L|, phi a multiple of 2 pi, next to 1.
 
 Source: Nyquist's criterion; to follow the poles through the crossovers as the delay grows is known as the direct method
 of Walton and Marshall, and derived here.  Symbols as in linear_loop.py.
@@ -145,11 +143,8 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
     a finite number > 0.
     """
     sensible("gain", gain, power=COMPUTED)
-    if isinstance(servo.controller, Pid):
-        numerator, denominator = loop_polynomials(servo, gain)
-        return gain_crossovers(numerator / level, denominator)[-1].frequency
-    low, high = boundary(lambda y: not _log_magnitude(servo, gain, y) > 2 * math.log(level), -60.0, 60.0)
-    return math.exp((low + high) / 2)
+    numerator, denominator = loop_polynomials(servo, gain)
+    return gain_crossovers(numerator / level, denominator)[-1].frequency
 
 
 def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
@@ -178,34 +173,8 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
     (45.45, 15.43)
     """
     a_servo(servo)
+    sensible("gain", gain, power=COMPUTED)
     require("delay", delay, at_least=0)
-    if isinstance(servo.controller, Pid):
-        return _margins_by_gains(servo, gain, delay)
-    omega = crossover(servo, gain)
-    phi = float(_phase(servo, delay, math.log(omega)))
-    if not phi > 0:
-        return Margins(omega, math.degrees(phi), math.nan, math.nan, False)
-    grid = np.log(omega * np.geomspace(1e-6, 1e6, FREQUENCIES))
-    values = _phase(servo, delay, grid)
-    above = [i for i in range(FREQUENCIES - 1) if grid[i] >= math.log(omega) and values[i + 1] <= 0]
-    below = [i for i in range(FREQUENCIES - 1) if grid[i + 1] <= math.log(omega) and values[i] <= 0]
-
-    def factor(i: int) -> float:
-        rising = bool(values[i + 1] > 0)
-        ends = boundary(lambda y: bool(_phase(servo, delay, y) > 0) == rising, float(grid[i]), float(grid[i + 1]))
-        return math.exp(-_log_magnitude(servo, gain, sum(ends) / 2) / 2)
-
-    return Margins(
-        omega,
-        math.degrees(phi),
-        factor(below[-1]) if below else 0.0,
-        factor(above[0]) if above else math.inf,
-        True,
-    )
-
-
-def _margins_by_gains(servo: Servo, gain: float, delay: float) -> Margins:
-    """Of a loop that may have several crossovers; see the module docstring."""
     found = gain_crossovers(*loop_polynomials(servo, gain))
     y = np.log([c.frequency for c in found])
     phi = _phase(servo, delay, y)

@@ -184,6 +184,13 @@ def characteristic_polynomial(servo: Servo, gain: float) -> Array:
     return np.array([servo.inertia, kd + servo.friction.viscous, kp, ki])
 
 
+def matrix(servo: Servo, gain: float) -> Array:
+    """(3, 3) A of the loop without dry friction: x' = A x, x = (x1, x2, x3); its eigenvalues are the roots of chi."""
+    kp, kd, ki = servo.torque_gains(gain)
+    J = servo.inertia
+    return np.array([[0, 1, 0], [-kp / J, -(kd + servo.friction.viscous) / J, -ki / J], [1, 0, 0]], dtype=float)
+
+
 def stable(servo: Servo, gain: float) -> bool:
     """Whether the loop is stable, by the Routh-Hurwitz inequality.
 

@@ -48,7 +48,8 @@ EDGE_CYCLES = 0.1
 """Part of the tolerance of the gain to which cycles are computed where mu = -1 is sought: next to a sharp fold their
 multipliers follow their errors, and the gain follows the multipliers."""
 SHIFT, SHIFTED_MARCH = 0.02, 1e-9
-"""Relative step of the differences that P' to P''' are taken from, and tolerance of a motion of LuGre."""
+"""Relative step of the differences that P' to P''' are taken from, and tolerance of a motion of LuGre.  The cycle next
+to the point (`branch_off`) tells less: it may be unstable where motions a little farther off settle to a pair."""
 NOT_MINUS_ONE, CRITICAL = 0.02, 0.05
 """Difference of P' from -1 above which the event map does not tell what branches off; |c| below which it does not."""
 

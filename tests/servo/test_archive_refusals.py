@@ -242,8 +242,10 @@ def test_metadata_with_a_wrong_value(orbit_file, value):
         (lambda r: r.update(period=2 * r["period"]), "do not add up"),
         (lambda r: r["arcs"][0].update(mode="fly"), "fly"),
         (lambda r: r["arcs"][1].update(mode="slip+"), "no cycle with the phases"),
-        (lambda r: r["arcs"][1].update(states=r["arcs"][0]["states"], breaks=r["arcs"][0]["breaks"]),
-         "states in an interval"),
+        (
+            lambda r: r["arcs"][1].update(states=r["arcs"][0]["states"], breaks=r["arcs"][0]["breaks"]),
+            "states in an interval",
+        ),
         (lambda r: r["arcs"][0].update(event="landing"), "landing"),
         (lambda r: r["arcs"][0]["breaks"].update(at=-1), "not enough"),
         (lambda r: r["arcs"][0]["breaks"].update(at=10**9), "not enough"),

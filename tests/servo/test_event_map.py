@@ -23,7 +23,6 @@ from casahunt.servo.event_map.slopes import (
     MapPoint,
     cubic_is_good,
     map_at,
-    map_error,
     nothing_between,
     one_sided,
     rounding,
@@ -76,8 +75,10 @@ def test_fixed_points_are_the_orbits(orbit, gain):
 
 
 def test_error_is_measured():
-    position, slope = map_error(Servo(), 0.6, STABLE[0.6]["amplitude"])
-    assert position < 1e-11 and slope < 1e-10
+    """Against other intervals and another scheme."""
+    a = STABLE[0.6]["amplitude"]
+    best, other = map_at(Servo(), 0.6, a), map_at(Servo(), 0.6, a, tol=1e-9, degree=7)
+    assert abs(other.position / best.position - 1) < 1e-11 and abs(other.slope / best.slope - 1) < 1e-10
 
 
 def test_a_rising_map_and_no_cycle_above_the_fold():

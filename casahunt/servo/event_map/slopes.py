@@ -46,8 +46,6 @@ Array = np.ndarray
 
 TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-6)
 """Of the march, tried in turn: below 1e-11 rounding makes steps vanish; a grazing may need a looser one."""
-CHECK_TOLERANCE, CHECK_DEGREE = 1e-9, 7
-"""March with which `map_error` compares: other intervals and another scheme."""
 SWINGING_SLIPS = 40
 """Slips in a row without a stick after which the motion counts as swinging."""
 SWINGING_ON = 100.0
@@ -179,17 +177,6 @@ def _sensitivities(
         column = column - np.outer(f, column[1] / f[1])
     slope = column[0] * scale[0]
     return (float(slope[0]), float(slope[1])), duration, float(column[2, 0] * scale[2])
-
-
-def map_error(servo: Servo, gain: float, a: float) -> tuple[float, float]:
-    """Measured errors of the event map: against another scheme on other intervals.
-
-    servo, gain, a: as in `map_at`. Returns relative errors of P(a) and of P'(a). Raises InputError, MarchFailure: as
-    `map_at`.
-    """
-    best = map_at(servo, gain, a)
-    other = map_at(servo, gain, a, tol=CHECK_TOLERANCE, degree=CHECK_DEGREE)
-    return abs(other.position / best.position - 1), abs(other.slope / best.slope - 1)
 
 
 def rounding(servo: Servo, gain: float, a: float) -> float:

@@ -37,6 +37,7 @@ from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap, half_cycle
 from ..event_map.slopes import map_at
 from ..hunting import Model
+from ..linear_loop import matrix
 from ..servo import Servo
 from .small_swings import creeps, linear_range
 
@@ -106,14 +107,12 @@ def escapes(servo: Servo, model: Model, gain: float, x: Array) -> bool:
 
     servo, model, gain: the problem; gain K > 0 [V/rad]; x: (n,) state. Returns False where that is not certain.
     """
-    kp, kd, ki = servo.torque_gains(gain)
-    J, f = servo.inertia, servo.friction
-    A = np.array([[0, 1, 0], [-kp / J, -(kd + f.viscous) / J, -ki / J], [1, 0, 0]])
-    values, vectors = np.linalg.eig(A.T)
-    for value, w in zip(values, vectors.T, strict=True):
-        if value.real > 0 and abs(w @ x[:3]) > ESCAPE[model] * abs(w[1]) * f.static / (J * value.real):
-            return True
-    return False
+    values, vectors = np.linalg.eig(matrix(servo, gain).T)
+    static = servo.friction.static / servo.inertia
+    return any(
+        value.real > 0 and abs(w @ x[:3]) > ESCAPE[model] * abs(w[1]) * static / value.real
+        for value, w in zip(values, vectors.T, strict=True)
+    )
 
 
 Swing = Callable[[float], tuple[float, float]]

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..event_map.slopes import AT_SET_POINT
 from ..hunting import Model
+from ..linear_loop import matrix
 from ..servo import Servo
 
 TIMES_IN_A_TURN, MOST_LOOKED_AT = 64, 10**6
@@ -47,9 +48,8 @@ def creeps(servo: Servo, gain: float) -> bool:
 
     servo, gain: the problem; gain K > 0 [V/rad]. Returns False where it stops before, or where that is not certain.
     """
-    kp, kd, ki = servo.torque_gains(gain)
-    J, damping = servo.inertia, kd + servo.friction.viscous
-    rates, modes = np.linalg.eig(np.array([[0, 1, 0], [-kp / J, -damping / J, -ki / J], [1, 0, 0]], dtype=float))
+    kp, _, ki = servo.torque_gains(gain)
+    rates, modes = np.linalg.eig(matrix(servo, gain))
     slowest, omega = float(rates.real.max()), float(np.abs(rates.imag).max())
     if not slowest < 0:
         return False
