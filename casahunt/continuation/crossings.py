@@ -32,7 +32,7 @@ from ..orbits.orbit import AnyOrbit
 from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from ..roots import hides_a_pair
 from .bifurcations import BRANCH_POINT
-from .curve import Point, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
+from .curve import Point, arrived, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
 from .locating import length_to, locate
 from .recut import apart_by_kinks
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
@@ -148,8 +148,7 @@ class Crossings(Generic[AnyOrbit]):
             self._line.append(_Station(self._start, here, 0.0, True))
         else:
             last = self._line[-1]
-            way = in_units_of(secant(last.orbit, after, self._vary), last.orbit.scale, after.scale)
-            there = curve_point(after, self._vary, like=way)
+            there = arrived(last.orbit, after, self._vary)
         length = float(np.linalg.norm(secant(self._line[-1].orbit, after, self._vary)))
         self._line.append(_Station(after, there, self._line[-1].at + length))
 
@@ -265,9 +264,7 @@ class Crossings(Generic[AnyOrbit]):
         outcome = step_along(start, x.orbit, vary, length / 2, *problem.range_of(vary), self._options)
         if isinstance(outcome, str) or outcome[0].signature != x.orbit.signature:
             return None
-        orbit = outcome[0]
-        way = in_units_of(secant(x.orbit, orbit, vary), x.orbit.scale, orbit.scale)
-        return _Station(orbit, curve_point(orbit, vary, like=way), (x.at + y.at) / 2)
+        return _Station(outcome[0], arrived(x.orbit, outcome[0], vary), (x.at + y.at) / 2)
 
     def _value(self, monitor: Monitor, station: _Station[AnyOrbit], *, zero: bool = False) -> float:
         """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is.

@@ -156,9 +156,12 @@ def along(problem: Problem, vary: str, value: float | None = None) -> Array:
 
 def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
     """The curve at two successive orbits, oriented from the first to the second."""
-    way = secant(before, after, vary)
-    there = in_units_of(way, before.scale, after.scale)
-    return curve_point(before, vary, like=way), curve_point(after, vary, like=there)
+    return curve_point(before, vary, like=secant(before, after, vary)), arrived(before, after, vary)
+
+
+def arrived(before: Orbit, after: Orbit, vary: str) -> Point:
+    """The curve at an orbit, oriented along the way from another one to it."""
+    return curve_point(after, vary, like=in_units_of(secant(before, after, vary), before.scale, after.scale))
 
 
 def point_at(

@@ -37,7 +37,7 @@ from ..orbits.amplitude import amplitude_off
 from ..orbits.border import curve_border, row_along
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
-from .curve import along, curve_point, in_units_of, parameter_value, secant
+from .curve import along, ends, parameter_value
 from .locating import locate, turned_orbit
 from .optimum import bend_at, data_of, fold_conditions, multipliers_at, optimum, parameter_slopes
 from .special_points import FOLD, SpecialPoint, special_point
@@ -185,9 +185,8 @@ def turns_back(before: Orbit, after: Orbit, vary: str, sense: float = 1.0) -> bo
 
     before, after: the orbits, in the order of the walk. Returns True where d lambda/d s changes sign from plus (minus).
     """
-    way = secant(before, after, vary)
-    there = curve_point(after, vary, like=in_units_of(way, before.scale, after.scale))
-    return sense * FOLD.value(after, there) <= 0 < sense * FOLD.value(before, curve_point(before, vary, like=way))
+    here, there = ends(before, after, vary)
+    return sense * FOLD.value(after, there) <= 0 < sense * FOLD.value(before, here)
 
 
 def located(

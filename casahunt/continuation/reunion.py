@@ -136,7 +136,7 @@ def met_at(
     step = float(np.linalg.norm(secant(before, after, vary)))
     for nearer in MUCH_NEARER:
         pair = _beside(before, after, met, vary, options, nearer)
-        orbit = minus_one_next_to(*pair, met, vary, options, nearer=nearer, step=step)
+        orbit = None if pair is None else _minus_one_next_to(*pair, met, vary, options, nearer, step)
         if orbit is not None:
             return special_point(met.reached, cast(AnyOrbit, orbit), vary)
     kind, value = met.reached.kind, parameter_value(after, vary)
@@ -144,22 +144,18 @@ def met_at(
     return Missed(kind, f"{sentence}; another tolerance may lead there")
 
 
-def minus_one_next_to(
-    before: Orbit, after: Orbit, met: Reunion, vary: str, options: Options, *, nearer: float, step: float
+def _minus_one_next_to(
+    before: Orbit, after: Orbit, met: Reunion, vary: str, options: Options, nearer: float, step: float
 ) -> Orbit | None:
     """The cycle that is its own image where its multiplier is -1, from a guess that two orbits make of it.
 
-    nearer: as of `_beside`. It lies no farther from the guess than the two from each other in lambda, and than `step`
-    in units of the state: beyond is another one. None where it is not found.
+    It lies no farther from the guess than `step` in units of the state: beyond is another one. None where it is not
+    found.
     """
     problem, begin = _half(before, after, met, vary, nearer)
-    apart = abs(problem.distance(vary, parameter_value(before, vary), parameter_value(after, vary)))
-    reach = max(apart, 2 * BESIDE_MINUS_ONE)
     first, found = begin[0].nodes_of(begin[1])[0] * begin[2].scale, []
 
     def minus_one(lam: float) -> float:
-        if not abs(lam) <= reach:
-            return math.nan
         orbit = solved_at(problem.with_value(vary, problem.moved(vary, float(lam))), begin, options)
         if orbit is None or not np.max(np.abs(orbit.arcs[0].states[0, 0] - first) / begin[2].scale) <= step:
             return math.nan
@@ -172,14 +168,14 @@ def minus_one_next_to(
 
 def _beside(
     before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options, nearer: float
-) -> tuple[AnyOrbit, AnyOrbit]:
+) -> tuple[AnyOrbit, AnyOrbit] | None:
     """Two orbits of the branch next to the one that is its own image, the second one much nearer to it.
 
     A step of a walk may have gone over to the cycles that are their own image, or far across: shorter ones come up to
-    the point.  The two orbits as they are where none does.
+    the point.  None where none does: what the two orbits as they are lead to may be another such point.
     """
-    first, pair = 1.0, (before, after)
-    here, length = before, float(np.linalg.norm(secant(before, after, vary)))
+    here, first, way = before, 1.0, secant(before, after, vary)
+    length = float(np.linalg.norm(way))
     for _ in range(APPROACHES):
         off = met.off(after)
         if ALREADY <= abs(off) <= nearer:
@@ -188,13 +184,13 @@ def _beside(
             here = after
         else:
             first /= 2
-        point = curve_point(here, vary, like=in_units_of(secant(*pair, vary), before.scale, here.scale))
+        point = curve_point(here, vary, like=in_units_of(way, before.scale, here.scale))
         outcome = step_along(point, here, vary, first * length, *before.problem.range_of(vary), options)
         if isinstance(outcome, str):
             first /= 2
         else:
             after = outcome[0]
-    return pair
+    return None
 
 
 def short_of(before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options: Options) -> AnyOrbit | None:

@@ -234,16 +234,6 @@ def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]
     return sorted(found, key=lambda pair: pair[0])
 
 
-def touching_orbit(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | str:
-    """The cycle next to one that keeps clear of an event, and touches it; a sentence where there is none.
-
-    last, vary, options: the cycle, name of the parameter, tolerance and method.
-    """
-    distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
-    found = touching_at(last, event, vary, options) if distance <= TOUCHABLE else None
-    return "it touches no event" if found is None else found[1]
-
-
 def touching_at(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Touch, AnyOrbit] | None:
     """The cycle next to one that touches an event inside a phase, and where.
 

@@ -27,10 +27,10 @@ from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.restart import Start
 from ..orbits.starts import may_vanish
 from ..roots import boundary
-from .curve import along, backwards, curve_point, in_units_of, parameter_value, secant, solved_at
-from .locating import nearer
+from .curve import along, backwards, curve_point, parameter_value, secant, solved_at
+from .locating import length_to, nearer
 from .recut import same_events
-from .touching import touching_orbit
+from .touching import TOUCHABLE, touching_at
 from .walk import step_along
 
 Array = np.ndarray
@@ -198,8 +198,9 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
     last = _last_alike(fewer, more, vary, options)
-    touch = touching_orbit(last, vary, options)
-    return last if isinstance(touch, str) else touch
+    distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
+    touch = touching_at(last, event, vary, options) if distance <= TOUCHABLE else None
+    return last if touch is None else touch[1]
 
 
 def _on_the_way(before: Orbit, touch: Orbit, after: Orbit, vary: str) -> bool:
@@ -224,7 +225,7 @@ def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
 def _last_alike(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
     """The last orbit towards `after` with the phases of `before`."""
     start = curve_point(before, vary, like=secant(before, after, vary))
-    length = float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
+    length = length_to(after, before, start, vary)
     found = [before]
 
     def beyond(ds: float) -> bool:
