@@ -12,7 +12,7 @@ side by side; `collect` gathers a Branch.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +22,7 @@ from ..continuation.crossings import crossings
 from ..continuation.fold import next_fold
 from ..continuation.natural_walk import walk_naturally
 from ..continuation.special_points import STANDARD, Missed, Monitor, SpecialPoint
-from ..continuation.walk import run, walk
+from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
@@ -234,8 +234,13 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
     True
     """
-    found, ended = run(points)
-    return branch_of(servo, model, found, ended)
+    ended = ""
+
+    def whole() -> Iterator[DiagramPoint]:
+        nonlocal ended
+        ended = yield from points
+
+    return branch_of(servo, model, list(whole()), ended)
 
 
 def branch_of(servo: Servo, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
