@@ -12,7 +12,7 @@ side by side; `collect` gathers a Branch.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +27,7 @@ from ..continuation import (
     next_fold,
     special_points_between,
 )
-from ..continuation.walk import run, walk, walk_naturally
+from ..continuation.walk import walk, walk_naturally
 from ..errors import NoOrbit, Status
 from ..orbits import Options, with_multipliers
 from ..results import Result
@@ -217,8 +217,13 @@ def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, st
     >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
     True
     """
-    found, ended = run(points)
-    return branch_of(servo, model, found, ended)
+    ended = ""
+
+    def whole() -> Iterator[DiagramPoint]:
+        nonlocal ended
+        ended = yield from points
+
+    return branch_of(servo, model, list(whole()), ended)
 
 
 def branch_of(servo: Servo, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
