@@ -179,32 +179,44 @@ class Look:
         self.w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
         modes = {phase.mode for phase in t.cycle.phases}
         self._values = {mode: values(mode, g, t.n, setting.p.size) for mode in modes}
-        self.seen = tuple(self._seen())
+        self.seen = self._seen()
         """Every phase at many points."""
 
     def values(self, phase: int) -> Values:
         """g in the mode of a phase."""
         return self._values[self.t.cycle.phases[phase].mode]
 
-    def _seen(self) -> Iterator[_Seen]:
-        t, scale, p = self.t, self.setting.scale, self.setting.p
-        began = 0.0
+    def _seen(self) -> list[_Seen]:
+        """The phases, those of one mode evaluated together."""
+        looked, seen, n = self._looked_at(), {}, self.t.n
+        for mode, values in self._values.items():
+            own = [k for k, phase in enumerate(self.t.cycle.phases) if phase.mode == mode]
+            found = values(np.concatenate([looked[k][1].reshape(-1, n) for k in own]), self.setting.p)
+            ends = np.cumsum([looked[k][0].size for k in own])[:-1]
+            for k, g, rate, g_x in zip(own, *(np.split(value, ends) for value in found), strict=True):
+                times, points = looked[k]
+                shape, began = times.shape, float(np.sum(self.durations[:k]))
+                seen[k] = _Seen(
+                    k, int(self.t.phase_start[k]), began + times, g.reshape(shape), rate.reshape(shape),
+                    g_x.reshape(points.shape),
+                )  # fmt: skip
+        return [seen[k] for k in range(self.t.phases)]
+
+    def _looked_at(self) -> list[tuple[Array, Array]]:
+        """(times (N, m) from its start, states (N, m, n)) of every phase."""
+        t, scale, out = self.t, self.setting.scale, []
+        tau = np.linspace(0, 1, INTERVAL_LOOKS)
+        inside = (t.scheme.interpolation(tau) @ self.w) * scale
+        inside[:, -1] = self.nodes[t.interval_elements + 1] * scale
         for k, phase in enumerate(t.cycle.phases):
-            first, duration = int(t.phase_start[k]), float(self.durations[k])
             if t.counts[k] == 0:
-                times = np.linspace(0, duration, CLOSED_FORM_LOOKS)[None]
-                points = flow_at(phase.mode, self.nodes[first] * scale, times[0], p)[None]
+                times = np.linspace(0, float(self.durations[k]), CLOSED_FORM_LOOKS)
+                start = self.nodes[int(t.phase_start[k])] * scale
+                out.append((times[None], flow_at(phase.mode, start, times, self.setting.p)[None]))
             else:
-                tau = np.linspace(0, 1, INTERVAL_LOOKS)
-                edges, chosen = self.edges(k), t.phase_intervals(k)
-                times = edges[:-1, None] + np.diff(edges)[:, None] * tau
-                points = np.matmul(t.scheme.interpolation(tau), self.w[chosen]) * scale
-                points[:, -1] = self.nodes[first + 1 : first + 1 + t.counts[k]] * scale
-            g, rate, g_x = self.values(k)(points.reshape(-1, t.n), p)
-            yield _Seen(
-                k, first, began + times, g.reshape(times.shape), rate.reshape(times.shape), g_x.reshape(points.shape)
-            )
-            began += duration
+                edges = self.edges(k)
+                out.append((edges[:-1, None] + np.diff(edges)[:, None] * tau, inside[t.phase_intervals(k)]))
+        return out
 
     def edges(self, phase: int) -> Array:
         """(N + 1,) times from the start of a collocated phase at which its intervals begin and end."""

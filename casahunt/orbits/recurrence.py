@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..collocation.interval import field_at
+from ..collocation.interval import field_at, point_map
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..motion.march import Segment
@@ -198,7 +198,7 @@ def is_symmetry(
 
 def _fields(mode: engine.Mode, x: Array, p: Array, scale: Array) -> Array:
     """(m, n) the scaled field of a mode at points x (m, n)."""
-    return np.array([field_at(mode.field, point / scale, mode.sign, p, scale) for point in x])
+    return point_map(mode.field, scale.size, p.size)(x / scale, np.full(len(x), mode.sign), p, scale)
 
 
 def image_of(
