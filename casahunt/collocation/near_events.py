@@ -22,8 +22,12 @@ def comes_and_goes(values: Array, doubt: Array | float, least: Array | float) ->
     Returns (..., N, m) bool: above `least` for sure, between times at which it is as far below zero; and no farther
     below zero than it is known, between times at which it is, on intervals that do not resolve `least`.
     """
+    tops = _tops(values)
+    near = (tops > least) | ((doubt > least) & (tops > -doubt))
+    if not near.any():
+        return near, near
     flat = values.reshape(*values.shape[:-2], -1)
-    around, tops = np.zeros_like(flat), _tops(values)
+    around = np.zeros_like(flat)
     before = np.minimum.accumulate(flat, axis=-1)[..., :-2]
     behind = np.minimum.accumulate(flat[..., ::-1], axis=-1)[..., -3::-1]
     around[..., 1:-1] = np.maximum(before, behind)  # of the points before, and of those behind: tops lie between points
@@ -39,5 +43,5 @@ def _tops(values: Array) -> Array:
     left, middle, right = values[..., :-2], values[..., 1:-1], values[..., 2:]
     bend, tilt = left - 2 * middle + right, left - right
     peaked = (bend < 0) & (np.abs(tilt) <= -2 * bend)
-    tops[..., 1:-1][peaked] -= (tilt[peaked] ** 2 / bend[peaked]) / 8
+    tops[..., 1:-1] -= np.divide(tilt * tilt, bend, out=np.zeros_like(bend), where=peaked) / 8
     return tops
