@@ -34,7 +34,7 @@ from numpy.polynomial import legendre
 
 from ..hybrid.system import Exit, Feature
 from .conditions import BETWEEN, Conditions, NotSymbolic
-from .near_events import comes_and_goes
+from .near_events import comes_and_goes, tops_of
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
 
@@ -215,15 +215,15 @@ class _WaysOut:
 
     def __init__(self, told: Conditions) -> None:
         self.told = told
-        self._values: dict[tuple[int, int], tuple[Array, Array]] = {}
+        self._values: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
 
     def passing(self, k: int, i: int) -> tuple[Array, Array, Array, Array]:
         """Where (..., N, m) way out i is passed in phase k, surely and as it looks; or by little, surely and perhaps."""
         if (k, i) not in self._values:
             self._evaluate(k, i)
-        values, doubt = self._values[k, i]
+        values, tops, doubt = self._values[k, i]
         size = np.maximum(1.0, np.abs(values).max(axis=(-2, -1)))[..., None, None]
-        slack, by_little = PASSED * size, comes_and_goes(values, doubt, BARELY * size)
+        slack, by_little = PASSED * size, comes_and_goes(values, tops, doubt, BARELY * size)
         beyond = values > slack
         if beyond.any():
             flat = values.reshape(*self.told.lead, -1)
@@ -231,22 +231,23 @@ class _WaysOut:
         return beyond & (values > slack + doubt), beyond, *by_little
 
     def _evaluate(self, k: int, i: int) -> None:
-        """The scalar (..., N, m) along the direction of way out i, and how well it is known (..., N, 1)."""
+        """The scalar (..., N, m) along the direction of way out i, its tops, and how well it is known (..., N, 1)."""
         told, t = self.told, self.told.t
         exits = t.cycle.phases[k].exits
         if not t.counts[k]:
             values = exits[i].direction * told.event(exits[i].event, _looked_at(told, k))[..., None, :]
-            self._values[k, i] = values, np.zeros((1, 1))
+            self._values[k, i] = values, tops_of(values), np.zeros((1, 1))
             return
         alike = [j for j, phase in enumerate(t.cycle.phases) if phase.exits == exits and t.counts[j]]
         own = np.concatenate([np.arange(t.intervals)[t.phase_intervals(j)] for j in alike])
         states = told.w.take(own, axis=-3).reshape(*told.lead, -1, t.n)
         values = (exits[i].direction * told.event(exits[i].event, states)).reshape(*told.lead, -1, t.degree + 1)
         doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[..., None]
-        values, first = values @ dense_rule(t.degree, t.kind)[0], 0
+        values = values @ dense_rule(t.degree, t.kind)[0]
+        tops, first = tops_of(values), 0
         for j in alike:
             rows = slice(first, first := first + t.counts[j])
-            self._values[j, i] = values[..., rows, :], doubt[..., rows, :]
+            self._values[j, i] = values[..., rows, :], tops[..., rows, :], doubt[..., rows, :]
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
