@@ -218,7 +218,7 @@ class _WaysOut:
         self._values: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
 
     def passing(self, k: int, i: int) -> tuple[Array, Array, Array, Array]:
-        """Where (..., N, m) way out i is passed in phase k, surely and as it looks; or by little, surely and perhaps."""
+        """Where (..., N, m) way out i of phase k is passed, surely and as it looks; by little, surely and perhaps."""
         if (k, i) not in self._values:
             self._evaluate(k, i)
         values, tops, doubt = self._values[k, i]

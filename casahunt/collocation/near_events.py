@@ -19,8 +19,8 @@ def comes_and_goes(
 ) -> tuple[Array, Array]:
     """Where an event that is not met in the end is met in between: surely, and perhaps.
 
-    values, tops: (..., N, m) of the event, below zero before it is met, and `tops_of` them; doubt, least: (..., N, 1) how well they are known, 0
-    for exactly; (..., 1, 1) what does not count.
+    values, tops: (..., N, m) of the event, below zero before it is met, and `tops_of` them; doubt, least: (..., N, 1)
+    how well they are known, 0 for exactly; (..., 1, 1) what does not count.
     Returns (..., N, m) bool: above `least` for sure, between times at which it is as far below zero; and no farther
     below zero than it is known, between times at which it is, on intervals that do not resolve `least`.
     """
