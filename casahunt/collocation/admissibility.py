@@ -34,7 +34,7 @@ from numpy.polynomial import legendre
 
 from ..hybrid.system import Exit, Feature
 from .conditions import BETWEEN, Conditions, NotSymbolic
-from .near_events import comes_and_goes
+from .near_events import comes_and_goes, tops_of
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
 
@@ -87,7 +87,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
     Returns verdict: the first condition that is violated, and the intervals on which one is not clear.
     """
     told = Conditions(t, u, setting)
-    inside, barely = _inside(told), -1
+    inside, ways, barely = _inside(told), _WaysOut(told), -1
     for k, phase in enumerate(t.cycle.phases):
         mode = phase.mode
         if not told.durations[k] > 0:
@@ -101,7 +101,7 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
             if wrong:
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
                 return Verdict(sentence, k, inside.unclear)
-        passed, by_little = _passed(told, k, inside.unclear) if phase.exits else ("", False)
+        passed, by_little = _passed(ways, k, inside.unclear) if phase.exits else ("", False)
         if passed:
             return Verdict(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
         barely = k if by_little and barely < 0 else barely
@@ -118,15 +118,15 @@ def admissible_many(t: Transcription, u: Array, settings: Setting) -> Array:
     with np.errstate(all="ignore"):
         try:
             told = Conditions(t, u, settings)
-            inside, asked = _inside(told), np.zeros(len(u), dtype=bool)
+            inside, ways, asked = _inside(told), _WaysOut(told), np.zeros(len(u), dtype=bool)
             good = (told.durations > 0).all(axis=1) & ~(inside.unclear | inside.below).any(axis=1)
             for k, phase in enumerate(t.cycle.phases):
                 if phase.direction:
                     good &= ~_from_the_other_side(told, k)
                 if phase.mode.admissible is not None and not t.counts[k]:
                     good &= ~_closed_form(told, k, 0.0)[1]
-                for way_out in phase.exits:
-                    _, *perhaps = _passing(told, k, way_out)
+                for i in range(len(phase.exits)):
+                    _, *perhaps = ways.passing(k, i)
                     asked |= np.logical_or.reduce(perhaps).any(axis=(1, 2))
         except NotSymbolic:
             return np.array([judge(t, u[b], settings.of(b)).admissible for b in range(len(u))], dtype=bool)
@@ -181,15 +181,15 @@ def _from_the_other_side(told: Conditions, k: int) -> Array:
     return np.asarray(~(told.t.cycle.phases[k].direction * rate >= -NOISE * size))
 
 
-def _passed(told: Conditions, k: int, unclear: Array) -> tuple[str, bool]:
+def _passed(ways: _WaysOut, k: int, unclear: Array) -> tuple[str, bool]:
     """(the event of a way out that is passed inside a phase, or "", whether one is by less than counts).
 
     Where one may be passed, intervals become unclear.
     """
-    t, p, by_little = told.t, told.p, False
+    told, t, p, by_little = ways.told, ways.told.t, ways.told.p, False
     phase, own = t.cycle.phases[k], t.phase_intervals(k)
-    for way_out in phase.exits:
-        surely, beyond, seen, unknown = _passing(told, k, way_out)
+    for i, way_out in enumerate(phase.exits):
+        surely, beyond, seen, unknown = ways.passing(k, i)
         if not beyond.any():
             if (seen.any() or unknown.any()) and _leaves(way_out, phase.mode.name, _looked_at(told, k), p):
                 by_little |= bool(seen.any())
@@ -210,18 +210,44 @@ def _looked_at(told: Conditions, k: int) -> Array:
     return told.along_closed(k, bends=True)
 
 
-def _passing(told: Conditions, k: int, way_out: Exit) -> tuple[Array, Array, Array, Array]:
-    """Where (..., N, m) a way out is passed in a phase, surely and as it looks; or by little, surely and perhaps."""
-    t, lead = told.t, told.lead
-    values, doubt = way_out.direction * told.event(way_out.event, _looked_at(told, k))[..., None, :], np.zeros((1, 1))
-    if t.counts[k]:
-        values = values.reshape(*lead, -1, t.degree + 1)
+class _WaysOut:
+    """The scalars of the ways out of phases, of those that have the same ones together."""
+
+    def __init__(self, told: Conditions) -> None:
+        self.told = told
+        self._values: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
+
+    def passing(self, k: int, i: int) -> tuple[Array, Array, Array, Array]:
+        """Where (..., N, m) way out i of phase k is passed, surely and as it looks; by little, surely and perhaps."""
+        if (k, i) not in self._values:
+            self._evaluate(k, i)
+        values, tops, doubt = self._values[k, i]
+        size = np.maximum(1.0, np.abs(values).max(axis=(-2, -1)))[..., None, None]
+        slack, by_little = PASSED * size, comes_and_goes(values, tops, doubt, BARELY * size)
+        beyond = values > slack
+        if beyond.any():
+            flat = values.reshape(*self.told.lead, -1)
+            beyond &= (np.minimum.accumulate(flat, axis=-1) < -slack[..., 0]).reshape(values.shape)
+        return beyond & (values > slack + doubt), beyond, *by_little
+
+    def _evaluate(self, k: int, i: int) -> None:
+        """The scalar (..., N, m) along the direction of way out i, its tops, and how well it is known (..., N, 1)."""
+        told, t = self.told, self.told.t
+        exits = t.cycle.phases[k].exits
+        if not t.counts[k]:
+            values = exits[i].direction * told.event(exits[i].event, _looked_at(told, k))[..., None, :]
+            self._values[k, i] = values, tops_of(values), np.zeros((1, 1))
+            return
+        alike = [j for j, phase in enumerate(t.cycle.phases) if phase.exits == exits and t.counts[j]]
+        own = np.concatenate([np.arange(t.intervals)[t.phase_intervals(j)] for j in alike])
+        states = told.w.take(own, axis=-3).reshape(*told.lead, -1, t.n)
+        values = (exits[i].direction * told.event(exits[i].event, states)).reshape(*told.lead, -1, t.degree + 1)
         doubt = RESOLUTION * np.abs(values @ t.scheme.last_mode)[..., None]
         values = values @ dense_rule(t.degree, t.kind)[0]
-    size = np.maximum(1.0, np.abs(values).max(axis=(-2, -1)))[..., None, None]
-    slack, flat = PASSED * size, values.reshape(*lead, -1)
-    beyond = (np.minimum.accumulate(flat, axis=-1) < -slack[..., 0]).reshape(values.shape) & (values > slack)
-    return beyond & (values > slack + doubt), beyond, *comes_and_goes(values, doubt, BARELY * size)
+        tops, first = tops_of(values), 0
+        for j in alike:
+            rows = slice(first, first := first + t.counts[j])
+            self._values[j, i] = values[..., rows, :], tops[..., rows, :], doubt[..., rows, :]
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
@@ -311,15 +337,13 @@ def _jumps(values: Array, largest: float) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _slope_of(degree: int, kind: Kind, starts: bool, stops: bool) -> tuple[Array, Array, Array]:
+def _slope_of(degree: int, kind: Kind, starts: bool, stops: bool) -> tuple[slice, Array, Array]:
     """(kept points, divisor, row of the last Legendre coefficient) of a condition with zeros at its ends divided out.
 
     Values of the condition at the kept points over the divisor are the slope's; the row gives its resolution.
     """
     points = scheme(degree, kind).points
-    keep = np.ones(points.size, dtype=bool)
-    keep[0] = not starts
-    keep &= ~((points == 1.0) & stops)
+    keep = slice(int(starts), points.size - int(points[-1] == 1.0 and stops))
     tau = points[keep]
     divisor = (tau if starts else 1.0) * (1 - tau if stops else 1.0) * np.ones(tau.size)
     return keep, divisor, np.linalg.inv(legendre.legvander(2 * tau - 1, tau.size - 1))[-1]
@@ -352,21 +376,22 @@ def not_clear(t: Transcription, values: Array, slack: Array) -> Array:
     """
     s, size = t.scheme, largest_of_phase(t, values)
     first, last = t.first_intervals, t.first_intervals + t.collocated_counts - 1
-    starts, stops = np.zeros((2, *values.shape[:-1]), dtype=int)
-    slack = np.broadcast_to(slack, starts.shape)
-    starts[..., first] = np.abs(values[..., first, 0]) <= AT_ZERO * size[..., first]
-    stops[..., last] = np.abs(values[..., last, :] @ dense_rule(s.degree, s.kind)[1]) <= AT_ZERO * size[..., last]
+    kinds = np.zeros(values.shape[:-1], dtype=int)
+    kinds[..., first] = 2 * (np.abs(values[..., first, 0]) <= AT_ZERO * size[..., first])
+    ends = values[..., last, :] @ dense_rule(s.degree, s.kind)[1]
+    kinds[..., last] += np.abs(ends) <= AT_ZERO * size[..., last]
     out = values.min(axis=-1) + slack < RESOLUTION * np.abs(values @ s.last_mode)
-    kinds = 2 * starts + stops
-    for kind in set(kinds[kinds > 0].tolist()):
-        chosen = kinds == kind
+    for kind in range(1, 4):
+        chosen = (kinds == kind).nonzero()
+        if not chosen[0].size:
+            continue
         keep, divisor, top = _slope_of(s.degree, s.kind, kind > 1, kind % 2 == 1)
-        slope = values[chosen][:, keep] / divisor
-        unclear = slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
+        slope, allowed = values[chosen][:, keep] / divisor, slack[chosen[-1]]
+        unclear = slope.min(axis=1) + allowed < RESOLUTION * np.abs(slope @ top)
         if kind > 1 and s.degree == 2:
             # A slip starts with v ~ t^2, whose slope is a straight line: at degree 2 its last coefficient
             # is no smaller on a finer mesh, that of v/t^2 is.
             slope /= s.points[keep]
-            unclear &= slope.min(axis=1) + slack[chosen] < RESOLUTION * np.abs(slope @ top)
+            unclear &= slope.min(axis=1) + allowed < RESOLUTION * np.abs(slope @ top)
         out[chosen] = unclear
     return out

@@ -32,7 +32,7 @@ Symbols: n states, d stages, N intervals, E elements, P phases, k functionals, y
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -207,7 +207,7 @@ def _errors(
     memory, and no member's may depend on how many there are.
     """
     fine, finer, halves, lin = halved
-    joined, better = replace(lin, transcription=t, maps=_joined(t, fine, lin.maps)), None
+    joined, better = lin.over(t, _joined(t, fine, lin.maps)), None
     if border is None:
         border = t.system.border(parameter=1.0)
         border = border if finer.ndim == 1 else np.repeat(border[None], len(finer), axis=0)
@@ -230,12 +230,12 @@ def _with_overlooked(
 ) -> tuple[Array, Array]:
     """Errors (..., k) with what `first` of `_blamed` overlooks, which goes to `per_element` too, and psi."""
     (errors, weights, blame), own, ones = first, t.interval_elements, np.ones(t.intervals)
-    left, inside = _left_by_a_step(*better, halved[3]), weights.take(own, axis=-2)
+    left, inside = _left_by_a_step(*better, halved[3]), weights[..., t.inside, :]
     terms = np.abs(left @ inside.swapaxes(-3, -2).swapaxes(-2, -1))
     overlooked = ANYWHERE * (
         np.maximum(terms[..., 0, :], terms[..., 1, :]) + np.maximum(terms[..., 2, :], terms[..., 3, :])
     )
-    by_interval = per_element.take(own, axis=-1)
+    by_interval = per_element[..., t.inside]
     unseen, over = left_on_halved(t) * by_interval, ones @ overlooked
     where = to_be_quartered(t, by_interval, errors + over + unseen @ ones)
     if where.any():
@@ -269,13 +269,7 @@ def _put_over_quarters(t: Transcription, halved: Halved, maps: Array, where: Arr
 
 def left_on_halved(t: Transcription) -> Array:
     """(N,) part of the blame of every interval that its halves keep."""
-    return np.where(of_low_order(t), LEFT_OF_LOW_ORDER, LEFT_ON_HALVED)
-
-
-def of_low_order(t: Transcription) -> Array:
-    """(N,) whether stiffness or kinks may take the schemes their order there."""
-    modes = [phase.mode for phase in t.cycle.phases]
-    return np.array([mode.stiff or not mode.smooth for mode in modes])[t.phase_of[t.interval_elements]]
+    return np.where(t.low_order, LEFT_OF_LOW_ORDER, LEFT_ON_HALVED)
 
 
 def to_be_quartered(t: Transcription, blame: Array, errors: Array) -> Array:
@@ -283,7 +277,7 @@ def to_be_quartered(t: Transcription, blame: Array, errors: Array) -> Array:
 
     blame, errors: (..., k, N) blame of its intervals for functionals, and (..., k) errors. Returns (..., N) bool.
     """
-    return of_low_order(t) & (blame > np.maximum(MATTERS * errors, ROUNDING)[..., None]).any(axis=-2)
+    return t.low_order & (blame > np.maximum(MATTERS * errors, ROUNDING)[..., None]).any(axis=-2)
 
 
 def left_on_quarters(on_halves: Array, on_quarters: Array) -> Array:
@@ -313,9 +307,9 @@ def _with_middles(t: Transcription, fine: Transcription, lin: Linearisation, y: 
     n, ends, lead = t.n, (t.elements + 1) * t.n, y.shape[:-1]
     coarse, first = y[..., :ends].reshape(*lead, -1, n), fine.interval_elements[::2]
     nodes = np.empty((*lead, fine.elements + 1, n))
-    starts = coarse.take(t.interval_elements, axis=-2)
+    starts = coarse[..., t.inside, :]
     nodes[..., first, :], nodes[..., -1, :] = starts, coarse[..., -1, :]
-    nodes[..., fine.closed_elements, :] = coarse.take(t.closed_elements, axis=-2)
+    nodes[..., fine.closed_forms, :] = coarse[..., t.closed_forms, :]
     known = np.empty((*lead, t.intervals, n + 3, 1))
     known[..., 0, :], known[..., 1 : n + 1, 0], known[..., n + 2, :] = 1.0, starts, y[..., None, -1:]
     known[..., n + 1, 0] = y[..., ends:-1].take(t.phase_of_intervals, axis=-1)
@@ -330,13 +324,13 @@ def _left_by_a_step(fine: Transcription, u: Array, setting: Setting, lin: Linear
     """
     n, d, shape = fine.n, fine.degree, (*u.shape[:-1], fine.intervals // 2, 2)
     w = fine.intervals_of(u).reshape(*shape, d + 1, n)
-    ends = fine.nodes_of(u).take(fine.interval_elements + 1, axis=-2).reshape(*shape, n)
+    ends = fine.nodes_of(u)[..., fine.behind_intervals, :].reshape(*shape, n)
     weights, rule = fine_rule(d, fine.kind)
     x = (rule @ w).reshape(*u.shape[:-1], fine.intervals, -1, n)
     step = setting.fractions * fine.durations_of(u).take(fine.phase_of_intervals, axis=-1)
     integrals = (weights[:, None] @ fine.fields(x, setting).reshape(*shape, -1, n))[..., 0, :]
     left = w[..., 0, :] + integrals * step.reshape(*shape, 1) - ends
-    through = lin.maps.take(fine.interval_elements, axis=-3).reshape(*shape, n, -1)[..., 1 : n + 1]
+    through = lin.maps[..., fine.inside, :, :].reshape(*shape, n, -1)[..., 1 : n + 1]
     late_early = np.stack([left, (through @ left[..., None])[..., 0]], axis=-2)
     late_early[..., 0, :, :] = late_early[..., 0, :, :] @ through[..., 1, :, :].swapaxes(-1, -2)
     return late_early.reshape(*shape[:-1], 4, n)
@@ -346,7 +340,7 @@ def _joined(t: Transcription, fine: Transcription, maps: Array) -> Array:
     """(..., E, n, c) maps over the intervals of t from those over their two halves."""
     lead, shape = maps.shape[:-3], maps.shape[-2:]
     out = np.empty((*lead, t.elements, *shape))
-    halves = maps.take(fine.interval_elements, axis=-3).reshape(*lead, t.intervals, 2, *shape)
-    out[..., t.interval_elements, :, :] = chained(halves)
-    out[..., t.closed_elements, :, :] = maps.take(fine.closed_elements, axis=-3)
+    halves = maps[..., fine.inside, :, :].reshape(*lead, t.intervals, 2, *shape)
+    out[..., t.inside, :, :] = chained(halves)
+    out[..., t.closed_forms, :, :] = maps[..., fine.closed_forms, :, :]
     return out

@@ -9,6 +9,7 @@ P phases, y = (E + 1) n + P + 1 unknowns of the node system; of many members B.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,14 +27,19 @@ class Layout(Protocol):
     intervals: int
     elements: int
     phase_of_intervals: Array
-    interval_elements: Array
+    inside: Array | slice
+    size: int
+    node_index: Array
 
     @property
     def system(self) -> NodeSystem:
         """What is left when the stages are eliminated."""
 
-    def pack(self, w: Array, nodes: Array, durations: Array) -> Array:
-        """The unknowns from their parts."""
+    def intervals_of(self, u: Array) -> Array:
+        """View of the interval unknowns."""
+
+    def durations_of(self, u: Array) -> Array:
+        """View of the durations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +70,9 @@ class Linearisation:
     def residual_norm(self) -> Any:
         """(...) largest residuals in scaled units; NaN where anything is NaN (numpy, never casadi.norm_inf)."""
         parts = (self.interval_residual, self.flow_residual, self.closure_residual, self.events[..., 0, :])
-        places = ((-2, -1), (-2, -1), (-1,), (-1,))
-        found = [np.abs(part).max(axis=axes, initial=0.0) for part, axes in zip(parts, places, strict=True)]
-        return np.where(self.finite(), np.max(found, axis=0), np.nan)[()]
+        shape = (*self.closure.shape[:-2], -1)
+        found = [np.abs(part).reshape(shape).max(axis=-1, initial=0.0) for part in parts if part.size]
+        return np.where(self.finite(), reduce(np.maximum, found), np.nan)[()]
 
     def finite(self) -> Any:
         """(...) True where residual and Jacobian hold no NaN and no infinity."""
@@ -80,6 +86,13 @@ class Linearisation:
             self.eliminated,
         )  # fmt: skip
         return Linearisation(self.transcription, *(part[member] for part in parts))
+
+    def over(self, transcription: Layout, maps: Array) -> Linearisation:
+        """The same equations over other elements, those of another transcription."""
+        return Linearisation(
+            transcription, self.interval_residual, self.flow_residual, self.closure_residual, self.events, maps,
+            self.closure, self.eliminated,
+        )  # fmt: skip
 
     def rhs(self, border: float = 0.0, direction: int | None = None) -> Array:
         """(..., y) right-hand side of the Newton step, the border row's value last; or what a direction puts there."""
@@ -150,13 +163,16 @@ class Linearisation:
         E, n = t.elements, t.n
         nodes = y[..., : (E + 1) * n].reshape(*lead, E + 1, n)
         dT = y[..., (E + 1) * n : -1]
-        known = np.zeros((*lead, t.intervals, self.eliminated.shape[-1]))
+        known = np.empty((*lead, t.intervals, self.eliminated.shape[-1]))
         known[..., 0] = inhomogeneous
-        known[..., 1 : n + 1] = nodes.take(t.interval_elements, axis=-2)
+        known[..., 1 : n + 1] = nodes[..., t.inside, :]
         known[..., n + 1] = dT.take(t.phase_of_intervals, axis=-1)
         known[..., n + 2] = y[..., -1:]
+        known[..., n + 3 :] = 0.0
         if along:
             known[..., n + 2 + direction] += along
-        w = np.empty((*lead, t.intervals, t.rows))
-        w[..., n:] = -(self.eliminated @ known[..., None])[..., 0]
-        return t.pack(w, nodes, dT)
+        du = np.empty((*lead, t.size))
+        np.negative((self.eliminated @ known[..., None])[..., 0], out=t.intervals_of(du)[..., n:])
+        du[..., t.node_index] = nodes
+        t.durations_of(du)[...] = dT
+        return du

@@ -115,8 +115,8 @@ def _packed(t: Transcription, u: Array, fine: Transcription, w: Array) -> Array:
     """
     old, lead = t.nodes_of(u), u.shape[:-1]
     nodes = np.empty((*lead, fine.elements + 1, t.n))
-    nodes[..., fine.interval_elements, :] = w[..., 0, :]
-    nodes[..., fine.closed_elements, :], nodes[..., -1, :] = old.take(t.closed_elements, axis=-2), old[..., -1, :]
+    nodes[..., fine.inside, :] = w[..., 0, :]
+    nodes[..., fine.closed_forms, :], nodes[..., -1, :] = old[..., t.closed_forms, :], old[..., -1, :]
     nodes[..., fine.phase_start, :] = old.take(t.phase_start, axis=-2)
     nodes[..., fine.phase_end, :] = old.take(t.phase_end, axis=-2)
     return fine.pack(w.reshape(*lead, fine.intervals, fine.rows), nodes, t.durations_of(u))

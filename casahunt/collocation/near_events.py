@@ -14,16 +14,21 @@ import numpy as np
 Array = np.ndarray
 
 
-def comes_and_goes(values: Array, doubt: Array | float, least: Array | float) -> tuple[Array, Array]:
+def comes_and_goes(
+    values: Array, tops: Array, doubt: Array | float, least: Array | float
+) -> tuple[Array, Array]:
     """Where an event that is not met in the end is met in between: surely, and perhaps.
 
-    values: (..., N, m) of the event, below zero before it is met; doubt, least: (..., N, 1) how well they are known, 0
-    for exactly; (..., 1, 1) what does not count.
+    values, tops: (..., N, m) of the event, below zero before it is met, and `tops_of` them; doubt, least: (..., N, 1)
+    how well they are known, 0 for exactly; (..., 1, 1) what does not count.
     Returns (..., N, m) bool: above `least` for sure, between times at which it is as far below zero; and no farther
     below zero than it is known, between times at which it is, on intervals that do not resolve `least`.
     """
+    near = (tops > least) | ((doubt > least) & (tops > -doubt))
+    if not near.any():
+        return near, near
     flat = values.reshape(*values.shape[:-2], -1)
-    around, tops = np.zeros_like(flat), _tops(values)
+    around = np.zeros_like(flat)
     before = np.minimum.accumulate(flat, axis=-1)[..., :-2]
     behind = np.minimum.accumulate(flat[..., ::-1], axis=-1)[..., -3::-1]
     around[..., 1:-1] = np.maximum(before, behind)  # of the points before, and of those behind: tops lie between points
@@ -33,11 +38,11 @@ def comes_and_goes(values: Array, doubt: Array | float, least: Array | float) ->
     return np.asarray(seen), np.asarray(unknown | (around < -least) & (tops > least) & ~seen)
 
 
-def _tops(values: Array) -> Array:
+def tops_of(values: Array) -> Array:
     """Equidistant values (..., m), or what they come up to next to them: vertices of parabolas through neighbours."""
     tops = values.copy()
     left, middle, right = values[..., :-2], values[..., 1:-1], values[..., 2:]
     bend, tilt = left - 2 * middle + right, left - right
     peaked = (bend < 0) & (np.abs(tilt) <= -2 * bend)
-    tops[..., 1:-1][peaked] -= (tilt[peaked] ** 2 / bend[peaked]) / 8
+    tops[..., 1:-1] -= np.divide(tilt * tilt, bend, out=np.zeros_like(bend), where=peaked) / 8
     return tops

@@ -34,7 +34,7 @@ class NodeSystem:
         blocks = np.column_stack([states, duration, np.full(E, last)])  # (E, n + 2): columns of A, B and C
         ends = phase_end[:, None] * n + np.arange(n)
         ci, cj = np.nonzero(closure)
-        self._closure_entries = (ci, cj)
+        self._closure_entries = ci * n + cj
         first_event = (E + 1) * n
         joint_nodes = np.concatenate([[0], phase_end])
         self.border_columns = np.concatenate(
@@ -62,7 +62,8 @@ class NodeSystem:
         self._factorisation: ca.Linsol | None = None
         self._solvers: dict[int, _LinearSolve] = {}
         self._rows, self._cols = row[self._order], column[self._order]
-        self._border = np.flatnonzero(self._rows == last)  # of the nonzeros; that of lambda is the last one
+        *others, self._of_lambda = np.flatnonzero(self._rows == last).tolist()  # nonzeros of the border row
+        self._of_others = np.array(others)
 
     @alone
     def _solver(self, columns: int) -> _LinearSolve:
@@ -95,11 +96,11 @@ class NodeSystem:
         P) values of the events and their derivatives; border: (..., .) of `border`.
         Returns (..., nnz) nonzeros, column after column.
         """
-        n, lead, (ci, cj) = self._shape[1], border.shape[:-1], self._closure_entries
+        n, lead = self._shape[1], border.shape[:-1]
         values = [
             -maps[..., 1:].reshape(*lead, -1),
             self._ones if not lead else np.broadcast_to(self._ones, (*lead, self._ones.size)),
-            -closure[..., ci, cj],
+            -closure.reshape(*lead, -1).take(self._closure_entries, axis=-1),
             events[..., 1 : n + 1, :].swapaxes(-1, -2).reshape(*lead, -1),
             events[..., n + 1 :, :].reshape(*lead, -1),
             border,
@@ -129,12 +130,12 @@ class NodeSystem:
         columns = sign * (len(rhs) if rhs.ndim > 1 else 1)
         y = (self._solvers.get(columns) or self._solver(columns))(nonzeros, rhs)
         if sign > 0 and self._holds(nonzeros):
-            y[..., -1] = rhs[..., -1] / nonzeros[self._border[-1]]
+            y.T[-1] = rhs.T[-1] / nonzeros[self._of_lambda]
         return y
 
     def _holds(self, nonzeros: Array) -> bool:
         """Whether the border row is about lambda alone."""
-        return not nonzeros[self._border[:-1]].any() and bool(nonzeros[self._border[-1]])
+        return not nonzeros.take(self._of_others).any() and bool(nonzeros[self._of_lambda])
 
     def dense(self, nonzeros: Array) -> Array:
         """The matrix as a dense array (y, y), for tests and condition numbers."""

@@ -48,8 +48,7 @@ def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, c
     fractions: (N,) interval lengths as fractions of their phase; e: error estimate on this mesh; changes: how often
     this mesh has been changed already. Returns boundaries of each collocated phase, from 0 to 1.
     """
-    smooth = np.array([t.cycle.phases[k].mode.smooth for k in t.phase_of[t.interval_elements]])
-    power = np.where(smooth, 1.0 / (t.scheme.order + 1), KINK_POWER)
+    power = np.where(t.smooth, 1.0 / (t.scheme.order + 1), KINK_POWER)
     share = SAFETY * tol / max(t.intervals, 1)
     wanted = np.maximum(
         (e.indicators / share) ** power,

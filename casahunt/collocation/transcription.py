@@ -131,6 +131,7 @@ class Transcription:
         self.shift = np.array(cycle.shift) if cycle.shift else np.zeros(n)
         """(n,) the shift c of the closure."""
         self._system: NodeSystem | None = None
+        self._joints = joint_map(cycle)
 
     def _key(self) -> tuple[Cycle, tuple[int, ...], int, str]:
         return self.cycle, self.counts, self.degree, self.kind
@@ -184,7 +185,14 @@ class Transcription:
         """(P + 1,) the first node and those at which the phases end."""
         collocated = np.concatenate(is_interval)
         self.interval_elements, self.closed_elements = np.flatnonzero(collocated), np.flatnonzero(~collocated)
+        self.inside, self.closed_forms = _together(self.interval_elements), _together(self.closed_elements)
+        self.behind_intervals = _together(self.interval_elements + 1)
+        """The elements that are intervals, those that are closed forms, and the nodes behind the intervals."""
         self.phase_of_intervals = self.phase_of[self.interval_elements]
+        of_phases = [phase.mode for phase in self.cycle.phases]
+        self.smooth = np.array([mode.smooth for mode in of_phases])[self.phase_of_intervals]
+        self.low_order = np.array([mode.stiff for mode in of_phases])[self.phase_of_intervals] | ~self.smooth
+        """(N,) whether the field has no kink there, and whether stiffness or kinks may take the schemes their order."""
         self.signs = np.concatenate([np.zeros(0, dtype=int), *signs])
         """(N,) phase, and number of the mode, of each interval."""
         self.groups = [(field, np.concatenate(members)) for field, members in fields.items()]
@@ -229,10 +237,10 @@ class Transcription:
 
     def joints(self, nodes: Array, T: Array, setting: Setting) -> Joints:
         """The joints at the nodes (..., E + 1, n) and with durations (..., P); by all directions of many solves."""
-        states, ends = nodes.take(self.closed_elements, axis=-2), nodes.take(self.phase_end, axis=-2)
+        states, ends = nodes[..., self.closed_forms, :], nodes.take(self.phase_end, axis=-2)
         p, dp, scale = setting.p, setting.dp, setting.scale
         if T.ndim == 1:
-            return joint_map(self.cycle)(states, ends, T, p, dp, scale)
+            return self._joints(states, ends, T, p, dp, scale)
         at = joint_map(self.cycle, JOINTS_TOGETHER)
         found = [at(states, ends, T, p, setting.directions[:, k], scale) for k in range(setting.directions.shape[1])]
         flows, events = ([getattr(one, name) for one in found] for name in ("flow", "events"))
@@ -258,10 +266,11 @@ class Transcription:
         nodes, T, scale = self.nodes_of(u), self.durations_of(u), setting.scale
         intervals, joints = self._eliminated(u, nodes, T, setting), self.joints(nodes, T, setting)
         maps = np.empty((*nodes.shape[:-2], self.elements, self.n, intervals.maps.shape[-1]))
-        maps[..., self.interval_elements, :, :] = intervals.maps
+        maps[..., self.inside, :, :] = intervals.maps
         flow_residual = nodes.take(self.closed_elements + 1, axis=-2) - joints.flow[..., 0, :]
-        maps[..., 0][..., self.closed_elements, :] = -flow_residual
-        maps[..., 1:][..., self.closed_elements, :, :] = joints.flow[..., 1:, :].swapaxes(-1, -2)
+        if self.closed:
+            maps[..., self.closed_forms, :, :] = joints.flow.swapaxes(-1, -2)
+            maps[..., self.closed_forms, :, 0] = -flow_residual
         closure = self.cycle.closure * (scale[..., None, :] / scale[..., :, None])
         back = (closure @ nodes[..., -1, :, None])[..., 0]
         return Linearisation(
@@ -311,7 +320,7 @@ class Transcription:
 
     def _eliminated(self, u: Array, nodes: Array, T: Array, setting: Setting) -> Eliminated:
         """The stages of all intervals, those of one vector field together; of many members over arrays."""
-        w, x_next = self.intervals_of(u), nodes.take(self.interval_elements + 1, axis=-2)
+        w, x_next = self.intervals_of(u), nodes[..., self.behind_intervals, :]
         rows = w, x_next, T.take(self.phase_of_intervals, axis=-1), setting.fractions
         of = self._of_one if u.ndim == 1 else self._of_many
         if len(self.groups) == 1:
@@ -339,6 +348,13 @@ class Transcription:
         w, *others = rows
         w = w.reshape(len(w), signs.size, self.degree + 1, self.n)
         return eliminate_many(field, self.kind, signs, (w, *others), (s.p, s.directions, s.scale))
+
+
+def _together(indices: Array) -> Array | slice:
+    """Indices that follow each other as a slice, which is quicker."""
+    if indices.size and not (np.diff(indices) == 1).all():
+        return indices
+    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 0)
 
 
 @kept(maxsize=48)

@@ -14,6 +14,8 @@ a member's own numbers enter, so that one fold is a batch of one.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 Array = np.ndarray
@@ -52,32 +54,41 @@ class Turn:
 
         step, length, slope: (b,) sizes of Newton's steps at fixed a, and of the tangents; d lambda/d a.
         """
-        with np.errstate(all="ignore"):
-            return self._told(members, step, length, slope)
+        chosen = np.arange(len(self.bend))[members].tolist()
+        asked = zip(chosen, step.tolist(), length.tolist(), slope.tolist(), strict=True)
+        return np.array([self._of_one(*one) for one in asked])
 
-    def _told(self, members: Array | slice, step: Array, length: Array, slope: Array) -> Array:
-        bend, gone, last = self.bend[members], self._way[members], self._slope[members]
-        fresh = (slope - last) / gone
-        limit = CLEAN_STEP * np.abs(gone) * length
-        began = (gone != 0) & (self._step[members] <= limit)
-        clean = began & (step <= limit)
-        bend = np.where(clean & ((fresh * bend > 0) | np.isnan(bend)), fresh, bend)
-        self.bend[members] = bend
-        unknown = ~np.isfinite(bend)
-        first = np.where(slope * bend > 0, -FIRST_WAY, FIRST_WAY) / length
-        way = np.where(unknown, np.where(step <= CLEAN_STEP * FIRST_WAY, first, 0.0), -slope / bend)
-        longest = LARGEST_WAY / length
-        way = np.maximum(np.minimum(np.where(step <= BELIEVED_STEP, way, 0.0), longest), -longest)
+    def _of_one(self, b: int, step: float, length: float, slope: float) -> float:
+        """By numbers: arrays of one number take as long as those of hundreds."""
+        bend, gone, last = float(self.bend[b]), float(self._way[b]), float(self._slope[b])
+        limit = CLEAN_STEP * abs(gone) * length
+        began = gone != 0 and bool(self._step[b] <= limit)
+        clean = began and step <= limit
+        if clean and ((fresh := (slope - last) / gone) * bend > 0 or math.isnan(bend)):
+            self.bend[b] = bend = fresh
+        unknown = not math.isfinite(bend)
+        if unknown:
+            first = _over(-FIRST_WAY if slope * bend > 0 else FIRST_WAY, length)
+            way = first if step <= CLEAN_STEP * FIRST_WAY else 0.0
+        else:
+            way = -_over(slope, bend)
+        longest = _over(LARGEST_WAY, length)
+        way = max(min(way if step <= BELIEVED_STEP else 0.0, longest), -longest)
         # Where the slope has not vanished as it should, the bend is told first, from the corrected point at the same a.
-        missed = began & ~clean & (unknown | ~(np.abs(slope) <= REDUCED * np.abs(last)))
-        way = np.where(missed, 0.0, np.where(unknown & clean, np.nan, way))
-        kept = (gone != 0) & (way == 0)
-        self._slope[members] = np.where(kept, last, slope)
-        self._step[members] = np.where(kept, self._step[members], step)
-        self._way[members] = np.where(kept, gone, way)
+        if began and not clean and (unknown or not abs(slope) <= REDUCED * abs(last)):
+            way = 0.0
+        elif unknown and clean:
+            way = math.nan
+        if gone == 0 or way != 0:
+            self._slope[b], self._step[b], self._way[b] = slope, step, way
         return way
 
     def rise(self, members: Array | slice, way: Array, slope: Array) -> Array:
         """(b,) changes of lambda that their ways bring."""
         bend = self.bend[members]
         return way * (slope + np.where(np.isfinite(bend), bend, 0.0) / 2 * way)
+
+
+def _over(a: float, b: float) -> float:
+    """a/b, infinite or not a number where b is zero."""
+    return a / b if b else math.nan if a == 0 else math.copysign(math.inf, a) * math.copysign(1.0, b)

@@ -18,7 +18,7 @@ Symbols: n states, P phases, p parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -46,8 +46,26 @@ Reset = Callable[[Expression, Expression], Expression]
 """(x, p) -> state behind an event at which it jumps."""
 
 
+class HashedOnce:
+    """A frozen record whose hash is computed once: whatever is compiled for it is looked up by it again and again."""
+
+    def __init_subclass__(cls) -> None:
+        cls.__hash__ = HashedOnce.__hash__  # type: ignore[method-assign]  # a dataclass keeps one that is there
+
+    def __hash__(self) -> int:
+        known = self.__dict__.get("_hash")
+        if known is None:
+            known = hash(tuple(getattr(self, each.name) for each in fields(self) if each.compare))  # type: ignore[arg-type]
+            object.__setattr__(self, "_hash", known)
+        return int(known)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the hash, which another process computes anew: functions and strings have others there."""
+        return {name: value for name, value in self.__dict__.items() if name != "_hash"}
+
+
 @dataclass(frozen=True)
-class Mode:
+class Mode(HashedOnce):
     """One smooth piece of the dynamics.
 
     Attributes
@@ -79,7 +97,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Event:
+class Event(HashedOnce):
     """A phase boundary h(x, T; p) = 0, crossed transversally."""
 
     name: str
@@ -87,7 +105,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Exit:
+class Exit(HashedOnce):
     """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
 
     `successor` maps (x, p) at the crossing to the name of the next mode.  `mark` is True for an event that
@@ -102,7 +120,7 @@ class Exit:
 
 
 @dataclass(frozen=True)
-class Phase:
+class Phase(HashedOnce):
     """One mode, followed until its event.
 
     Attributes

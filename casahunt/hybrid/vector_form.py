@@ -27,6 +27,7 @@ import numpy as np
 
 from ..compiled import Caller, caller, kept
 from ..errors import InputError
+from .system import HashedOnce
 
 Array = np.ndarray
 
@@ -89,7 +90,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Names:
+class Names(HashedOnce):
     """What the entries of x and p are called.
 
     Attributes
@@ -168,7 +169,7 @@ def returned(function: Callable[..., Any], names: Names, signed: bool, timed: bo
 
 
 @dataclass(frozen=True)
-class OfUser:
+class OfUser(HashedOnce):
     """A function of the user's in the terms of the engine.
 
     Attributes
@@ -262,7 +263,7 @@ class Scalar(OfUser):
 
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(HashedOnce):
     """(x, p), or (x, T, p) -> a scalar of a mode, with its sign: its feature, or an event at which it ends."""
 
     scalar: Scalar

@@ -124,5 +124,7 @@ def turned(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:
     Returns (n,) whole turns of the angles, turns and parts of them of the time; 0 for the other states.
     """
     turn = turns(system)
+    if not turn.any():
+        return np.zeros(np.broadcast_shapes(x.shape, later.shape))
     unit = np.array([1.0 / parts if name == TURNS else t for name, t in zip(system.names.entries, turn, strict=True)])
     return np.where(turn > 0, unit * np.round((later - x) / np.where(turn > 0, unit, 1.0)), 0.0)

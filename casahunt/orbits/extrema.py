@@ -99,10 +99,11 @@ class _Place:
 
 
 class _Seen(NamedTuple):
-    """g on the elements of one phase from `element` on: times (N, m), g and its rate (N, m), g_x (N, m, n)."""
+    """g on some elements: their phases (N,), their numbers in these and in the chain; times (N, m); g_x (N, m, n)."""
 
-    phase: int
-    element: int
+    phase: Array
+    number: Array
+    element: Array
     times: Array
     g: Array
     rate: Array
@@ -179,32 +180,51 @@ class Look:
         self.w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
         modes = {phase.mode for phase in t.cycle.phases}
         self._values = {mode: values(mode, g, t.n, setting.p.size) for mode in modes}
-        self.seen = tuple(self._seen())
-        """Every phase at many points."""
+        self.seen = self._seen()
+        """Every element at many points."""
 
     def values(self, phase: int) -> Values:
         """g in the mode of a phase."""
         return self._values[self.t.cycle.phases[phase].mode]
 
-    def _seen(self) -> Iterator[_Seen]:
+    def _seen(self) -> list[_Seen]:
+        """All intervals, and every phase in closed form."""
         t, scale, p = self.t, self.setting.scale, self.setting.p
-        began = 0.0
-        for k, phase in enumerate(t.cycle.phases):
-            first, duration = int(t.phase_start[k]), float(self.durations[k])
-            if t.counts[k] == 0:
-                times = np.linspace(0, duration, CLOSED_FORM_LOOKS)[None]
-                points = flow_at(phase.mode, self.nodes[first] * scale, times[0], p)[None]
-            else:
-                tau = np.linspace(0, 1, INTERVAL_LOOKS)
-                edges, chosen = self.edges(k), t.phase_intervals(k)
-                times = edges[:-1, None] + np.diff(edges)[:, None] * tau
-                points = np.matmul(t.scheme.interpolation(tau), self.w[chosen]) * scale
-                points[:, -1] = self.nodes[first + 1 : first + 1 + t.counts[k]] * scale
-            g, rate, g_x = self.values(k)(points.reshape(-1, t.n), p)
-            yield _Seen(
-                k, first, began + times, g.reshape(times.shape), rate.reshape(times.shape), g_x.reshape(points.shape)
-            )
-            began += duration
+        ends, seen = np.cumsum(self.durations), []
+        if t.intervals:
+            tau = np.linspace(0, 1, INTERVAL_LOOKS)
+            points = (t.scheme.interpolation(tau) @ self.w) * scale
+            points[:, -1] = self.nodes[t.behind_intervals] * scale
+            phase, (begins, lengths) = t.phase_of_intervals, self._begins_and_lengths()
+            at = ((ends - self.durations)[phase] + begins)[:, None] + lengths[:, None] * tau
+            g, rate, g_x = np.empty(at.shape), np.empty(at.shape), np.empty(points.shape)
+            for mode, own in t.modes:
+                of_mode = self._values[mode](points[own].reshape(-1, t.n), p)
+                for whole, part in zip((g, rate, g_x), of_mode, strict=True):
+                    whole[own] = part.reshape(own.size, *whole.shape[1:])
+            first = np.repeat(t.first_intervals, t.collocated_counts)
+            seen.append(_Seen(phase, np.arange(t.intervals) - first, t.interval_elements, at, g, rate, g_x))
+        for k in np.flatnonzero(np.array(t.counts) == 0).tolist():
+            element, duration = t.phase_start[k : k + 1], float(self.durations[k])
+            times = np.linspace(0, duration, CLOSED_FORM_LOOKS)
+            points = flow_at(t.cycle.phases[k].mode, self.nodes[element[0]] * scale, times, p)
+            found = (part[None] for part in self.values(k)(points, p))
+            seen.append(_Seen(np.array([k]), np.array([0]), element, (ends[k] - duration + times)[None], *found))
+        return seen
+
+    def of_phase(self, k: int) -> _Seen:
+        """What is seen of one phase."""
+        seen, own = next((seen, own) for seen in self.seen if (own := seen.phase == k).any())
+        return _Seen(*(part[own] for part in seen))
+
+    def _begins_and_lengths(self) -> tuple[Array, Array]:
+        """(N,) times from the start of its phase at which each interval begins, and how long it lasts."""
+        t, lengths = self.t, self.setting.fractions
+        begins = np.cumsum(lengths) - lengths
+        begins = begins - np.repeat(begins[t.first_intervals], t.collocated_counts)
+        whole = np.repeat(np.add.reduceat(lengths, t.first_intervals), t.collocated_counts)
+        unit = self.durations[t.phase_of_intervals] / whole
+        return begins * unit, lengths * unit
 
     def edges(self, phase: int) -> Array:
         """(N + 1,) times from the start of a collocated phase at which its intervals begin and end."""
@@ -213,13 +233,12 @@ class Look:
 
     def best_node(self, sign: int) -> _Place:
         """The start or the end of an interval where sign * g is largest."""
-        nodes = [(seen, np.append(seen.g[:, 0], seen.g[-1, -1])) for seen in self.seen]
-        seen, values = max(nodes, key=lambda node: float(np.max(sign * node[1])))
-        i = int(np.argmax(sign * values))
-        at = (i, 0) if i < len(seen.g) else (i - 1, -1)
-        x = self.nodes[seen.element + i] * self.setting.scale
-        weights = ((seen.element + i, seen.g_x[at] * self.setting.scale),)
-        return _Place(float(seen.times[at]), float(seen.g[at]), weights, self._by_parameter(seen.phase, x))
+        nodes = [(seen, sign * seen.g[:, [0, -1]]) for seen in self.seen]
+        seen, values = max(nodes, key=lambda node: float(node[1].max()))
+        i, behind = divmod(int(np.argmax(values)), 2)
+        at, node = (i, -behind), int(seen.element[i]) + behind
+        x, weights = self.nodes[node] * self.setting.scale, ((node, seen.g_x[at] * self.setting.scale),)
+        return _Place(float(seen.times[at]), float(seen.g[at]), weights, self._by_parameter(int(seen.phase[i]), x))
 
     def _by_parameter(self, phase: int, x: Array) -> float:
         """dg/dlambda at a state."""
@@ -238,12 +257,12 @@ class Look:
     def polished(self, seen: _Seen, i: int, j: int) -> _Place:
         """The place between two points of an interval where the rate of g vanishes.
 
-        seen, i, j: the phase, the interval in it, and the first of the two points.
+        seen, i, j: some elements, which of them, and the first of the two points.
         Returns the place, with g there and what its error needs.
         """
-        t, p, element = self.t, self.setting.p, seen.element + i
+        t, p, element, phase, number = self.t, self.setting.p, *(int(part[i]) for part in (seen.element, *seen[:2]))
         times, rate = seen.times[i] - seen.times[i, 0], seen.rate[i]
-        at, state_at = self.values(seen.phase), self._followed(seen.phase, i, float(times[-1]))
+        at, state_at = self.values(phase), self._followed(phase, number, float(times[-1]))
 
         def slope(time: float) -> float:
             return float(at(state_at(time)[None], p)[1][0])
@@ -264,12 +283,12 @@ class Look:
         g, _, g_x = at(x[None], p)
         weight = g_x[0] * self.setting.scale
         share = (time / float(times[-1])) ** (2 * t.degree)
-        here, whole = (weight @ self._through(seen.phase, i, span) for span in (time, float(times[-1])))
+        here, whole = (weight @ self._through(phase, number, span) for span in (time, float(times[-1])))
         before = here - share * whole
         weights = ((element, before[: t.n]), (element + 1, share * weight))
-        longer = -share * float(whole[t.n]) * float(times[-1]) / float(self.durations[seen.phase])
-        by_parameter = float(before[t.n + 1]) + self._by_parameter(seen.phase, x)
-        return _Place(float(seen.times[i, 0]) + time, float(g[0]), weights, by_parameter, (seen.phase, longer))
+        longer = -share * float(whole[t.n]) * float(times[-1]) / float(self.durations[phase])
+        by_parameter = float(before[t.n + 1]) + self._by_parameter(phase, x)
+        return _Place(float(seen.times[i, 0]) + time, float(g[0]), weights, by_parameter, (phase, longer))
 
     def _followed(self, phase: int, i: int, h: float) -> Callable[[float], Array]:
         """The state at a time after the start of interval i of a phase, of length h."""

@@ -66,7 +66,7 @@ class _Passage:
     ) -> None:
         g = Later(g, t.cycle, piece) if piece else g
         self.look = Look(t, u, setting, g, piece, kept_values)
-        self.seen = self.look.seen[phase]
+        self.seen = self.look.of_phase(phase)
         self.values, rate = sense * self.seen.g, sense * self.seen.rate
         self.turns = (rate[:, :-1] > 0) & (rate[:, 1:] <= 0)
         """(N, m - 1) the gaps in which g turns."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..collocation.interval import field_at
+from ..collocation.interval import field_at, point_map
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..motion.march_exits import behind
@@ -177,8 +177,14 @@ def is_symmetry(
     def image(x: Array) -> Array:
         return (x + shift) @ inverse.T
 
+    pairs: dict[tuple[str, ...], list[tuple[Segment, Segment]]] = {}
     for a, b in zip(segments[:m], segments[m:], strict=True):
-        on = a.w[:: max(1, len(a.w) // TRIED), : scale.size]
+        if (a.jumped is None) != (b.jumped is None):
+            return False
+        pairs.setdefault((a.mode, a.event, b.mode, b.event), []).append((a, b))
+    for alike in pairs.values():
+        a, b = alike[0]
+        on = np.vstack([one.w[:: max(1, len(one.w) // TRIED), : scale.size] for one, _ in alike])
         x = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
         y = image(x)
         if not (_same_events(form, a, b, x, y, p) and _same_limits(form, a, b, x, y, p)):
@@ -187,18 +193,17 @@ def is_symmetry(
         f = image(scale * _fields(first, x, p, scale) - shift) / scale
         if not np.max(np.abs(f - _fields(second, y, p, scale)) / np.abs(f).max(axis=1, initial=1.0)[:, None]) <= EQUAL:
             return False
-        if (a.jumped is None) != (b.jumped is None):
-            return False
-        if a.jumped is not None:
-            off = image(a.jumped) - _jumped(form, b, image(a.end), p)
-            if np.max(np.abs(off) / scale) > EQUAL:
+        for a, b in alike:
+            if a.jumped is not None and np.max(
+                np.abs(image(a.jumped) - _jumped(form, b, image(a.end), p)) / scale
+            ) > EQUAL:
                 return False
     return True
 
 
 def _fields(mode: engine.Mode, x: Array, p: Array, scale: Array) -> Array:
     """(m, n) the scaled field of a mode at points x (m, n)."""
-    return np.array([field_at(mode.field, point / scale, mode.sign, p, scale) for point in x])
+    return point_map(mode.field, scale.size, p.size)(x / scale, np.full(len(x), mode.sign), p, scale)
 
 
 def image_of(

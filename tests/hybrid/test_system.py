@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -35,3 +37,15 @@ def test_between_parts_of_one_mode_there_are_kinks(phases, kinks):
 def test_a_jump_is_more_than_a_kink():
     made = cycle("right", "left", jumps=True)
     assert [made.at_a_kink(k) for k in range(2)] == [False, True] and made.without_kinks == (("both", "from right"),)
+
+
+def test_a_hash_that_is_known_does_not_travel():
+    """Functions and strings have other hashes in another process: a record that came from there would never be met."""
+    phase = cycle("right", "left").phases[0]
+    assert hash(phase) == hash(Phase(phase.mode, Event("from right", abs)))
+    assert "_hash" in vars(phase)
+    assert "_hash" in vars(phase.mode)
+    arrived = pickle.loads(pickle.dumps(phase))
+    assert arrived == phase
+    assert not {"_hash"} & {*vars(arrived), *vars(arrived.mode), *vars(arrived.end)}
+    assert hash(arrived) == hash(phase)

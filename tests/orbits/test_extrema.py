@@ -46,6 +46,25 @@ def circle(tol: float, rate: float = 1.0, degree: int | None = None) -> Orbit:
     return find_cycle(system, x=1.0, y=0.0, options=Options(tol=tol, degree=degree))
 
 
+def test_the_time_of_a_place_in_a_later_phase():
+    """A circle cut where y passes zero: y is smallest half a turn after it is largest, in the other phase."""
+
+    def field(x, p):
+        u = x.x - 0.3
+        grows = 1 - u**2 - x.y**2
+        return {"x": grows * u - p.omega * x.y, "y": grows * x.y + p.omega * u}
+
+    upper = Mode("upper", field, ends=(Event("falls", lambda x, p: x.y, direction=-1, to="lower"),))
+    lower = Mode("lower", field, ends=(Event("rises", lambda x, p: x.y, direction=+1, to="upper"),))
+    system = System("circle in halves", ("x", "y"), {"omega": 1.3}, (upper, lower))
+    orbit = find_cycle(system, "upper", x=1.0, y=0.1, tol=1e-9)
+    assert len(orbit.arcs) == 2
+    y, turn = orbit.extrema("y"), 2 * math.pi / 1.3
+    assert_extreme(y.low, -1.0)
+    assert (y.low.time - y.high.time) % turn == pytest.approx(turn / 2, rel=1e-6)
+    assert min(y.low.time, y.high.time) == pytest.approx(turn / 4, rel=1e-6)
+
+
 @pytest.mark.parametrize("tol", TOLERANCES)
 def test_a_circle(tol):
     orbit = circle(tol)
