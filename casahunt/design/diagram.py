@@ -47,7 +47,7 @@ DRAWING_STEP = 0.15
 class DiagramPoint(Result):
     """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
 
-    `missed` are those that were not located.
+    `missed` are those that were not located; `ahead`: the next point is computed too, up to its special points.
     """
 
     _quantities = (
@@ -60,6 +60,7 @@ class DiagramPoint(Result):
     orbit: HuntingOrbit
     special: tuple[SpecialPoint[HuntingOrbit], ...]
     missed: tuple[Missed, ...] = ()
+    ahead: bool = False
 
     @property
     def is_special(self) -> bool:
@@ -149,39 +150,42 @@ def diagram(
     bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
     previous = begun[-2].orbit if len(begun) > 1 else None
     steps = walk_naturally(before, **bounds) if natural else walk(before, previous=previous, **bounds)
-    if any(monitor.by_multipliers for monitor in monitors):
-        steps = _some_ahead(steps)
+    batches = _some_ahead(steps, ORBITS_AHEAD if any(monitor.by_multipliers for monitor in monitors) else 1)
     while True:
         try:
-            after = next(steps)
+            after, ahead = next(batches)
         except StopIteration as end:
             ended = str(end.value)
             break
         found, missed = crossings(
             before, after, earlier=previous, vary="gain", monitors=monitors, options=options, inside=True
         )
-        yield DiagramPoint(after, tuple(found), tuple(missed))
+        yield DiagramPoint(after, tuple(found), tuple(missed), ahead)
         previous, before = before, after
     return (yield from _fold_behind(before, ended, options)) if natural else ended
 
 
-def _some_ahead(steps: Generator[HuntingOrbit, None, str]) -> Generator[HuntingOrbit, None, str]:
-    """The orbits of a walk that is some steps ahead, whose multipliers are computed side by side.
+def _some_ahead(
+    steps: Generator[HuntingOrbit, None, str], number: int
+) -> Generator[tuple[HuntingOrbit, bool], None, str]:
+    """The orbits of a walk that is so many steps ahead, each with whether the next one is found already.
 
-    What ends it, an interrupt too, comes behind the orbits that were found before.
+    Where they are several, their multipliers are computed side by side.  What ends the walk, an interrupt too, comes
+    behind the orbits that were found before.
     """
     while True:
         some: list[HuntingOrbit] = []
         ended: str | BaseException | None = None
-        while ended is None and len(some) < ORBITS_AHEAD:
+        while ended is None and len(some) < number:
             try:
                 some.append(next(steps))
             except StopIteration as end:
                 ended = str(end.value)
             except (NoOrbit, KeyboardInterrupt, effort.GivenUp) as error:
                 ended = error
-        know_multipliers(some)
-        yield from some
+        if number > 1:
+            know_multipliers(some)
+        yield from ((orbit, orbit is not some[-1]) for orbit in some)
         if isinstance(ended, BaseException):
             raise ended
         if ended is not None:

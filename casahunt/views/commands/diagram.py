@@ -1,4 +1,7 @@
-"""casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin."""
+"""casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin.
+
+Points that were computed side by side are written together, and a point is announced when it is on disk.
+"""
 
 from __future__ import annotations
 
@@ -240,7 +243,7 @@ def _one_branch(
     stream: IO[str] | None,
     way: _Way,
 ) -> Branch:
-    """Compute a branch, from the points that are there on; each is on disk before the next one is looked at."""
+    """Compute a branch, from the points that are there on; what is found is on disk before more is computed."""
     found, ended, words = list(there.points), there.ended, Words()
     for point in found:
         way.left(point)
@@ -253,25 +256,34 @@ def _one_branch(
     points = diagram(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
-    while True:
-        try:
-            point = next(points)
-        except StopIteration as end:
-            ended = str(end.value)
-            break
-        except NoOrbit as error:
-            if not found:  # nothing is written for a servo that does not hunt
-                raise
-            ended = str(error)
-            break
-        make_room()
+    lines: list[str] = []  # about points that are not on disk yet
+
+    def written() -> None:
         with held():
-            found.append(point)
+            make_room()
             keep(task, model, found, INTERRUPTED, out, words)
-        for special in point.special:
-            say(stream, f"{model:7s} {special.meaning}")
-        say(stream, progress_line(point.orbit) + way.left(point))
+        while lines:
+            say(stream, lines.pop(0))
         effort.heard()
+
+    try:
+        while True:
+            point = next(points)
+            with held():
+                found.append(point)
+                lines += [f"{model:7s} {special.meaning}" for special in point.special]
+                lines.append(progress_line(point.orbit) + way.left(point))
+            if not point.ahead:
+                written()
+    except StopIteration as end:
+        ended = str(end.value)
+    except NoOrbit as error:
+        if not found:  # nothing is written for a servo that does not hunt
+            raise
+        ended = str(error)
+    finally:
+        if lines:
+            written()
     beside = _beside(branch_of(task, model, found, ended), task, stream)
     return keep(task, model, found, ended, out, words, beside)
 
