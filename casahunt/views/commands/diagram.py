@@ -259,11 +259,12 @@ def _one_branch(
     lines: list[str] = []  # about points that are not on disk yet
 
     def written() -> None:
+        said = [lines.pop(0) for _ in tuple(lines)]  # whatever becomes of it, this is done once
         with held():
             make_room()
             keep(task, model, found, INTERRUPTED, out, words)
-        while lines:
-            say(stream, lines.pop(0))
+        for line in said:
+            say(stream, line)
         effort.heard()
 
     try:
