@@ -27,24 +27,26 @@ from ...servo.hunting import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
-from .arguments import add_common, add_out, add_solver, how_of, models_of, positive, servo_of
+from .arguments import add_command, add_models, add_out, add_solver, how_of, models_of, positive, servo_of
 from .console import complain, folder, of_this, progress, progress_line, say
-from .printed import give
+from .printed import drawing, give
 from .written import keep_others
 
-PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
-"""What `casahunt diagram` draws."""
+PICTURES = {
+    "diagram.png": "branches.diagram",
+    "multipliers.png": "branches.multipliers",
+    "time_traces.png": "orbits.time_traces",
+    "phase_portrait.png": "orbits.phase_portrait",
+}
+"""What `casahunt diagram` draws, and by which function of views/pictures: of the branches, or of their first orbits."""
 PICTURE_SIGN = f"Software\0{MAKER}".encode()
 """What stands in each of them: its entry Software."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    picture = commands.add_parser(
-        "diagram", allow_abbrev=False, help="amplitude and period against the gain, round the fold"
-    )
-    add_common(picture)
-    picture.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
+    picture = add_command(commands, "diagram", "amplitude and period against the gain, round the fold")
+    add_models(picture)
     picture.add_argument(
         "--from", dest="start", metavar="K",
         help="gain to start from (default: the least for a stable loop without friction, 0.0321 for Table 1; the first "
@@ -321,18 +323,9 @@ def _shortfall(branch: Branch, start: float, natural: bool) -> str:
 
 
 def _pictures(branches: list[Branch], out: Path) -> None:
-    from ..pictures.branches import diagram as drawn_diagram
-    from ..pictures.branches import multipliers
-    from ..pictures.orbits import phase_portrait, time_traces
     from ..pictures.plotting import save
 
     keep_others(out, dict.fromkeys(PICTURES, PICTURE_SIGN))
     firsts = [branch.orbits[0] for branch in branches]
-    figures = (
-        drawn_diagram(branches),
-        multipliers(branches),
-        time_traces(firsts),
-        phase_portrait(firsts),
-    )
-    for figure, name in zip(figures, PICTURES, strict=True):
-        save(figure, out / name)
+    for name, picture in PICTURES.items():
+        save(drawing(picture)(branches if picture.startswith("branches") else firsts), out / name)

@@ -35,6 +35,7 @@ Axes = Any
 SIZE = (8.0, 6.0)
 """Width and height of a figure [in]."""
 DPI = 150
+"""Dots per inch of PNG: 1200 x 900, a screen's."""
 SMALL = 9
 """Font size of legends and notes [pt]; the rest is matplotlib's 10."""
 ALONE = 1.5
