@@ -157,6 +157,10 @@ def test_labels_and_panels_of_fixed_places_keep_apart(branches: list[Branch], sw
         flat = [box for box, ax in zip(boxes, figure.axes, strict=True) if ax.name != "3d"]
         assert all(box.y1 <= legend.get_window_extent().y0 for box in flat)
         assert all(not one.overlaps(other) for i, one in enumerate(flat) for other in flat[:i])
+        for axis in (axis for ax in figure.axes if ax.name != "3d" for axis in (ax.xaxis, ax.yaxis)):
+            numbers = [label for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
+            label = axis.label.get_window_extent()
+            assert not axis.label.get_text() or not any(label.overlaps(n.get_window_extent()) for n in numbers)
 
 
 def test_labels_of_logarithmic_axes() -> None:
