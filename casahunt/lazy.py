@@ -11,19 +11,19 @@ from importlib import import_module
 from typing import Any
 
 
-def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """The `__getattr__` of a package whose public names are those of some of its modules.
+def lazily(module: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
+    """The `__getattr__` of a module whose public names are those of other modules of its package.
 
-    package: its `__name__`. Returns function from a name to its value, which is then kept in the package. Raises
+    module: its `__name__`. Returns function from a name to its value, which is then kept in the module. Raises
     AttributeError: from that function, for any other name.
     """
-    home_of = {name: home for home, names in homes.items() for name in names}
+    own, home_of = sys.modules[module], {name: home for home, names in homes.items() for name in names}
 
     def __getattr__(name: str) -> Any:
         if name not in home_of:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(f".{home_of[name]}", package), name)
-        setattr(sys.modules[package], name, value)
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        value = getattr(import_module(f".{home_of[name]}", own.__package__), name)
+        setattr(own, name, value)
         return value
 
     return __getattr__

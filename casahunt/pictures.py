@@ -10,43 +10,23 @@ draws itself, too: `orbit.plot("x1_rad", "x2_rad_per_s", ax=ax)` (casahunt/resul
 first of these names is read, pyplot never.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from .lazy import lazily
 
 if TYPE_CHECKING:
     from .views.pictures.branches import diagram, multipliers
-    from .views.pictures.equilibria import picture as equilibria
+    from .views.pictures.equilibria import equilibria
     from .views.pictures.event_map import cobweb
     from .views.pictures.fold import elasticities
-    from .views.pictures.fold_curve import regions as fold_curves
-    from .views.pictures.fold_map import contours as fold_map
+    from .views.pictures.fold_curve import fold_curves
+    from .views.pictures.fold_map import fold_map
     from .views.pictures.loop import bode
     from .views.pictures.orbits import phase_portrait, time_traces
     from .views.pictures.plotting import save
-    from .views.pictures.simulation import folded as folded_record
-    from .views.pictures.simulation import motion
-    from .views.pictures.tune import operating_point
-    from .views.pictures.tune import responses as tasks
+    from .views.pictures.simulation import folded_record, motion
+    from .views.pictures.tune import operating_point, tasks
     from .views.pictures.uncertainty import histogram
-
-_HOME_OF = {
-    "bode": ("loop", "bode"),
-    "cobweb": ("event_map", "cobweb"),
-    "diagram": ("branches", "diagram"),
-    "elasticities": ("fold", "elasticities"),
-    "equilibria": ("equilibria", "picture"),
-    "fold_curves": ("fold_curve", "regions"),
-    "fold_map": ("fold_map", "contours"),
-    "folded_record": ("simulation", "folded"),
-    "histogram": ("uncertainty", "histogram"),
-    "motion": ("simulation", "motion"),
-    "multipliers": ("branches", "multipliers"),
-    "operating_point": ("tune", "operating_point"),
-    "phase_portrait": ("orbits", "phase_portrait"),
-    "save": ("plotting", "save"),
-    "tasks": ("tune", "responses"),
-    "time_traces": ("orbits", "time_traces"),
-}
 
 __all__ = [
     "bode",
@@ -66,15 +46,23 @@ __all__ = [
     "tasks",
     "time_traces",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """A picture, when it is first read."""
-    if name not in _HOME_OF:
-        raise AttributeError(f"module 'casahunt.pictures' has no attribute {name!r}")
-    module, own = _HOME_OF[name]
-    value = globals()[name] = getattr(import_module(f".views.pictures.{module}", __package__), own)
-    return value
+__getattr__ = lazily(
+    __name__,
+    {
+        "views.pictures.branches": ("diagram", "multipliers"),
+        "views.pictures.equilibria": ("equilibria",),
+        "views.pictures.event_map": ("cobweb",),
+        "views.pictures.fold": ("elasticities",),
+        "views.pictures.fold_curve": ("fold_curves",),
+        "views.pictures.fold_map": ("fold_map",),
+        "views.pictures.loop": ("bode",),
+        "views.pictures.orbits": ("phase_portrait", "time_traces"),
+        "views.pictures.plotting": ("save",),
+        "views.pictures.simulation": ("folded_record", "motion"),
+        "views.pictures.tune": ("operating_point", "tasks"),
+        "views.pictures.uncertainty": ("histogram",),
+    },
+)
 
 
 def __dir__() -> list[str]:

@@ -53,7 +53,7 @@ DRAWING_STEP = 0.15
 class DiagramPoint(Result):
     """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
 
-    `missed` are those that were not located.
+    `missed` are those that were not located; `ahead`: the next point is computed too, up to its special points.
     """
 
     _quantities = (
@@ -66,6 +66,7 @@ class DiagramPoint(Result):
     orbit: HuntingOrbit
     special: tuple[SpecialPoint[HuntingOrbit], ...]
     missed: tuple[Missed, ...] = ()
+    ahead: bool = False
 
     @property
     def is_special(self) -> bool:
@@ -155,18 +156,17 @@ def diagram(
     bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
     previous = begun[-2].orbit if len(begun) > 1 else None
     steps = walk_naturally(before, **bounds) if natural else walk(before, previous=previous, **bounds)
-    if any(monitor.by_multipliers for monitor in monitors):
-        steps = with_multipliers(steps)
+    batches = with_multipliers(steps, ahead=any(monitor.by_multipliers for monitor in monitors))
     while True:
         try:
-            after = next(steps)
+            after, ahead = next(batches)
         except StopIteration as end:
             ended = str(end.value)
             break
         found, missed = special_points_between(
             before, after, earlier=previous, vary="gain", monitors=monitors, options=options, inside=True
         )
-        yield DiagramPoint(after, tuple(found), tuple(missed))
+        yield DiagramPoint(after, tuple(found), tuple(missed), ahead)
         previous, before = before, after
     return (yield from _fold_behind(before, ended, options)) if natural else ended
 

@@ -33,17 +33,22 @@ def know_multipliers(orbits: Sequence[Orbit]) -> None:
             vars(orbit)["multipliers"] = found  # where its cached property looks for them
 
 
-def with_multipliers(steps: Generator[AnyOrbit, None, str]) -> Generator[AnyOrbit, None, str]:
+def with_multipliers(
+    steps: Generator[AnyOrbit, None, str], *, ahead: bool = True
+) -> Generator[tuple[AnyOrbit, bool], None, str]:
     """The orbits of a walk that is some steps ahead, whose multipliers are computed side by side.
 
     Parameters
     ----------
     steps
         orbits one by one, such as `casahunt.walk` gives them.
+    ahead
+        False: the walk is no step ahead, and nothing is computed.
 
     Yields
     ------
-    The same orbits, whose multipliers take half as long.  The generator returns what `steps` does.
+    The same orbits, whose multipliers take half as long, each with whether the next one is found already.  The
+    generator returns what `steps` does.
 
     Raises
     ------
@@ -56,21 +61,22 @@ def with_multipliers(steps: Generator[AnyOrbit, None, str]) -> Generator[AnyOrbi
     >>> from casahunt.orbits import find_cycle, with_multipliers
     >>> start = find_cycle(belt, "slip", x=0.0, v=0.0)
     >>> orbits = list(with_multipliers(walk(start, vary="belt", low=0.2, high=0.21)))
-    >>> all(orbit.stable for orbit in orbits)
+    >>> all(orbit.stable for orbit, _ in orbits)
     True
     """
     while True:
         some: list[AnyOrbit] = []
         ended: str | BaseException | None = None
-        while ended is None and len(some) < ORBITS_AHEAD:
+        while ended is None and len(some) < (ORBITS_AHEAD if ahead else 1):
             try:
                 some.append(next(steps))
             except StopIteration as end:
                 ended = str(end.value)
             except (NoOrbit, KeyboardInterrupt, effort.GivenUp) as error:
                 ended = error
-        know_multipliers(some)
-        yield from some
+        if ahead:
+            know_multipliers(some)
+        yield from ((orbit, orbit is not some[-1]) for orbit in some)
         if isinstance(ended, BaseException):
             raise ended
         if ended is not None:

@@ -291,6 +291,37 @@ def test_trouble_on_the_way_keeps_the_points(capsys, tmp_path, monkeypatch, trou
     assert branch.ended == "interrupted"
 
 
+def test_points_found_together_are_written_together(capsys, tmp_path, monkeypatch):
+    """Announced when they are on disk, in order; of a batch that is cut short, those that were found."""
+    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
+    first = find_orbit(Servo(), "switch", 0.3)
+    on_disk: list[int] = []
+
+    def kept(task, model, points, *rest):
+        on_disk.append(len(points))
+        return keep(task, model, points, *rest)
+
+    def batches(servo, model, **_):
+        for ahead in (False, True, True, False, True):
+            yield DiagramPoint(first, (), ahead=ahead)
+        raise KeyboardInterrupt
+
+    keep = command_diagram.keep
+    monkeypatch.setattr(command_diagram, "keep", kept)
+    monkeypatch.setattr(command_diagram, "diagram", batches)
+    code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path)
+    assert code == 130 and on_disk == [1, 4, 5] and len(load_branch(tmp_path / "switch.npz").orbits) == 5
+    assert sum(bool(PROGRESS.fullmatch(line)) for line in err.splitlines()) == 5
+
+
+def test_points_say_whether_the_next_one_is_found():
+    """All but the last of eight whose multipliers are computed side by side; each alone where nobody asks for them."""
+    points = diagram(Servo(), "switch", start=0.3)
+    assert [next(points).ahead for _ in range(10)] == [False, *[True] * 7, False, True]
+    points = diagram(Servo(), "switch", start=0.3, monitors=())
+    assert [next(points).ahead for _ in range(3)] == [False] * 3
+
+
 @pytest.mark.parametrize("words", [["orbit", "--gain", "0.1"], ["fold"], ["diagram", "--out", "new/out"]])
 def test_interrupt_before_the_first_point(capsys, tmp_path, monkeypatch, words):
     def stop(*args, **kwargs):

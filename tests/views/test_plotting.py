@@ -144,6 +144,25 @@ def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> N
     assert states[0, before - 1] < 0 < states[0, before + 2]
 
 
+def test_labels_and_panels_of_fixed_places_keep_apart(branches: list[Branch], switch: list[Orbit]) -> None:
+    """What a layout would measure, measured: no text leaves the figure, legend and panels do not meet."""
+    for drawn in (diagram(branches), multipliers(branches), time_traces(switch[:2]), phase_portrait(switch[:2])):
+        figure = plotting.figure_of(drawn)
+        plotting.drawn(figure)
+        (legend,) = figure.legends
+        boxes = [ax.get_tightbbox() for ax in figure.axes]
+        whole = figure.bbox
+        for box in [*boxes, legend.get_window_extent()]:
+            assert whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 and box.y1 <= whole.y1
+        flat = [box for box, ax in zip(boxes, figure.axes, strict=True) if ax.name != "3d"]
+        assert all(box.y1 <= legend.get_window_extent().y0 for box in flat)
+        assert all(not one.overlaps(other) for i, one in enumerate(flat) for other in flat[:i])
+        for axis in (axis for ax in figure.axes if ax.name != "3d" for axis in (ax.xaxis, ax.yaxis)):
+            numbers = [label for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
+            label = axis.label.get_window_extent()
+            assert not axis.label.get_text() or not any(label.overlaps(n.get_window_extent()) for n in numbers)
+
+
 def test_labels_of_logarithmic_axes() -> None:
     axes = Figure().subplots()
     plotting.logarithmic(axes, "x")

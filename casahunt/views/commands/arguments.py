@@ -89,11 +89,21 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{text} (see {self.prog} --help)")
 
 
-def add_common(command: Parser, *, tol: bool = True) -> None:
-    """The arguments that every command has.
+def add_command(
+    commands: Any, name: str, about: str, *, file: str = "", gain: bool = False, tol: bool = True,
+    model: str | None = None, csv: str = "", plot: str = "",
+) -> Parser:  # fmt: skip
+    """A command with the arguments that it shares with others, which its module goes on with.
 
-    tol: it computes to a tolerance, and has --tol.
+    about: one line of help; file: what it reads, "" where it reads none; gain: it has one, which must be given; tol: it
+    computes to a tolerance; model: it has one, and what for ("": for everything); csv, plot: what its table holds and
+    its picture shows, "" where it has none.
     """
+    command: Parser = commands.add_parser(name, help=about)
+    if gain:
+        add_gain(command)
+    if file:
+        command.add_argument("file", metavar="F.csv", help=file)
     low, high = Options.TOLERANCES
     command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
     if tol:
@@ -103,6 +113,18 @@ def add_common(command: Parser, *, tol: bool = True) -> None:
     )
     command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     command.add_argument("--quiet", action="store_true", help="no progress on standard error")
+    if model is not None:
+        command.add_argument("--model", default="switch", help=f"switch (default) or lugre{model}")
+    if csv:
+        command.add_argument("--csv", metavar="F.csv", help=f"write {csv}, with all digits")
+    if plot:
+        command.add_argument("--plot", metavar="F.png", help=f"write a picture of {plot}")
+    return command
+
+
+def add_models(command: Parser) -> None:
+    """The choice of one friction model, or of both."""
+    command.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
 
 
 def add_solver(command: argparse.ArgumentParser) -> None:
@@ -112,11 +134,6 @@ def add_solver(command: argparse.ArgumentParser) -> None:
         help="auto (default: Newton, and IPOPT where a start is far off), or ipopt or newton: that one alone makes "
         "every solve; ipopt takes 2 to 4 times as long, down the unstable LuGre branch 10 times",
     )  # fmt: skip
-
-
-def add_model(command: argparse.ArgumentParser, more: str = "") -> None:
-    """The choice of one friction model."""
-    command.add_argument("--model", default="switch", help=f"switch (default) or lugre{more}")
 
 
 def model_of(options: argparse.Namespace) -> Model:
@@ -194,14 +211,6 @@ def add_gain(command: Parser, **keywords: Any) -> None:
 def gain_of(options: argparse.Namespace) -> float:
     """The one gain of a command that must have one [V/rad]."""
     return positive("gain", options.gain)
-
-
-def add_csv(command: Parser, what: str) -> None:
-    """The option --csv.
-
-    command, what: parser of the command, and what its table holds.
-    """
-    command.add_argument("--csv", metavar="F.csv", help=f"write {what}, with all digits")
 
 
 def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **keywords: Any) -> None:

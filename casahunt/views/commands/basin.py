@@ -9,19 +9,15 @@ from typing import Any
 from ...checks import error_text, to_error
 from ...results import tables_of
 from ...servo.basin import OFFSET, Basin, basin
-from .arguments import add_common, add_csv, add_gain, add_model, finite, gain_of, how_of, model_of, servo_of
+from .arguments import add_command, finite, gain_of, how_of, model_of, servo_of
 from .console import complain, complex_text
 from .printed import give
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser("basin", allow_abbrev=False, help="the amplitude below which the servo settles")
-    add_gain(command)
-    add_common(command)
-    add_model(command)
-    add_csv(command, "the stick positions of the two motions")
-    command.add_argument(
+    about, csv = "the amplitude below which the servo settles", "the stick positions of the two motions"
+    add_command(commands, "basin", about, gain=True, model="", csv=csv).add_argument(
         "--offset", default=OFFSET, help=f"relative distance from the border of the two motions (default {OFFSET:g})"
     )
 

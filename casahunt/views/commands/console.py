@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import math
 import os
 import sys
@@ -24,6 +25,9 @@ from .written import Signs, keep_others
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
 
+COLLECT_EVERY = 10_000
+"""New objects after which rings among them are looked for: with Python's own 700 it takes a twentieth of a diagram."""
+
 _COMPLAINTS: list[str] = []
 """The error messages of the command under way."""
 
@@ -34,8 +38,11 @@ def own_process() -> None:
     Numbers that overflow on the way are dealt with where they do: numpy's warnings are not for the user.  Pictures are
     drawn into files, whatever backend is set for windows.  Any name of a file can be printed.
 
+    Rings of objects are looked for seldom: most of what is made stays.
+
     Raises OSError: standard output is closed.
     """
+    gc.set_threshold(COLLECT_EVERY)
     if not sys.warnoptions:
         sys.warnoptions.append("ignore::RuntimeWarning")  # processes that are started from here take it over
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -1,4 +1,7 @@
-"""casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin."""
+"""casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin.
+
+Points that were computed side by side are written together, and a point is announced when it is on disk.
+"""
 
 from __future__ import annotations
 
@@ -24,24 +27,26 @@ from ...servo.hunting import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
-from .arguments import add_common, add_out, add_solver, how_of, models_of, positive, servo_of
+from .arguments import add_command, add_models, add_out, add_solver, how_of, models_of, positive, servo_of
 from .console import complain, folder, of_this, progress, progress_line, say
-from .printed import give
+from .printed import drawing, give
 from .written import keep_others
 
-PICTURES = ("diagram.png", "multipliers.png", "time_traces.png", "phase_portrait.png")
-"""What `casahunt diagram` draws."""
+PICTURES = {
+    "diagram.png": "branches.diagram",
+    "multipliers.png": "branches.multipliers",
+    "time_traces.png": "orbits.time_traces",
+    "phase_portrait.png": "orbits.phase_portrait",
+}
+"""What `casahunt diagram` draws, and by which function of views/pictures: of the branches, or of their first orbits."""
 PICTURE_SIGN = f"Software\0{MAKER}".encode()
 """What stands in each of them: its entry Software."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    picture = commands.add_parser(
-        "diagram", allow_abbrev=False, help="amplitude and period against the gain, round the fold"
-    )
-    add_common(picture)
-    picture.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
+    picture = add_command(commands, "diagram", "amplitude and period against the gain, round the fold")
+    add_models(picture)
     picture.add_argument(
         "--from", dest="start", metavar="K",
         help="gain to start from (default: the least for a stable loop without friction, 0.0321 for Table 1; the first "
@@ -240,7 +245,7 @@ def _one_branch(
     stream: IO[str] | None,
     way: _Way,
 ) -> Branch:
-    """Compute a branch, from the points that are there on; each is on disk before the next one is looked at."""
+    """Compute a branch, from the points that are there on; what is found is on disk before more is computed."""
     found, ended, words = list(there.points), there.ended, Words()
     for point in found:
         way.left(point)
@@ -253,25 +258,35 @@ def _one_branch(
     points = diagram(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
-    while True:
-        try:
-            point = next(points)
-        except StopIteration as end:
-            ended = str(end.value)
-            break
-        except NoOrbit as error:
-            if not found:  # nothing is written for a servo that does not hunt
-                raise
-            ended = str(error)
-            break
-        make_room()
+    lines: list[str] = []  # about points that are not on disk yet
+
+    def written() -> None:
+        said = [lines.pop(0) for _ in tuple(lines)]  # whatever becomes of it, this is done once
         with held():
-            found.append(point)
+            make_room()
             keep(task, model, found, INTERRUPTED, out, words)
-        for special in point.special:
-            say(stream, f"{model:7s} {special.meaning}")
-        say(stream, progress_line(point.orbit) + way.left(point))
+        for line in said:
+            say(stream, line)
         effort.heard()
+
+    try:
+        while True:
+            point = next(points)
+            with held():
+                found.append(point)
+                lines += [f"{model:7s} {special.meaning}" for special in point.special]
+                lines.append(progress_line(point.orbit) + way.left(point))
+            if not point.ahead:
+                written()
+    except StopIteration as end:
+        ended = str(end.value)
+    except NoOrbit as error:
+        if not found:  # nothing is written for a servo that does not hunt
+            raise
+        ended = str(error)
+    finally:
+        if lines:
+            written()
     beside = _beside(branch_of(task.servo, model, found, ended), task, stream)
     return keep(task, model, found, ended, out, words, beside)
 
@@ -308,18 +323,9 @@ def _shortfall(branch: Branch, start: float, natural: bool) -> str:
 
 
 def _pictures(branches: list[Branch], out: Path) -> None:
-    from ..pictures.branches import diagram as drawn_diagram
-    from ..pictures.branches import multipliers
-    from ..pictures.orbits import phase_portrait, time_traces
     from ..pictures.plotting import save
 
     keep_others(out, dict.fromkeys(PICTURES, PICTURE_SIGN))
     firsts = [branch.orbits[0] for branch in branches]
-    figures = (
-        drawn_diagram(branches),
-        multipliers(branches),
-        time_traces(firsts),
-        phase_portrait(firsts),
-    )
-    for figure, name in zip(figures, PICTURES, strict=True):
-        save(figure, out / name)
+    for name, picture in PICTURES.items():
+        save(drawing(picture)(branches if picture.startswith("branches") else firsts), out / name)

@@ -8,25 +8,23 @@ from typing import Any
 
 from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
-from .arguments import add_common, add_csv, add_gain, add_model, gain_of, model_of, servo_of
+from .arguments import add_command, gain_of, model_of, servo_of
 from .printed import give
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser("equilibria", allow_abbrev=False, help="where the servo can stand still")
-    add_gain(command)
-    add_common(command, tol=False)
-    add_model(command)
-    add_csv(command, "the limits and conditions")
-    command.add_argument("--plot", metavar="F.png", help="write a picture: stick region, or eigenvalues")
+    add_command(
+        commands, "equilibria", "where the servo can stand still", gain=True, tol=False, model="",
+        csv="the limits and conditions", plot="the stick region, or of the eigenvalues",
+    )  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model, gain = model_of(options), gain_of(options)
     found = equilibria(servo_of(options), model, gain)
-    give(options, found, _lines(found), table=tables_of([found]), picture=("equilibria.picture", found))
+    give(options, found, _lines(found), table=tables_of([found]), picture=("equilibria.equilibria", found))
     return 0
 
 

@@ -16,7 +16,7 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.problem import HuntingFold
 from ..stability import stability_of
-from .arguments import add_common, add_csv, add_model, add_solver, how_of, model_of, servo_of
+from .arguments import add_command, add_solver, how_of, model_of, servo_of
 from .console import progress, progress_line, say
 from .printed import give
 
@@ -26,12 +26,8 @@ MOST_DECIMALS = 4
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    fold = commands.add_parser("fold", allow_abbrev=False, help="the largest gain at which the servo can hunt")
-    add_common(fold)
-    add_model(fold)
-    add_solver(fold)
-    add_csv(fold, "the sensitivities")
-    fold.add_argument("--plot", metavar="F.png", help="write a picture of the sensitivities")
+    about = "the largest gain at which the servo can hunt"
+    add_solver(add_command(commands, "fold", about, model="", csv="the sensitivities", plot="the sensitivities"))
 
 
 def run(options: argparse.Namespace) -> int:

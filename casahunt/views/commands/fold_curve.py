@@ -24,7 +24,7 @@ from ...servo.hunting import Model
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
 from ...servo.units import with_unit
-from .arguments import add_common, add_csv, count_of, finite, how_of, models_of, servo_of
+from .arguments import add_command, add_models, count_of, finite, how_of, models_of, servo_of
 from .console import complain, of_this, progress, say
 from .fold import sensitivity_text
 from .printed import give
@@ -35,22 +35,19 @@ CURVE_POINTS = 2, 1000
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser(
-        "fold-curve", allow_abbrev=False, help="the fold gain against another parameter: where the servo cannot hunt"
-    )
+    about = "the fold gain against another parameter: where the servo cannot hunt"
+    plot = "the gains with and without hunting"
+    command = add_command(commands, "fold-curve", about, csv="the points", plot=plot)
     command.add_required(
         "--vary", example="friction.static", metavar="KEY", help="the parameter, e.g. friction.static"
     )
     command.add_required("--from", example="0.5", dest="start", metavar="A", help="where its range begins")
     command.add_required("--to", example="0.6", metavar="B", help="where its range ends")
-    add_common(command)
-    command.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
+    add_models(command)
     points = f"about how many points (default {RANGE_POINTS})"
     command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
-    add_csv(command, "the points")
     command.add_argument("--save", metavar="F.npz", help="keep the points of one model for --resume")
     command.add_argument("--resume", action="store_true", help="go on behind the points that are in the file of --save")
-    command.add_argument("--plot", metavar="F.png", help="write a picture of the gains with and without hunting")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -68,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     for failure in failures:
         complain("casahunt fold-curve", failure)
     record = {"curves": curves, "failures": failures, "wall_s": time.perf_counter() - desk.began}
-    give(options, record, _lines(curves, desk.how.tol), picture=("fold_curve.regions", curves))
+    give(options, record, _lines(curves, desk.how.tol), picture=("fold_curve.fold_curves", curves))
     return 1 if failures else 0
 
 

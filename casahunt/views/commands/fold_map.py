@@ -15,29 +15,25 @@ from ...design.fold_map import SIDES, FoldMap, fold_map
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from .arguments import add_common, add_csv, add_model, count_of, finite, how_of, model_of, servo_of
+from .arguments import add_command, count_of, finite, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
 from .printed import give
 
 MAP_SIDE = 25
+"""Values of each parameter: 625 folds make smooth contours, and take some seconds."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser(
-        "fold-map", allow_abbrev=False, help="the fold gain over two parameters, as contours"
-    )
+    about = "the fold gain over two parameters, as contours"
+    command = add_command(commands, "fold-map", about, model="", csv="the gains", plot="the contours")
     for which, example in (("vary", "friction.static 0.5 0.6"), ("and", "servo.inertia 0.02 0.03")):
         command.add_required(
             f"--{which}", example=example, dest=which, nargs=3, metavar=("KEY", "FROM", "TO"),
             help=f"a parameter and its range, e.g. {example}",
         )  # fmt: skip
-    add_common(command)
-    add_model(command)
     points = f"values of each parameter (default {MAP_SIDE})"
     command.add_argument("--points", default=MAP_SIDE, metavar="N", help=points)
-    add_csv(command, "the gains")
-    command.add_argument("--plot", metavar="F.png", help="write a picture of the contours")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
     fold = find_fold(servo, model, options=how)
     say(out, progress_line(fold.orbit, mu="+1 (fold)"))
     found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
-    give(options, found, _lines(found), table=tables_of([found]), picture=("fold_map.contours", found))
+    give(options, found, _lines(found), table=tables_of([found]), picture=("fold_map.fold_map", found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1

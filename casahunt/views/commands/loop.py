@@ -9,18 +9,16 @@ from typing import Any
 
 from ...results import tables_of
 from ...servo.linear_loop import LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
-from .arguments import add_common, add_csv, add_gain, positive, servo_of
+from .arguments import add_command, add_gain, positive, servo_of
 from .printed import give
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    loop = commands.add_parser("loop", allow_abbrev=False, help="the linear loop: stability, poles and margins")
+    about, csv = "the linear loop: stability, poles and margins", "poles and margins, a row for each gain"
+    loop = add_command(commands, "loop", about, tol=False, csv=csv, plot="controller and loop (Bode)")
     help_text = "controller gain in V/rad; may be given several times"
     add_gain(loop, action="append", example="0.1 --gain 0.4", help=help_text)
-    add_common(loop, tol=False)
-    add_csv(loop, "poles and margins, a row for each gain")
-    loop.add_argument("--plot", metavar="F.png", help="write the Bode picture of controller and loop")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from ...errors import NoOrbit, Status
 from ...results import tables_of
 from ...servo.event_map.fixed_points import MAP_POINTS, FixedPoints, default_range, fixed_points
 from ...servo.servo import Servo
-from .arguments import add_common, add_csv, add_gain, count_of, gain_of, positive, servo_of
+from .arguments import add_command, count_of, gain_of, positive, servo_of
 from .console import progress, teller
 from .printed import give
 
@@ -24,14 +24,13 @@ MOTIONS = 2, 1000
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser("map", allow_abbrev=False, help="the event map of the Switch servo: all its cycles")
-    add_gain(command)
-    add_common(command, tol=False)
+    command = add_command(
+        commands, "map", "the event map of the Switch servo: all its cycles", gain=True, tol=False,
+        csv="fixed points and jumps", plot="the map (cobweb)",
+    )  # fmt: skip
     command.add_argument("--from", dest="start", metavar="A", help="smallest stick position [rad] (1e-4 Fs/kp)")
     command.add_argument("--to", metavar="B", help="largest stick position [rad] (20 Fs/kp)")
     command.add_argument("--points", default=MAP_POINTS, help=f"motions of the first grid (default {MAP_POINTS})")
-    add_csv(command, "fixed points and jumps")
-    command.add_argument("--plot", metavar="F.png", help="write the map as a cobweb picture")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -16,21 +16,22 @@ from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.problem import HuntingOrbit
 from ...servo.units import column
-from .arguments import add_common, add_csv, add_gain, add_model, add_solver, gain_of, how_of, model_of, servo_of
+from .arguments import add_command, add_solver, gain_of, how_of, model_of, servo_of
 from .console import complex_text, progress, progress_line, say
 from .printed import give
 
 CHECK = "their accuracy   the one that must be 1 is off by"
+"""Said of the multipliers by either way."""
 ROUTES = ("collocation", "integrator")
 """Ways to the multipliers; the second comes on top of the first."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    orbit = commands.add_parser("orbit", allow_abbrev=False, help="the hunting cycle at one gain")
-    add_gain(orbit)
-    add_common(orbit)
-    add_model(orbit)
+    orbit = add_command(
+        commands, "orbit", "the hunting cycle at one gain", gain=True, model="", csv="the numbers of the cycle",
+        plot="one period",
+    )  # fmt: skip
     orbit.add_argument("--branch", default="stable", help="stable (default), unstable or lopsided")
     orbit.add_argument("--full", action="store_true", help="solve the full cycle, without using its symmetry")
     add_solver(orbit)
@@ -38,9 +39,7 @@ def add(commands: Any) -> None:
         "--multipliers", default="collocation", metavar="WAY",
         help="collocation (default), or integrator: by CasADi's integrators too, with the difference",
     )  # fmt: skip
-    orbit.add_argument("--plot", metavar="F.png", help="write a picture of one period")
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
-    add_csv(orbit, "the numbers of the cycle")
 
 
 def run(options: argparse.Namespace) -> int:

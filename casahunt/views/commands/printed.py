@@ -6,7 +6,7 @@ import argparse
 import json
 import re
 import textwrap
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -92,8 +92,14 @@ def give(
         show(lines, said)
 
 
+def drawing(name: str) -> Callable[..., Any]:
+    """A function of views/pictures by its "module.function"; matplotlib is loaded with it."""
+    module, _, function = name.partition(".")
+    found: Callable[..., Any] = getattr(import_module(f"..pictures.{module}", __package__), function)
+    return found
+
+
 def _draw(path: Path, name: str, *arguments: Any) -> None:
     from ..pictures.plotting import save
 
-    module, _, function = name.partition(".")
-    save(getattr(import_module(f"..pictures.{module}", __package__), function)(*arguments), path)
+    save(drawing(name)(*arguments), path)

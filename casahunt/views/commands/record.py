@@ -29,7 +29,7 @@ from ...errors import InputError, NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
-from .arguments import add_common, add_csv, add_model, finite, how_of, model_of, positive, servo_of
+from .arguments import add_command, finite, how_of, model_of, positive, servo_of
 from .console import complain, progress, say
 from .printed import HARD_SPACE, give
 
@@ -41,17 +41,17 @@ LARGE, MANY = 2e7, 1_000_000
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser("record", allow_abbrev=False, help="a measured hunting record beside the prediction")
-    command.add_argument("file", metavar="F.csv", help="times and positions; units as its header states them")
-    add_common(command)
-    add_csv(command, "amplitude, frequency and period, measured and predicted")
+    command = add_command(
+        commands, "record", "a measured hunting record beside the prediction",
+        file="times and positions; units as its header states them", model=", for the prediction",
+        csv="amplitude, frequency and period, measured and predicted",
+        plot="the record, folded, with the prediction",
+    )  # fmt: skip
     command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
     command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
-    add_model(command, ", for the prediction")
     command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
     command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
-    command.add_argument("--plot", metavar="F.png", help="write a picture of the record, folded, with the prediction")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
         _record(options.file, record, found, orbit, failure, set_point, wall_s),
         _lines(options.file, record, found, orbit, set_point),
         table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
-        picture=("simulation.folded", record, found, orbit) if found.periods.size else (),
+        picture=("simulation.folded_record", record, found, orbit) if found.periods.size else (),
     )
     if not found.hunting:
         complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")

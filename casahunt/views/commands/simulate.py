@@ -29,7 +29,7 @@ from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
-from .arguments import add_common, add_csv, add_gain, add_model, finite, gain_of, model_of, positive, servo_of
+from .arguments import add_command, finite, gain_of, model_of, positive, servo_of
 from .console import complain
 from .printed import give
 
@@ -39,14 +39,13 @@ EVENT_WORDS = {
 }  # fmt: skip
 """How many of an event are told."""
 MOST_ROWS = 10_000_000
+"""Of a table: a gigabyte, of which nobody reads more."""
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser("simulate", allow_abbrev=False, help="the motion from an initial state")
-    add_gain(command)
-    add_common(command)
-    add_model(command)
+    about = "the motion from an initial state"
+    command = add_command(commands, "simulate", about, gain=True, model="", csv="the motion", plot="the motion")
     command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
     command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
     command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")
@@ -54,9 +53,7 @@ def add(commands: Any) -> None:
     command.add_argument("--integral", default=0.0, help="integral of theta - theta_d so far in rad s (default 0)")
     command.add_argument("--bristle", default=0.0, help="bristle deflection at the start in rad (lugre, default 0)")
     command.add_argument("--regularised", action="store_true", help="switch with the report's stick band eta")
-    add_csv(command, "the motion")
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
-    command.add_argument("--plot", metavar="F.png", help="write a picture of the motion")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -40,7 +40,7 @@ from ...files import together, whole_text
 from ...servo.units import GAIN_UNIT, unit_of
 from ..evidence.page import TITLE, page
 from ..evidence.record import before_tasks, made, record_of
-from .arguments import add_common, add_csv, add_model, add_out, finite, how_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, finite, how_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say, telling
 from .printed import give
 from .written import keep_others
@@ -52,9 +52,8 @@ CSV_COLUMNS = ("quantity", "unit", "value", "error")
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    command = commands.add_parser("tune", allow_abbrev=False, help="the gain of least cost that does not hunt")
-    add_common(command)
-    add_model(command)
+    about = "the gain of least cost that does not hunt"
+    command = add_command(commands, "tune", about, model="", csv="the answer and what was checked")
     command.add_argument("--margin", default=0.1, help="gain above the fold gain, relative (default 0.1)")
     command.add_argument("--uncertainty", metavar="FILE.toml", help="servos that must not hunt either")
     command.add_argument("--free", action="append", default=[], metavar="NAME", help=", ".join(NUMBERS))
@@ -67,7 +66,6 @@ def add(commands: Any) -> None:
     command.add_argument("--delay", default=0.0, help="of the loop, s (default 0)")
     command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
     command.add_argument("--gain", help="gain used now, for the simulated tasks before")
-    add_csv(command, "the answer and what was checked")
     add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
 

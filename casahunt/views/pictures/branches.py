@@ -32,13 +32,15 @@ from .plotting import (
     at_least_one,
     legend,
     logarithmic,
-    panels,
     power,
+    stacked,
 )
 
 SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "flip": "D", "grazing": "v", "superstable": "*"}
 OTHER_MARKERS = ("P", "H", "p", "h", "<", ">")
 """For the kinds of special points that users define, in turn."""
+LEGEND_COLUMNS, NOTES = 5, 0.85
+"""Entries of the legend side by side, and room for the notes at the right of the multipliers [in]."""
 LOPSIDED_MARKER, THIN = "d", 0.6
 """Of lopsided cycles; their line is this part of that of the symmetric ones."""
 FAR = 1e3
@@ -80,7 +82,8 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     """
     curves = [*_curves(branches), *_lopsided(branches)]
     markers = _special_markers([*branches, *(pair for branch in branches for pair in branch.lopsided)])
-    figure, both = panels(axes, 2, sharex=True, height_ratios=(1.35, 1))
+    handles = _legend(curves, markers)
+    figure, both = stacked(axes, (1.35, 1), legend_rows=_rows(handles))
     above, below = both
     for ax, quantity in ((above, "amplitude"), (below, "period")):
         for curve in curves:
@@ -97,7 +100,7 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     if equilibria:
         _draw_equilibria(above)
     _label_folds(above, curves)
-    legend(figure, below, _legend(curves, markers), ncols=5)
+    legend(figure, below, handles, ncols=LEGEND_COLUMNS)
     return both
 
 
@@ -130,7 +133,8 @@ def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
     """
     curves = _curves(branches)
     markers = _special_markers(branches)
-    figure, (axes,) = panels(ax, 1)
+    handles = _legend(curves, markers)
+    figure, (axes,) = stacked(ax, (1,), legend_rows=_rows(handles), right=NOTES)
     axes.axhspan(-1, 1, color="0.93", zorder=0)
     everything = [-1.0, 1.0]
     for curve in curves:
@@ -147,7 +151,7 @@ def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
     axes.set_xlabel(GAIN_LABEL)
     axes.set_ylabel("leading half multiplier μ [–]")
     axes.grid(True, which="major", color="0.85", linewidth=0.6)
-    legend(figure, axes, _legend(curves, markers), ncols=5)
+    legend(figure, axes, handles, ncols=LEGEND_COLUMNS)
     return axes
 
 
@@ -297,6 +301,10 @@ def _legend(curves: list[_Curve], markers: dict[str, str]) -> list[Line2D]:
     ]
     special = [Line2D([], [], label=kind, **_special_style(kind, m, NEUTRAL)) for kind, m in markers.items()]
     return [*models.values(), *lines, *special]
+
+
+def _rows(handles: Sequence[Any]) -> int:
+    return math.ceil(len(handles) / LEGEND_COLUMNS)
 
 
 def _draw_equilibria(axes: Axes) -> None:

@@ -13,7 +13,7 @@ LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
 
 
-def picture(found: Equilibria, *, axes: Any = None) -> Array:
+def equilibria(found: Equilibria, *, axes: Any = None) -> Array:
     """Stick region and equilibria of Switch in the plane (x1, x3), or the eigenvalues of LuGre.
 
     Parameters

@@ -28,13 +28,14 @@ LABELS = {
 }
 """Name, symbol and unit of every parameter."""
 SHADING = 0.16
+"""Of the gains that hunt: faint enough that grid and lines of two models, one over the other, are seen through it."""
 WIDE = 30.0
 """Ratio of the values of an axis from which on it is logarithmic."""
 HEADROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
 
-def regions(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
+def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     """The fold gain against a parameter of the servo, the gains with hunting shaded.
 
     The line is the cubic through the computed points with their exact slopes.  A curve that turns back in a cusp is

@@ -11,11 +11,12 @@ from .fold_curve import LABELS, WIDE
 from .plotting import NAMES, SMALL, Axes, MaxNLocator, panels
 
 CONTOURS = 9
+"""At most: more of them stand closer than their labels are high."""
 NEVER = "#d9d9d9"
 """Colour where no gain hunts."""
 
 
-def contours(folds: FoldMap, ax: Axes | None = None) -> Axes:
+def fold_map(folds: FoldMap, ax: Axes | None = None) -> Axes:
     """The fold gain as contours over two parameters; above a contour's gain the servo on it does not hunt.
 
     Parameters

@@ -19,6 +19,7 @@ from ...servo.servo import Servo
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
 
 BODE_POINTS = 600
+"""One for every second pixel of a panel."""
 ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
 

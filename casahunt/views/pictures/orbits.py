@@ -16,28 +16,33 @@ from ...errors import InputError
 from ...servo.problem import HuntingOrbit
 from .plotting import (
     ALONE,
+    BOTTOM,
     LOOKS,
     MORE_LOOKS,
     NAMES,
     NEUTRAL,
+    PANELS_APART,
     Array,
     Axes,
     Figure,
     Line2D,
     Look,
     MaxNLocator,
-    align,
     at_least_one,
+    fix_labels,
+    fixed_grid,
     legend,
-    new_figure,
     panels,
     power,
+    stacked,
 )
 
 LONG = 24
 """Characters of a legend entry of which four do not fit side by side."""
 STUCK = 1e-3
 """Slower than this part of the largest |x2| counts as stick."""
+SPACE_EDGE, PLANES_APART = 0.1, 0.2
+"""Room left of the picture in space [in], whose labels lie inside, and between it and the planes, of a mean width."""
 DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
@@ -74,7 +79,7 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     at_least_one("orbits", orbits)
     traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
-    figure, all_of_them = panels(axes, n, sharex=True)
+    figure, all_of_them = stacked(axes, (1,) * n, legend_rows=len(orbits))
     names = (("x₁", "rad"), ("x₂", "rad/s"), ("x₃", "rad s"), ("z", "rad"))
     for i, (ax, (name, unit)) in enumerate(zip(all_of_them, names, strict=False)):
         peak = max(float(np.max(np.abs(states[i]))) for _, states in traces if i < len(states))
@@ -92,7 +97,6 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01, y=0.1)
     all_of_them[-1].set_xlabel("time from the rise of x₁ through zero [s]")
-    align(figure, all_of_them)
     labels = [f"{_name(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
     legend(figure, all_of_them[0], _orbit_handles(orbits, labels), frameon=False)
     return all_of_them
@@ -131,7 +135,12 @@ def phase_portrait(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array
     units = (("x₁", "rad"), ("x₂", "rad/s"), ("x₃", "rad s"))
     scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]
     labels = [label for _, label in scales]
-    figure, three = _space_and_planes(axes)
+    names = _distinct_names(orbits)
+    handles = _orbit_handles(orbits, names)
+    handles += [Line2D([], [], color=NEUTRAL, linewidth=1.3, label="slip (thin)")]
+    handles += [Line2D([], [], color=NEUTRAL, linewidth=4.5, label="stick (thick)")]
+    columns = min(len(handles), 4) if all(len(name) < LONG for name in names) else 2
+    figure, three = _space_and_planes(axes, math.ceil(len(handles) / columns))
     space, planes = three[0], ((three[1], 1), (three[2], 2))
     for look, states in zip(_looks(orbits), samples, strict=True):
         x = states / np.array([factor for factor, _ in scales])[:, None]
@@ -150,25 +159,23 @@ def phase_portrait(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array
         plane.set(xlabel=labels[0], ylabel=labels[row])
         plane.grid(True, color="0.9", linewidth=0.6)
         plane.margins(0.08)
-    names = _distinct_names(orbits)
-    handles = _orbit_handles(orbits, names)
-    handles += [Line2D([], [], color=NEUTRAL, linewidth=1.3, label="slip (thin)")]
-    handles += [Line2D([], [], color=NEUTRAL, linewidth=4.5, label="stick (thick)")]
-    columns = min(len(handles), 4) if all(len(name) < LONG for name in names) else 2
     legend(figure, three[1], handles, frameon=False, ncols=columns)
     return three
 
 
-def _space_and_planes(given: Any) -> tuple[Figure | None, Array]:
+def _space_and_planes(given: Any, legend_rows: int) -> tuple[Figure | None, Array]:
     if given is not None:
         _, three = panels(given, 3)
         if not hasattr(three[0], "zaxis"):
             raise InputError('axes: the first one must have three dimensions (projection="3d")')
         return None, three
-    figure = new_figure()
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
+    figure, grid = fixed_grid(
+        legend_rows, left=SPACE_EDGE, rows_apart=BOTTOM + PANELS_APART, nrows=2, ncols=2, width_ratios=(1.6, 1),
+        wspace=PLANES_APART,
+    )  # fmt: skip
     space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
     planes = (figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1]))
+    fix_labels(planes)
     return figure, np.array([space, *planes], dtype=object)
 
 

@@ -35,11 +35,18 @@ Axes = Any
 SIZE = (8.0, 6.0)
 """Width and height of a figure [in]."""
 DPI = 150
+"""Dots per inch of PNG: 1200 x 900, a screen's."""
 SMALL = 9
 """Font size of legends and notes [pt]; the rest is matplotlib's 10."""
 ALONE = 1.5
 """Line width [pt] where a wide line would only hide its own details."""
 GAIN_LABEL = "controller gain K [V/rad]"
+LEFT, RIGHT, BOTTOM, PANELS_APART = 0.85, 0.15, 0.5, 0.13
+"""Room beside panels [in]: for a label and numbers of seven characters, half a number, a label and numbers, nothing."""
+LABEL_LINE = 0.23
+"""Distance of the edge of labels that is next to their panel from the edge of the figure [in]: a line and a gap."""
+LEGEND_EDGE, LEGEND_ROW = 0.2, 0.19
+"""Room for the frame of a legend above the panels, and for each of its rows [in]."""
 
 
 class Look(NamedTuple):
@@ -171,6 +178,49 @@ def panels(given: Any, rows: int, columns: int = 1, **how: Any) -> tuple[Figure 
     return None, axes
 
 
+def stacked(
+    given: Any, heights: Sequence[float], *, legend_rows: int, right: float = RIGHT
+) -> tuple[Figure | None, Array]:
+    """As `panels`, one below the other over one abscissa, with places as of `fixed_grid`.
+
+    given: axes, or None; heights: of the panels, relatively; legend_rows, right: as there.
+    """
+    if given is not None:
+        return panels(given, len(heights))
+    figure, grid = fixed_grid(legend_rows, nrows=len(heights), height_ratios=heights, right=right)
+    axes = grid.subplots(sharex=True, squeeze=False)[:, 0]
+    fix_labels(axes)
+    return figure, axes
+
+
+def fixed_grid(
+    legend_rows: int, *, left: float = LEFT, right: float = RIGHT, rows_apart: float = PANELS_APART, **how: Any
+) -> tuple[Figure, Any]:
+    """A new figure and its grid, with places in inches: nothing is measured.
+
+    To measure all labels twice, as a constrained layout does, takes as long as to draw them: this is for pictures whose
+    numbers have seven characters at most.
+
+    legend_rows: rows of the legend above; left, right, rows_apart: room beside and between the panels [in]; **how: for
+    `GridSpec`.
+    """
+    figure = Figure(figsize=SIZE)
+    FigureCanvasAgg(figure)
+    (width, height), rows = SIZE, how["nrows"]
+    top = height - LEGEND_EDGE - LEGEND_ROW * legend_rows
+    apart = rows_apart * rows / (top - BOTTOM - rows_apart * (rows - 1))  # in mean heights of a panel
+    edges = {"left": left / width, "right": 1 - right / width, "bottom": BOTTOM / height, "top": top / height}
+    return figure, figure.add_gridspec(**{"ncols": 1, **how, **edges, "hspace": apart})
+
+
+def fix_labels(axes: Sequence[Axes] | Array) -> None:
+    """Give the labels of panels of a `fixed_grid` their places, in line below each other."""
+    for ax in axes:
+        box = ax.get_position()
+        ax.xaxis.set_label_coords(0.5, (LABEL_LINE - BOTTOM) / (box.height * SIZE[1]))
+        ax.yaxis.set_label_coords((LABEL_LINE - LEFT) / (box.width * SIZE[0]), 0.5)
+
+
 def power(exponent: int) -> str:
     """A power of ten in plain text: a formula to be set costs 2 ms a label, and as much again for each of its kind."""
     return "10" + str(exponent).translate(RAISED)
@@ -224,12 +274,14 @@ def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = No
 
 __all__ = [
     "ALONE",
+    "BOTTOM",
     "DPI",
     "GAIN_LABEL",
     "LOOKS",
     "MORE_LOOKS",
     "NAMES",
     "NEUTRAL",
+    "PANELS_APART",
     "SIZE",
     "SMALL",
     "Array",
@@ -245,11 +297,14 @@ __all__ = [
     "at_least_one",
     "drawn",
     "figure_of",
+    "fix_labels",
+    "fixed_grid",
     "legend",
     "logarithmic",
     "new_figure",
     "panels",
     "power",
     "save",
+    "stacked",
 ]
 """What the pictures take from here, matplotlib's own among it."""

@@ -17,6 +17,7 @@ from .orbits import rolled
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
 
 PER_INTERVAL = 8
+"""Points of a drawn line in each interval of a motion, which its polynomial bends once or twice."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
 SHADE = "0.9"
@@ -88,7 +89,7 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     return three
 
 
-def folded(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, axes: Any = None) -> Array:
+def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, axes: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters

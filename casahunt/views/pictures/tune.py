@@ -73,7 +73,7 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
     return both
 
 
-def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, axes: Any = None) -> Array:
+def tasks(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, axes: Any = None) -> Array:
     """The same tasks before and after: distance from the set point [rad] against time [s].
 
     Parameters
@@ -101,8 +101,8 @@ def responses(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, ax
     >>> pictures.tasks((tuning.gain, tasks), tasks).size
     3
     """
-    tasks = [task for task in after if task.friction == "nominal"]
-    pairs = list(zip(before[1], tasks, strict=True))
+    nominal = [task for task in after if task.friction == "nominal"]
+    pairs = list(zip(before[1], nominal, strict=True))
     swings = [old.motion.verdict.period for old, _ in pairs if old.motion.verdict.kind == "hunting"]
     whole = min(float(task.motion.times[-1]) for pair in pairs for task in pair)
     shown = min(whole, TASK_SWINGS * max(swings)) if swings else whole
@@ -151,5 +151,5 @@ def evidence_images(
             pass  # a servo without a cycle at that gain: the page says its fold in numbers
         images["sensitivities"] = png(elasticities([fold], [fold_sensitivities(fold)]))
     if any(task.friction == "nominal" for task in tuning.verification.tasks):
-        images["responses"] = png(responses(before, tuning.verification.tasks))
+        images["responses"] = png(tasks(before, tuning.verification.tasks))
     return images

@@ -12,6 +12,7 @@ from ...servo.problem import HuntingFold
 from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, legend, panels
 
 MOST_BINS = 40
+"""Narrower ones are bars of a few pixels."""
 
 
 def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, *, ax: Axes | None = None) -> Axes:
