@@ -93,11 +93,9 @@ def test_too_coarse_a_mesh_is_not_clear(orbit):
     assert verdict.unclear.any()
 
 
-def test_tolerance_not_reached(monkeypatch):
-    from casahunt.orbits import adapt
-
+def test_tolerance_not_reached(at_most):
     rough = find_orbit(Servo(), "switch", 0.3, options=Options(tol=1e-2, degree=3))
-    monkeypatch.setattr(adapt, "MAX_INTERVALS", 5)
+    at_most(5)
     with pytest.raises(NoOrbit, match="error estimate stays above the tolerance"):
         refined(rough, Options(tol=1e-12))
 
