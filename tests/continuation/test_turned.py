@@ -15,6 +15,7 @@ from casahunt.collocation.mesh import on_halved_mesh
 from casahunt.collocation.solve import solve
 from casahunt.continuation import fold as folds
 from casahunt.continuation import optimum as conditions
+from casahunt.continuation import turned
 from casahunt.continuation.curve import along
 from casahunt.continuation.fold import located
 from casahunt.continuation.optimum import optimum
@@ -138,6 +139,12 @@ def test_a_fold_is_solved_for_where_the_branch_turns(beside):
         assert found.orbit.gain == pytest.approx(FOLD["K"], rel=1e-11)
         assert found.orbit.amplitude == pytest.approx(FOLD["amplitude"], rel=1e-9)
         assert found.orbit.error_estimate <= 1e-10
+
+
+def test_what_is_not_between_the_two_orbits_is_another_fold(beside, orbit, monkeypatch):
+    """Patched: where a cubic turns between two orbits of this servo, Newton's method leads to the fold there."""
+    monkeypatch.setattr(turned, "turned_orbit", lambda *_: orbit("switch", 0.3))
+    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
 
 
 @pytest.mark.parametrize("branch", ["stable", "unstable"])

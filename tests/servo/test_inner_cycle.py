@@ -66,6 +66,17 @@ def test_the_unstable_cycle(servo, gain):
     assert found.half_multiplier == pytest.approx(near[0].multiplier, rel=1e-4) and near[0].multiplier > 1
 
 
+@pytest.mark.parametrize(("branch", "outside"), [("unstable", 3.0), ("stable", 1.9)])
+def test_what_lies_elsewhere_or_is_stable_is_none(orbit, branch, outside):
+    """Motions that lead to the unstable cycle, farther in than where they are said to begin; and to the stable one."""
+    there = orbit("switch", 0.4, branch).amplitude
+
+    def motion(P, honest, a, **how):
+        return replace(honest(there), start=a, position=0.9 * a)
+
+    assert between(double(AT_04, motion), outside * there) is None
+
+
 def test_given_up_where_a_motion_fails_or_the_map_jumps():
     def jumping(P, honest, a, **how):
         tried.append(a)
