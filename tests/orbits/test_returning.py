@@ -13,8 +13,10 @@ from oscillator import VAN_DER_POL, assert_period, van_der_pol
 from casahunt import effort
 from casahunt.errors import NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
+from casahunt.motion.segment import NoEnd
 from casahunt.orbits import find_cycle
-from casahunt.orbits.watching import cut, watched
+from casahunt.orbits.returning import Returning
+from casahunt.orbits.watching import MOST_LOOKS, NotMet, cut, watched
 from problems import rossler
 
 
@@ -198,3 +200,27 @@ def test_a_rotor_whose_speed_settles(w):
 def test_a_rotor_that_stops():
     turns = Mode("turns", lambda x, p: {"theta": 0.5 + ca.sin(x.theta)})
     refused(System("rotor", ("theta",), {}, (turns,), angles=("theta",)), "comes to rest", theta=0.3)
+
+
+# Looks ----------------------------------------------------------------------------------------------------------------
+
+
+def searched(field, span: float, looks: int) -> Returning:
+    """A motion whose event is met no more, so often looked at again, in the middle of its march."""
+    never = Event("never", lambda x, p: x.x - 1e9, +1, to="on")
+    system = System("never again", ("x", "v"), {}, (Mode("on", field, ends=(never,)),))
+    return Returning(
+        system=system, p=np.zeros(0), mode="on", x=np.array([0.0, 1.0]), settled=False, kind="gauss",
+        scale=np.ones(2), form=system.vector_form, span=span, looks=looks,
+    )  # fmt: skip
+
+
+def test_a_motion_is_looked_at_again_and_not_for_ever():
+    """x' = 1 until the time is over, and x'' = -x for more intervals than are waited: another look, up to the last."""
+    drift, swing = (lambda x, p: {"x": 1.0, "v": 0.0}), (lambda x, p: {"x": x.v, "v": -x.x})
+    for field, span, why in ((drift, 1.0, NotMet), (swing, 1e6, NoEnd)):
+        search = searched(field, span, MOST_LOOKS - 1)
+        search.marched(1)
+        assert search.looks == MOST_LOOKS and not search.segments
+        with pytest.raises(why, match="does not meet another event" if why is NotMet else "no exit after"):
+            search.marched(1)
