@@ -34,7 +34,7 @@ def test_the_fold_depends_on_the_drop_of_the_friction_alone():
 
 @pytest.mark.slow
 def test_folds_that_one_expansion_does_not_reach():
-    """Drops of the friction from 0.02 to 1.55, from one fold to the next, and some alone; equal drops have equal folds."""
+    """Drops of the friction from 0.02 to 1.55, from fold to fold and some alone; equal drops have equal folds."""
     static, coulomb = np.array([0.46, 0.53, 1.2, 1.99]), np.array([0.37, 0.44, 1.11])
     found = fold_map(table1.servo(), "switch", FRICTION, static, coulomb, options=Options(tol=1e-7))
     assert np.diagonal(found.gains) == pytest.approx(np.full(3, FOLD), rel=3e-7)

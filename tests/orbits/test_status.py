@@ -134,7 +134,7 @@ def test_bad_input_is_one_sentence(call, words):
     [
         ("switch", 0.9, 0.53),
         ("switch", 0.1, 0.44),
-        pytest.param("lugre", 0.9, 0.53, marks=pytest.mark.slow),  # test_find_orbit denies LuGre cycles by the same fold
+        pytest.param("lugre", 0.9, 0.53, marks=pytest.mark.slow),  # test_find_orbit denies by the same fold
     ],
 )
 def test_no_cycle_says_what_was_scanned(model, gain, static):
