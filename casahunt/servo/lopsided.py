@@ -129,7 +129,7 @@ def _breakings(symmetric: HuntingOrbit, options: Options) -> Iterator[SpecialPoi
         way = [symmetric, *_up_to_the_fold(steps)]
         for earlier, before, after in zip([None, *way], way, way[1:], strict=False):
             found, _ = crossings(
-                before, after, vary="gain", monitors=(SYMMETRY_BREAKING,), options=options, earlier=earlier, inside=True
+                before, after, vary="gain", monitors=(SYMMETRY_BREAKING,), options=options, earlier=earlier
             )
             if found:
                 yield found[0]
