@@ -16,7 +16,7 @@ from casahunt.motion.march_watch import Watch
 from casahunt.servo.cycles import automaton
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.half_cycle import half_cycle
+from casahunt.servo.event_map.half_cycle import SECTION, half_cycle
 from casahunt.servo.event_map.scan import Scan, _fixed_point
 from casahunt.servo.event_map.slopes import (
     MapPoint,
@@ -307,3 +307,28 @@ def test_what_a_watched_interval_hides_of_a_servo():
         end[1] = fastest
         found = watch.crossings(start, stages.ravel(), end, None)[1]
         assert found == watch.hides(start, stages.ravel(), end) == hidden
+
+
+def test_where_a_servo_with_a_bristle_breaks_away():
+    """Radau's method (scipy), to where the torque has come back to nearly static friction."""
+    integrate = pytest.importorskip("scipy.integrate")
+    servo, gain, a = Servo(), 0.6, 2e-3
+    f, (kp, kd, ki) = servo.friction, servo.torque_gains(gain)
+
+    def motion(t, x):
+        position, v, integral, z = x
+        g = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
+        rate = v - f.stiffness * abs(v) / g * z
+        force = -(kp * position + kd * v + ki * integral) - f.stiffness * z - f.damping * rate - f.viscous * v
+        return [v, force / servo.inertia, position, rate]
+
+    def breaks_away(t, x):
+        return side * (kp * x[0] + kd * x[1] + ki * x[2]) - SECTION * f.static
+
+    found = half_cycle("lugre", servo, gain, a, tol=1e-9)
+    first = found.segments[0]  # from where the position passes zero
+    side, start = math.copysign(1.0, first.end[0]), first.w[0, :4]
+    breaks_away.terminal, breaks_away.direction = True, 1.0
+    events = {"events": breaks_away, "rtol": 1e-9, "atol": 1e-13, "method": "Radau"}
+    end = integrate.solve_ivp(motion, (0.0, 60.0), start, **events)
+    assert abs(end.y_events[0][0][0]) == pytest.approx(abs(found.position), rel=2e-3)  # linear between two nodes
