@@ -139,7 +139,7 @@ def test_a_touching_crossover_is_one_and_no_crossover_is_none():
 def test_the_row_of_a_loop_has_its_phase_margin():
     """|L| = 1 at the crossover, and 180 degrees less its phase there, by complex numbers."""
     servo, gain = Servo(), 0.3
-    row, (kp, kd, ki) = linear_loop(servo, gain)._columns(), servo.torque_gains(gain)
+    (kp, kd, ki), row = servo.torque_gains(gain), {k: v[0] for k, v in linear_loop(servo, gain)._columns().items()}
     s = 1j * row["crossover_rad_per_s"]
     L = (kd * s**2 + kp * s + ki) / (s**2 * (servo.inertia * s + servo.friction.viscous))
     assert abs(L) == pytest.approx(1, rel=1e-9)
