@@ -143,9 +143,9 @@ def canudas_gains() -> Iterator[tuple[str, Any]]:
     """
     from problems.canudas_gain import NEAR_BREAKING, NEAR_FLIPS
 
-    for halves, K, y in (*((1, *near) for near in NEAR_BREAKING), *((2, *near) for near in NEAR_FLIPS)):
+    for halves, K, near in (*((1, *start) for start in NEAR_BREAKING), *((2, *start) for start in NEAR_FLIPS)):
         seen: list[tuple[float, float]] = []
-        y = np.array(y, L)
+        y = np.array(near, L)
         for _ in range(6):
             machine = canudas_machine(K)
 
