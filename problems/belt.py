@@ -25,17 +25,7 @@ from .gallery import Found, Truth, portrait, present
 
 
 def slip(x: Any, p: Any) -> dict[str, Any]:
-    """x' while the block is slower than the belt.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """x' while the block is slower than the belt."""
     force = p.static / (1 + p.decay * (p.belt - x.v))
     return {"x": x.v, "v": (force - p.stiffness * x.x) / p.mass}
 
@@ -86,15 +76,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The phase plane.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The phase plane."""
     for one in found:
         portrait(one.orbit, "x", "v", ax, label=one.caption)
     ax.legend()

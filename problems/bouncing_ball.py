@@ -35,32 +35,12 @@ from .gallery import Found, Truth, portrait, present
 
 
 def height(x: Any, p: Any) -> Any:
-    """Of the ball above the table, in amplitudes of the table.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """Of the ball above the table, in amplitudes of the table."""
     return x.x / p.a - ca.sin(p.w * x.t)
 
 
 def bounced(x: Any, p: Any) -> dict[str, Any]:
-    """The velocity behind an impact.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    By name.
-    """
+    """The velocity behind an impact."""
     return {"v": -p.e * x.v + (1 + p.e) * p.a * p.w * ca.cos(p.w * x.t)}
 
 
@@ -82,18 +62,8 @@ CASES = ((1.001, 1, +1), (1.46, 1, +1), (1.001, 1, -1), (1.46, 1, -1), (3.2, 1, 
 def truth(a: float, turns: int, sign: int) -> tuple[Truth, dict[str, float]]:
     """The closed form.
 
-    Parameters
-    ----------
-    a
-        amplitude of the table.
-    turns
-        of the table in a period.
-    sign
-        of sin(phi): +1 for a sink or what has flipped from it, -1 for the saddle.
-
-    Returns
-    -------
-    Truth, and the state behind the impact.
+    sign: of sin(phi): +1 for a sink or what has flipped from it, -1 for the saddle.
+    Returns truth, and the state behind the impact.
     """
     e, w, g = (SYSTEM.parameters[name] for name in ("e", "w", "g"))
     T = 2 * math.pi * turns / w
@@ -122,15 +92,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """Height over the time.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """Height over the time."""
     for one in found:
         portrait(one.orbit, "t", "x", ax, label=one.caption)
     ax.legend(fontsize="small")

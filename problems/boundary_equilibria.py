@@ -43,14 +43,7 @@ BEFORE, BEHIND, NODE_BEHIND = (0.4, 1.0, 0.4), (0.4, 1.0, 0.8), (3.0, 2.0, 0.6)
 def continuous(numbers: Pair) -> Field:
     """The continuous field on one side.
 
-    Parameters
-    ----------
-    numbers
-        t and d.
-
-    Returns
-    -------
-    (x, p) -> the derivatives by name.
+    Returns (x, p) -> the derivatives by name.
     """
     t, d = numbers
     return lambda x, p: {"x": t * x.x + x.y, "y": p.mu - d * x.x}
@@ -59,14 +52,7 @@ def continuous(numbers: Pair) -> Field:
 def turning(numbers: Pair) -> Field:
     """A focus at (mu, 0).
 
-    Parameters
-    ----------
-    numbers
-        a and w.
-
-    Returns
-    -------
-    (x, p) -> the derivatives by name.
+    Returns (x, p) -> the derivatives by name.
     """
     a, w = numbers
     return lambda x, p: {"x": a * (x.x - p.mu) - w * x.y, "y": w * (x.x - p.mu) + a * x.y}
@@ -75,14 +61,7 @@ def turning(numbers: Pair) -> Field:
 def linear(field: Field) -> tuple[np.ndarray, Pair]:
     """A linear field at mu = 1.
 
-    Parameters
-    ----------
-    field
-        the field.
-
-    Returns
-    -------
-    Its matrix, and where it is zero.
+    Returns its matrix, and where it is zero.
     """
 
     def at(x: float, y: float) -> np.ndarray:
@@ -105,16 +84,7 @@ class _At:
 def crossing(left: Field, right: Field, bounds: Pair) -> Motion:
     """The truth of two linear fields.
 
-    Parameters
-    ----------
-    left, right
-        the fields.
-    bounds
-        of y where the motion goes to the right, at mu = 1.
-
-    Returns
-    -------
-    mu -> Turn.
+    bounds: of y where the motion goes to the right, at mu = 1. Returns mu -> Turn.
     """
 
     def through(y: float) -> tuple[float, float]:
@@ -128,32 +98,12 @@ def crossing(left: Field, right: Field, bounds: Pair) -> Motion:
 
 
 def incoming(x: Any, p: Any) -> Any:
-    """The speed s at which the right field of Filippov's comes in, -x' at x = 0.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The speed.
-    """
+    """The speed s at which the right field of Filippov's comes in, -x' at x = 0."""
     return GROWTH * p.mu + x.y
 
 
 def sliding(x: Any, p: Any) -> dict[str, Any]:
-    """Filippov's combination of both fields.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """Filippov's combination of both fields."""
     s = incoming(x, p)
     return {"x": 0.0, "y": (GROWTH * x.y - p.mu - DRIFT * s) / (1 + s)}
 
@@ -171,17 +121,7 @@ SLIDES = System(
 
 
 def slid(mu: float) -> Turn:
-    """The truth of the cycle that slides: y' = (c + m y)/(e + y) while it does.
-
-    Parameters
-    ----------
-    mu
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth of the cycle that slides: y' = (c + m y)/(e + y) while it does."""
     lift = -GROWTH
     flown, y = flight(*linear(turning((GROWTH, 1.0))), lift)
     m, c, e = GROWTH - DRIFT, -mu - DRIFT * GROWTH * mu, 1 + GROWTH * mu
@@ -192,9 +132,7 @@ def slid(mu: float) -> Turn:
 def sliding_limit() -> Pair:
     """Limits of -y/mu and of the period, for the one that slides.
 
-    Returns
-    -------
-    Both: what is left of `slid` as mu -> 0.
+    Returns both: what is left of `slid` as mu -> 0.
     """
     flown, y = flight(*linear(turning((GROWTH, 1.0))), -GROWTH)
     m, c = GROWTH - DRIFT, -1 - DRIFT * GROWTH
@@ -204,14 +142,7 @@ def sliding_limit() -> Pair:
 def stop(t: float, d: float, r: float) -> System:
     """An oscillator with a stop at x = 0.
 
-    Parameters
-    ----------
-    t, d, r
-        as in the equations.
-
-    Returns
-    -------
-    System with the parameter mu.
+    Returns system with the parameter mu.
     """
     hit = Event("impact", lambda x, p: x.x, -1, to="free", reset=lambda x, p: {"y": -r * x.y})
     free = Mode("free", lambda x, p: {"x": x.y, "y": t * x.y - d * (x.x - p.mu)}, holds=lambda x, p: x.x, ends=(hit,))
@@ -221,18 +152,7 @@ def stop(t: float, d: float, r: float) -> System:
 def impacts(t: float, d: float, r: float, side: int, bounds: Pair) -> Motion:
     """The truth of an oscillator with a stop.
 
-    Parameters
-    ----------
-    t, d, r
-        as in the equations.
-    side
-        the sign of mu.
-    bounds
-        of y after an impact, at mu = +-1.
-
-    Returns
-    -------
-    mu -> Turn.
+    bounds: of y after an impact, at mu = +-1. Returns mu -> Turn.
     """
     A = np.array([[0.0, 1.0], [-d, t]])
     y = zero(lambda y: r * flight(A, (side, 0.0), y)[1] / y + 1, *bounds)

@@ -19,17 +19,7 @@ from .gallery import Course
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """The reactions.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The reactions."""
     return {"x": p.A + x.x**2 * x.y - (p.B + 1) * x.x, "y": p.B * x.x - x.x**2 * x.y}
 
 

@@ -25,17 +25,7 @@ from .gallery import Found, Truth, portrait, present
 
 
 def moves(x: Any, p: Any) -> dict[str, Any]:
-    """The field, for one sign of the velocity.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters; p.sign is the sign.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The field, for one sign of the velocity."""
     g = p.Fc + (p.Fs - p.Fc) * ca.exp(-((x.v / p.vs) ** 2))
     z_rate = x.v - p.sigma0 * p.sign * x.v * x.z / g
     friction = p.sigma0 * x.z + p.sigma1 * z_rate + p.sigma2 * x.v
@@ -44,47 +34,17 @@ def moves(x: Any, p: Any) -> dict[str, Any]:
 
 
 def speed(x: Any, p: Any) -> Any:
-    """The velocity, of order one in a slip.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """The velocity, of order one in a slip."""
     return x.v / p.vs
 
 
 def onwards(x: Any, p: Any) -> Any:
-    """The velocity in the direction of the mode.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """The velocity in the direction of the mode."""
     return p.sign * speed(x, p)
 
 
 def drop(x: Any, p: Any) -> Any:
-    """The Stribeck drop, which passes within a part of a slip that is as small as vs.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """The Stribeck drop, which passes within a part of a slip that is as small as vs."""
     return ca.exp(-((x.v / p.vs) ** 2))
 
 
@@ -121,15 +81,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """Position and, scaled, the bristle over the time.
-
-    Parameters
-    ----------
-    found
-        the cycle.
-    ax
-        matplotlib axes.
-    """
+    """Position and, scaled, the bristle over the time."""
     portrait(found[0].orbit, "t", "x", ax, label="x")
     times, states = found[0].orbit.sample(16)
     ax.plot(times, states[3] * 4e3, label="4000 z")

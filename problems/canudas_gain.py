@@ -50,25 +50,24 @@ NEAR_BREAKING = (
 """K, and (v, w, z) where x passes zero, next to the losses of symmetry: where the independent search begins."""
 NEAR_FOLD = (48.4548, (0.0007398637580574439, -0.007883723204257408, 1.3126463355958961e-05))
 """The same next to the fold."""
-BREAKING = (48.0202208178, 48.4446234385)
+NEAR_FLIPS = (
+    (47.99822, (0.00173398282, -0.00793425523, 1.02415099e-05)),
+    (48.43318, (0.00129472532, -0.00788555849, 1.1497791e-05)),
+)
+NEAR_LOPSIDED_FOLD = (47.9671, (0.00173469442, -0.00793845418, 1.02408842e-05))
+"""The same next to where the lopsided cycles flip, and next to their fold."""
+BREAKING = (48.0202208712, 48.4446231204)
 """K at which the symmetric cycle loses and regains its symmetry: scripts/peers/gallery_truths.py, correct to 1e-9."""
 FOLD = 48.4548207627
 """The largest K that it has: the same, correct to 1e-9."""
+LOPSIDED_FOLD, FLIPS = 47.9671040217, (47.9982255572, 48.4331844445)
+"""K at which the lopsided cycles have their fold and their flips: the same, correct to 1e-9."""
 
 
 def symmetric(to: float = 100.0, back: float = 0.99, start: float = 1.0) -> Branch[Any]:
     """The branch of the symmetric cycle, from K = `start` round the fold.
 
-    Parameters
-    ----------
-    to, back
-        where it would end without a fold, and where it ends behind it.
-    start
-        K at which it begins.
-
-    Returns
-    -------
-    Branch.
+    to, back: where it would end without a fold, and where it ends behind it.
     """
     orbit = find_cycle(SYSTEM, "backwards", tol=TOL, parameters={"K": start}, x=1.0, v=0.0, w=0.0, z=0.0)
     return follow(orbit, "K", to=to, back=back, options=Options(tol=TOL), max_points=1500)
@@ -77,16 +76,7 @@ def symmetric(to: float = 100.0, back: float = 0.99, start: float = 1.0) -> Bran
 def lopsided(special: Any, off: float) -> Branch[Any]:
     """One of the pair that branches off, followed away from the symmetric cycle as far as it exists.
 
-    Parameters
-    ----------
-    special
-        a located loss of symmetry.
-    off
-        how far off the branch begins; -off gives the other one of the pair.
-
-    Returns
-    -------
-    Branch.
+    off: how far off the branch begins; -off gives the other one of the pair.
     """
     first = branch_off(special, "K", off=off)
     return follow(first, "K", to=40.0, back=100.0, options=Options(tol=TOL))

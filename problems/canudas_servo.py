@@ -21,9 +21,7 @@ TOML = Path(__file__).with_name("canudas.toml")
 def servo() -> Servo:
     """The servo of the paper.
 
-    Returns
-    -------
-    Servo, read from its file.
+    Returns servo, read from its file.
     """
     return load(TOML)
 

@@ -23,17 +23,7 @@ from .gallery import Found, Truth, portrait, present
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """The normal form, and a state that decays.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The normal form, and a state that decays."""
     growth = p.mu - x.x**2 - x.y**2
     return {"x": growth * x.x - p.omega * x.y, "y": p.omega * x.x + growth * x.y, "z": -p.decay * x.z}
 
@@ -55,14 +45,7 @@ CASES = (
 def truth(mu: float, omega: float, decay: float) -> Truth:
     """The closed form.
 
-    Parameters
-    ----------
-    mu, omega, decay
-        as in the equations.
-
-    Returns
-    -------
-    Truth: period, extrema, multipliers.
+    Returns truth: period, extrema, multipliers.
     """
     T, r = 2 * math.pi / omega, math.sqrt(mu)
     multipliers = sorted((math.exp(-2 * mu * T), math.exp(-decay * T)), reverse=True)
@@ -78,15 +61,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The phase plane, in units of the radius.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The phase plane, in units of the radius."""
     portrait(found[0].orbit, "x", "y", ax)
     ax.set_aspect("equal")
 

@@ -43,78 +43,28 @@ NARROW = 0.005
 
 
 def torque(x: Any, p: Any) -> Any:
-    """The torque of the motor [N m].
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """The torque of the motor [N m]."""
     return -(p.kp * x.x1 + p.kd * x.x2 + p.ki * x.x3)
 
 
 def slip(x: Any, p: Any) -> dict[str, Any]:
-    """The slip outside of the band, with the sign of its mode.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives.
-    """
+    """The slip outside of the band, with the sign of its mode."""
     friction = p.sign * (p.Fc + (p.Fs - p.Fc) * ca.exp(-((x.x2 / p.vs) ** 2))) + p.b * x.x2
     return {"x1": x.x2, "x2": (torque(x, p) - friction) / p.J, "x3": x.x1}
 
 
 def slip_inside(x: Any, p: Any) -> dict[str, Any]:
-    """The same inside, where the integrator rests.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives.
-    """
+    """The same inside, where the integrator rests."""
     return slip(x, p) | {"x3": 0.0}
 
 
 def edge(x: Any, p: Any) -> Any:
-    """Above zero outside of the band.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """Above zero outside of the band."""
     return x.x1**2 / p.delta**2 - 1
 
 
 def after_stop(x: Any, p: Any) -> str:
-    """The mode behind a stop.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters, numbers.
-
-    Returns
-    -------
-    Its name.
-    """
+    """The mode behind a stop."""
     m, inside = float(torque(x, p)), edge(x, p) < 0
     if abs(m) <= p.Fs:
         return "rest" if inside else "stick"
@@ -124,16 +74,7 @@ def after_stop(x: Any, p: Any) -> str:
 def slips(sign: int, inside: bool) -> Mode:
     """A slip in one direction, inside of the band or outside.
 
-    Parameters
-    ----------
-    sign
-        +1 or -1.
-    inside
-        where.
-
-    Returns
-    -------
-    The mode.
+    sign: +1 or -1; inside: where.
     """
     name = "slip+" if sign > 0 else "slip-"
     leaves = Event("leaves", edge, +1, to=name) if inside else Event("enters", edge, -1, to=f"{name} inside")
@@ -159,17 +100,7 @@ SYSTEM = System(
 
 
 def stable_cycle(tol: float = 1e-9) -> SystemOrbit:
-    """The hunting cycle of the narrow band.
-
-    Parameters
-    ----------
-    tol
-        its tolerance.
-
-    Returns
-    -------
-    Orbit.
-    """
+    """The hunting cycle of the narrow band."""
     return find_cycle(SYSTEM, "stick", follow="delta", tol=tol, x1=-0.02, x2=0.0, x3=0.0)
 
 

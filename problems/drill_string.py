@@ -27,63 +27,23 @@ from .gallery import Found, Truth, portrait, present
 
 
 def shaft(x: Any, p: Any) -> Any:
-    """The torque in the shaft.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """The torque in the shaft."""
     return p.k * x.phi + p.c * (x.w1 - x.w2)
 
 
 def motor(x: Any, p: Any) -> Any:
-    """w1'.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """w1'."""
     return (p.kp * (p.speed - x.w1) - shaft(x, p)) / p.J1
 
 
 def turns(x: Any, p: Any) -> dict[str, Any]:
-    """x' while the bit turns.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """x' while the bit turns."""
     friction = p.Tc + (p.Ts - p.Tc) * ca.exp(-x.w2 / p.ws)
     return {"phi": x.w1 - x.w2, "w1": motor(x, p), "w2": (shaft(x, p) - friction) / p.J2}
 
 
 def sticks(x: Any, p: Any) -> dict[str, Any]:
-    """x' while the bit sticks.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """x' while the bit sticks."""
     return {"phi": x.w1 - x.w2, "w1": motor(x, p), "w2": 0.0}
 
 
@@ -119,15 +79,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The speeds of both ends of the string.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The speeds of both ends of the string."""
     for one, colour in zip(found, ("C0", "C1"), strict=True):
         portrait(one.orbit, "t", "w2", ax, color=colour, label=f"bit, {one.caption}")
         portrait(one.orbit, "t", "w1", ax, color=colour, linestyle="--")

@@ -26,17 +26,7 @@ from .gallery import Found, Truth, portrait, present
 
 
 def pull(x: Any, p: Any) -> Any:
-    """What pulls at the mass besides friction, at rest.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    A scalar.
-    """
+    """What pulls at the mass besides friction, at rest."""
     return p.f0 * ca.cos(p.w * x.t) - x.x
 
 
@@ -51,17 +41,7 @@ def slips(sign: int) -> Mode:
 
 
 def after_stop(x: Any, p: Any) -> str:
-    """The mode behind a stop.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters, numbers.
-
-    Returns
-    -------
-    Its name.
-    """
+    """The mode behind a stop."""
     force = float(pull(x, p))
     return "stick" if abs(force) <= p.tau else "forwards" if force > 0 else "backwards"
 
@@ -106,15 +86,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The phase plane.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The phase plane."""
     for one in found:
         portrait(one.orbit, "x", "v", ax, label=one.caption)
     ax.legend(fontsize="small")

@@ -25,17 +25,7 @@ from .gallery import Course
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """The oscillator.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The oscillator."""
     return {"x": x.v, "v": p.F * ca.cos(p.w * x.t) - p.c * x.v - p.k * x.x - x.x**3}
 
 
@@ -54,17 +44,7 @@ IN_A_WELL = (("fold", 0.26497948248), ("fold", 0.15980208604), ("flip", 0.181742
 
 
 def cycle(parameters: dict[str, float], x: float) -> SystemOrbit:
-    """The cycle that the motion from x at rest settles on.
-
-    Parameters
-    ----------
-    parameters, x
-        those that differ; the start.
-
-    Returns
-    -------
-    Orbit.
-    """
+    """The cycle that the motion from x at rest settles on."""
     return find_cycle(SYSTEM, parameters=parameters, x=x, v=0.0)
 
 

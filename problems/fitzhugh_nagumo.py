@@ -28,17 +28,7 @@ EPS, A, B = 0.08, 0.7, 0.8
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """The nerve.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The nerve."""
     return {"v": x.v - x.v**3 / 3 - x.w + p.I, "w": p.eps * (x.v + p.a - p.b * x.w)}
 
 

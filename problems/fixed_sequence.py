@@ -64,14 +64,7 @@ class FixedSequence(Problem):
     def with_value(self, name: str, value: float) -> FixedSequence:
         """The same cycle at another p.
 
-        Parameters
-        ----------
-        name, value
-            a parameter of the cycle, and its value.
-
-        Returns
-        -------
-        FixedSequence.
+        name, value: a parameter of the cycle, and its value.
         """
         at = self.names.index(name)
         return replace(self, values=(*self.values[:at], float(value), *self.values[at + 1 :]))
@@ -79,18 +72,8 @@ class FixedSequence(Problem):
     def cycle(self, signature: Signature, repeats: int) -> Cycle:
         """Its cycle.
 
-        Parameters
-        ----------
-        signature, repeats
-            the sequence of phases, which must be its own, and how often it is run through.
-
-        Returns
-        -------
-        Cycle.
-
-        Raises
-        ------
-        ValueError : another sequence.
+        signature, repeats: the sequence of phases, which must be its own, and how often it is run through.
+        Raises ValueError: another sequence.
         """
         if (signature, repeats) != (self.posed.signature, self.posed.repeats):
             raise ValueError(f"{self.title} has no cycle with the phases {signature} ({repeats} times)")

@@ -42,98 +42,40 @@ DECAY, CURVE, BRAKE = 0.1, 0.5, 0.5
 def turning(x: Any, a: Any, w: Any, slip: Any = 0.0) -> dict[str, Any]:
     """A focus at (0, slip).
 
-    Parameters
-    ----------
-    x
-        states.
-    a, w
-        as in the equations.
-    slip
-        where it is.
-
-    Returns
-    -------
-    The derivatives by name.
+    slip: where it is.
     """
     return {"x": a * x.x - w * (x.y - slip), "y": w * x.x + a * (x.y - slip)}
 
 
 def fold(x: Any, p: Any) -> dict[str, Any]:
-    """The left fold.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The left fold."""
     return {"x": -x.y, "y": -1.0}
 
 
 def half(numbers: tuple[float, float]) -> float:
     """What half a turn about a focus makes of the distance.
 
-    Parameters
-    ----------
-    numbers
-        a and w.
-
-    Returns
-    -------
-    exp(pi a/w).
+    Returns exp(pi a/w).
     """
     a, w = numbers
     return math.exp(math.pi * a / w)
 
 
 def slipping_foci(mu: float) -> Turn:
-    """The truth: y_1 = mu + R (mu + y) right of x = 0, y = L y_1 left of it.
-
-    Parameters
-    ----------
-    mu
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth: y_1 = mu + R (mu + y) right of x = 0, y = L y_1 left of it."""
     L, R = half(LEFT), half(RIGHT)
     return Turn(math.pi / LEFT[1] + math.pi / RIGHT[1], 0.0, -L * mu * (1 + R) / (1 - L * R))
 
 
 def slipping_focus_and_fold(mu: float) -> Turn:
-    """The truth: as for the foci with L = 1.
-
-    Parameters
-    ----------
-    mu
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth: as for the foci with L = 1."""
     R = half(LEFT)
     y = mu * (1 + R) / (1 - R)
     return Turn(math.pi / LEFT[1] + 2 * y, 0.0, -y)
 
 
 def slipping_folds(mu: float) -> Turn:
-    """The truth: s goes from -(y + mu) to y - mu.
-
-    Parameters
-    ----------
-    mu
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth: s goes from -(y + mu) to y - mu."""
     near = math.sqrt(3 * mu / abs(BEND))
 
     def change(y: float) -> float:  # of (b s - log(1 + b s))/b^2, over y^3: its quadratic part is -2 mu y
@@ -147,64 +89,25 @@ def slipping_folds(mu: float) -> Turn:
 
 
 def curved(a: float) -> tuple[float, float]:
-    """(ratio, offset): half a turn about the curved focus takes 1/|y| to ratio/|y| + offset.
-
-    Parameters
-    ----------
-    a
-        as in the equations.
-
-    Returns
-    -------
-    Both.
-    """
+    """(ratio, offset): half a turn about the curved focus takes 1/|y| to ratio/|y| + offset."""
     ratio = math.exp(-a * math.pi)
     return ratio, CURVE * (1 + ratio) / (1 + a * a)
 
 
 def fixed_foci(growth: float) -> Turn:
-    """The truth.
-
-    Parameters
-    ----------
-    growth
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth."""
     y = -math.expm1(math.pi * (DECAY - growth)) / (math.exp(DECAY * math.pi) * curved(growth)[1])
     return Turn(2 * math.pi, 0.0, -y)
 
 
 def fixed_focus_and_fold(growth: float) -> Turn:
-    """The truth.
-
-    Parameters
-    ----------
-    growth
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth."""
     y = -math.expm1(-math.pi * growth) / curved(growth)[1]
     return Turn(math.pi + 2 * y, 0.0, -y)
 
 
 def fixed_folds(bend: float) -> Turn:
     """The truth: s/(1 + b s - k s^3) has no integral from -y to y, and the odd part of that is s^2 (k s^2 - b) over q.
-
-    Parameters
-    ----------
-    bend
-        the parameter.
-
-    Returns
-    -------
-    Turn.
     """
     nodes, weights = leggauss(40)
 

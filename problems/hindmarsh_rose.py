@@ -20,17 +20,7 @@ from .gallery import Course
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """The nerve.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The nerve."""
     return {
         "x": x.y - x.x**3 + 3 * x.x**2 - x.z + p.I,
         "y": 1 - 5 * x.x**2 - x.y,

@@ -74,38 +74,14 @@ class Birth:
     settled: bool = False
 
     def cycle(self, tol: float = 1e-9) -> SystemOrbit:
-        """The cycle where it begins to be followed.
-
-        Parameters
-        ----------
-        tol
-            tolerance.
-
-        Returns
-        -------
-        The orbit.
-        """
+        """The cycle where it begins to be followed."""
         _, x, y = self.turn(self.begin)
         how: dict[str, Any] = {"parameters": {self.vary: self.begin}, "follow": self.vary, "measure": self.measure}
         return find_cycle(self.system, self.mode, tol=tol, settled=self.settled, start={"x": x, "y": y}, **how)
 
 
 def two_sides(name: str, parameter: tuple[str, float], left: Field, right: Field) -> System:
-    """A system with one field on either side of x = 0, through which the motion goes.
-
-    Parameters
-    ----------
-    name
-        of the system.
-    parameter
-        its name and value.
-    left, right
-        the fields.
-
-    Returns
-    -------
-    System.
-    """
+    """A system with one field on either side of x = 0, through which the motion goes."""
     to_right = Event("to the right", lambda x, p: x.x, +1, to="right")
     to_left = Event("to the left", lambda x, p: x.x, -1, to="left")
     modes = (
@@ -118,20 +94,7 @@ def two_sides(name: str, parameter: tuple[str, float], left: Field, right: Field
 def zero(function: Callable[[float], float], low: float, high: float) -> float:
     """The zero of a function between two bounds, by halving what is between them to rounding.
 
-    Parameters
-    ----------
-    function
-        of one number.
-    low, high
-        bounds.
-
-    Returns
-    -------
-    The zero.
-
-    Raises
-    ------
-    ValueError : the function has the same sign at both bounds.
+    Raises ValueError: the function has the same sign at both bounds.
     """
     falls = function(low) > 0
     if falls == (function(high) > 0):
@@ -144,16 +107,7 @@ def zero(function: Callable[[float], float], low: float, high: float) -> float:
 def series(term: Callable[[int], float], first: int) -> float:
     """The sum of term(first), term(first + 1), ..., which fall at least like 2^-n.
 
-    Parameters
-    ----------
-    term
-        n -> the term.
-    first
-        n of the first one.
-
-    Returns
-    -------
-    The sum.
+    term: n -> the term.
     """
     return math.fsum(term(n) for n in range(first, first + MOST_TERMS))
 
@@ -161,16 +115,7 @@ def series(term: Callable[[int], float], first: int) -> float:
 def flight(A: np.ndarray, centre: tuple[float, float], y: float) -> tuple[float, float]:
     """How the linear motion z' = A (z - centre) from (0, y) comes back to x = 0.
 
-    Parameters
-    ----------
-    A, centre
-        of the field.
-    y
-        where it starts.
-
-    Returns
-    -------
-    The time, and y.
+    y: where it starts. Returns the time, and y.
     """
     alpha = np.trace(A) / 2
     square = alpha**2 - np.linalg.det(A)

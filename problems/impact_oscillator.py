@@ -22,17 +22,7 @@ from .gallery import Found, Truth, portrait, present
 
 
 def free(x: Any, p: Any) -> dict[str, Any]:
-    """x' below the stop.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """x' below the stop."""
     return {"x": x.v, "v": p.A * ca.cos(p.w * x.t) - p.c * x.v - p.k * x.x}
 
 
@@ -76,15 +66,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The phase plane.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The phase plane."""
     for one in found:
         portrait(one.orbit, "x", "v", ax, label=one.caption)
     ax.legend()

@@ -34,47 +34,17 @@ DECAY = math.exp(-2 * math.pi * DAMPING / RATE)
 
 
 def kicked(kick: float) -> Turn:
-    """The truth.
-
-    Parameters
-    ----------
-    kick
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth."""
     return Turn(2 * math.pi / RATE, 0.0, ((1 + kick) * DECAY - 1) / (LIMIT * DECAY**2))
 
 
 def drifting(eps: float) -> Turn:
-    """The truth: x rises in the time eps and falls in 2 eps.
-
-    Parameters
-    ----------
-    eps
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth: x rises in the time eps and falls in 2 eps."""
     return Turn(3 * eps, 1 - eps, (2 * math.expm1(-2 * eps) - math.expm1(-3 * eps)) / -math.expm1(-3 * eps))
 
 
 def thrown(eps: float) -> Turn:
-    """The truth: half a period is h = 2 a/d, y = tanh(a)/d where u switches, and a - tanh a = d^2 eps.
-
-    Parameters
-    ----------
-    eps
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth: half a period is h = 2 a/d, y = tanh(a)/d where u switches, and a - tanh a = d^2 eps."""
     a = (3 * LOSS**2 * eps) ** (1 / 3)
     # a - tanh a = (a cosh a - sinh a)/cosh a, whose numerator is the sum of 2 n a^(2 n + 1)/(2 n + 1)!
     a = zero(
@@ -85,17 +55,7 @@ def thrown(eps: float) -> Turn:
 
 
 def around(g: float) -> Turn:
-    """The truth: from (r, 0) to (0, r) in the time r, where g (1 - exp(-k r)) = k r.
-
-    Parameters
-    ----------
-    g
-        the parameter.
-
-    Returns
-    -------
-    Turn.
-    """
+    """The truth: from (r, 0) to (0, r) in the time r, where g (1 - exp(-k r)) = k r."""
 
     def residual(z: float) -> float:  # (exp(-z) - 1 + z)/z = (g - 1)(1 - exp(-z))/z with z = k r
         return series(lambda n: -((-z) ** (n - 1)) / math.factorial(n), 2) / (-math.expm1(-z) / z) / (g - 1) - 1
@@ -105,32 +65,12 @@ def around(g: float) -> Turn:
 
 
 def swinging(x: Any, p: Any) -> dict[str, Any]:
-    """An oscillator between kicks.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """An oscillator between kicks."""
     return {"x": x.y, "y": -x.x - 2 * DAMPING * x.y}
 
 
 def kick(x: Any, p: Any) -> dict[str, Any]:
-    """What a kick makes of the speed.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    What jumps.
-    """
+    """What a kick makes of the speed."""
     return {"y": (1 + p.kick) * x.y - LIMIT * x.y**2}
 
 

@@ -31,17 +31,7 @@ S, B = 10.0, 8 / 3
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """Lorenz' equations.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """Lorenz' equations."""
     return {"x": p.s * (x.y - x.x), "y": p.r * x.x - x.y - x.x * x.z, "z": x.x * x.y - p.b * x.z}
 
 

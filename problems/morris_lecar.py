@@ -27,17 +27,7 @@ from .gallery import Course
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """The fibre.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The fibre."""
     m, n = (1 + ca.tanh((x.v + 1.2) / 18)) / 2, (1 + ca.tanh((x.v - p.v3) / p.v4)) / 2
     return {
         "v": (p.I - p.gca * m * (x.v - 120) - 8 * x.w * (x.v + 84) - 2 * (x.v + 60)) / 20,

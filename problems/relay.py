@@ -35,14 +35,7 @@ SECOND_ORDER = ((1.0, 2.0), (1.0, -1.0))
 def relay(a: Sequence[float], b: Sequence[float]) -> System:
     """Relay feedback around the plant sum b_i/(s + a_i).
 
-    Parameters
-    ----------
-    a, b
-        poles and residues.
-
-    Returns
-    -------
-    System with the parameter eps, in units of which it is the same for -x.
+    Returns system with the parameter eps, in units of which it is the same for -x.
     """
     states = tuple(f"x{i}" for i, _ in enumerate(a, 1))
     size = sum(abs(bi / ai) for ai, bi in zip(a, b, strict=True))
@@ -66,18 +59,7 @@ def relay(a: Sequence[float], b: Sequence[float]) -> System:
 def truth(a: Sequence[float], b: Sequence[float], eps: float, near: float) -> Truth:
     """The closed form.
 
-    Parameters
-    ----------
-    a, b
-        poles and residues.
-    eps
-        half the width of the hysteresis.
-    near
-        half a period, about.
-
-    Returns
-    -------
-    Truth: period, extrema of all states, multipliers.
+    Returns truth: period, extrema of all states, multipliers.
     """
     A, B = np.array(a), np.array(b)
     h = root(lambda h: float(np.sum(B / A * np.tanh(A * h / 2))) - eps, near)
@@ -105,15 +87,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The output over the time.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The output over the time."""
     for one in found:
         times, states = one.orbit.sample(16)
         ax.plot(times, states.sum(axis=0), label=one.caption)

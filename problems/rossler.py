@@ -22,17 +22,7 @@ from .gallery import Course, Found, Truth, portrait, present
 
 
 def field(x: Any, p: Any) -> dict[str, Any]:
-    """Rossler's equations.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """Rossler's equations."""
     return {"x": -x.y - x.z, "y": x.x + p.a * x.y, "z": p.b + x.z * (x.x - p.c)}
 
 
@@ -91,15 +81,7 @@ def branches() -> Iterator[Course]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The x-y plane.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The x-y plane."""
     for one in found:
         portrait(one.orbit, "x", "y", ax, label=one.caption, linestyle="-" if one.orbit.stable else "--")
     ax.legend(fontsize="small")

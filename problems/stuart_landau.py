@@ -54,18 +54,7 @@ from casahunt.hybrid.system import Cycle, Event, Mode, Phase
 def uniform_field(x: Any, p: Any, sign: Any) -> Any:
     """The plain oscillator, as CasADi expression.
 
-    Parameters
-    ----------
-    x
-        (2,) state x, y.
-    p
-        mu, omega, perhaps more.
-    sign
-        not used.
-
-    Returns
-    -------
-    (2,) x'.
+    x: (2,) state x, y; sign: not used. Returns (2,) x'.
     """
     mu, omega = p[0], p[1]
     growth = mu - (x[0] ** 2 + x[1] ** 2)
@@ -75,18 +64,7 @@ def uniform_field(x: Any, p: Any, sign: Any) -> Any:
 def kepler_field(x: Any, p: Any, sign: Any) -> Any:
     """The oscillator with shear and an uneven clock, as CasADi expression.
 
-    Parameters
-    ----------
-    x
-        (2,) state x, y.
-    p
-        mu, omega, shear, e.
-    sign
-        not used.
-
-    Returns
-    -------
-    (2,) x'.
+    x: (2,) state x, y; sign: not used. Returns (2,) x'.
     """
     mu, omega, shear, e = p[0], p[1], p[2], p[3]
     growth = mu - (x[0] ** 2 + x[1] ** 2)
@@ -98,18 +76,7 @@ def kepler_field(x: Any, p: Any, sign: Any) -> Any:
 def hard_field(x: Any, p: Any, sign: Any) -> Any:
     """The oscillator with hard excitation, as CasADi expression.
 
-    Parameters
-    ----------
-    x
-        (2,) state x, y.
-    p
-        nu, omega, b, c.
-    sign
-        not used.
-
-    Returns
-    -------
-    (2,) x'.
+    x: (2,) state x, y; sign: not used. Returns (2,) x'.
     """
     square = x[0] ** 2 + x[1] ** 2
     growth = p[0] - 1 + p[2] * square - p[3] * square**2
@@ -119,18 +86,7 @@ def hard_field(x: Any, p: Any, sign: Any) -> Any:
 def sheared_field(x: Any, p: Any, sign: Any) -> Any:
     """The oscillator with hard excitation and shear, as CasADi expression.
 
-    Parameters
-    ----------
-    x
-        (2,) state x, y.
-    p
-        nu, omega, b, c, shear.
-    sign
-        not used.
-
-    Returns
-    -------
-    (2,) x'.
+    x: (2,) state x, y; sign: not used. Returns (2,) x'.
     """
     square = x[0] ** 2 + x[1] ** 2
     growth, turn = p[0] - 1 + p[2] * square - p[3] * square**2, p[1] + p[4] * (square - 1)
@@ -171,14 +127,7 @@ SHEARED_HALF = replace(SHEARED, name="sheared oscillator, half cycle", closure=-
 def period(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
     """The exact period.
 
-    Parameters
-    ----------
-    mu, omega, shear, e
-        parameters; only omega matters.
-
-    Returns
-    -------
-    2 pi/omega.
+    mu, omega, shear, e: parameters; only omega matters. Returns 2 pi/omega.
     """
     return 2 * np.pi / omega
 
@@ -186,14 +135,7 @@ def period(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float
 def multiplier(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> float:
     """The exact nontrivial Floquet multiplier.
 
-    Parameters
-    ----------
-    mu, omega, shear, e
-        parameters; only mu and omega matter.
-
-    Returns
-    -------
-    exp(-4 pi mu/omega).
+    mu, omega, shear, e: parameters; only mu and omega matter. Returns exp(-4 pi mu/omega).
     """
     return float(np.exp(-4 * np.pi * mu / omega))
 
@@ -201,16 +143,8 @@ def multiplier(mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> f
 def states(times: np.ndarray, mu: float, omega: float, shear: float = 0.0, e: float = 0.0) -> np.ndarray:
     """Exact states of `KEPLER`, of `UNIFORM` for e = 0.
 
-    Parameters
-    ----------
-    times
-        (m,), from (sqrt(mu), 0) at time 0.
-    mu, omega, shear, e
-        parameters, 0 <= e < 1; shear does not matter.
-
-    Returns
-    -------
-    (2, m).
+    times: (m,), from (sqrt(mu), 0) at time 0; mu, omega, shear, e: parameters, 0 <= e < 1; shear does not matter.
+    Returns (2, m).
     """
     mean = omega * np.asarray(times, float)
     theta = mean + e * np.sin(mean)
@@ -222,16 +156,7 @@ def states(times: np.ndarray, mu: float, omega: float, shear: float = 0.0, e: fl
 def sheared_square(nu: float, omega: float, b: float, c: float, shear: float, *, larger: bool = True) -> float:
     """r^2 of a cycle of `SHEARED`: of the larger, stable one or of the smaller one.
 
-    Parameters
-    ----------
-    nu, omega, b, c, shear
-        the parameters.
-    larger
-        the larger, stable cycle; else the smaller one.
-
-    Returns
-    -------
-    r^2.
+    larger: the larger, stable cycle; else the smaller one. Returns r^2.
     """
     return float((b + (1 if larger else -1) * np.sqrt(b**2 - 4 * c * (1 - nu))) / (2 * c))
 
@@ -239,16 +164,7 @@ def sheared_square(nu: float, omega: float, b: float, c: float, shear: float, *,
 def sheared_period(square: float, nu: float, omega: float, b: float, c: float, shear: float) -> float:
     """Period of the cycle of `SHEARED` with r^2 = square.
 
-    Parameters
-    ----------
-    square
-        r^2 of the cycle.
-    nu, omega, b, c, shear
-        the parameters.
-
-    Returns
-    -------
-    The period.
+    square: r^2 of the cycle.
     """
     return 2 * np.pi / (omega + shear * (square - 1))
 
@@ -256,15 +172,6 @@ def sheared_period(square: float, nu: float, omega: float, b: float, c: float, s
 def sheared_multiplier(square: float, nu: float, omega: float, b: float, c: float, shear: float) -> float:
     """Nontrivial Floquet multiplier of the cycle of `SHEARED` with r^2 = square.
 
-    Parameters
-    ----------
-    square
-        r^2 of the cycle.
-    nu, omega, b, c, shear
-        the parameters.
-
-    Returns
-    -------
-    The multiplier.
+    square: r^2 of the cycle.
     """
     return float(np.exp(sheared_period(square, nu, omega, b, c, shear) * (nu - 1 + 3 * b * square - 5 * c * square**2)))

@@ -46,16 +46,7 @@ class Flow:
     def series(self, x: np.ndarray, sign: float) -> np.ndarray:
         """Taylor coefficients of the motion.
 
-        Parameters
-        ----------
-        x
-            (n,) state.
-        sign
-            friction direction, +1 or -1.
-
-        Returns
-        -------
-        (n, ORDER + 1).
+        x: (n,) state; sign: friction direction, +1 or -1. Returns (n, ORDER + 1).
         """
         n = x.size
         a = np.zeros((n, ORDER + 1))
@@ -127,21 +118,10 @@ def switch_half_cycle(
 ) -> tuple[float, float, list[float]]:
     """The Switch servo from breakaway at x1 = -a until it sticks.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-    a
-        stick position [rad], > 0.
-    thrown_out
-        |x1| [rad] of a turning point beyond which the motion is not followed.
-    most_slips
-        turning points without stick after which it is not followed.
-
-    Returns
-    -------
-    Stick position reached [rad], half period [s], slip durations [s]; for a motion that is not followed its |x1| and
-    nan.
+    servo, gain: the problem; gain K [V/rad]; a: stick position [rad], > 0; thrown_out: |x1| [rad] of a turning point
+    beyond which the motion is not followed; most_slips: turning points without stick after which it is not followed.
+    Returns stick position reached [rad], half period [s], slip durations [s]; for a motion that is not followed its
+    |x1| and nan.
     """
     flow = Flow(servo, gain, "switch")
     x = np.array([-a, 0.0, (flow.kp * a - flow.Fs) / flow.ki])
@@ -178,18 +158,8 @@ def switch_half_cycle(
 def lugre_half_cycle(servo: Servo, gain: float, x: np.ndarray, sign: float = 1.0) -> tuple[np.ndarray, float, float]:
     """The LuGre servo from x1 = 0 in mid-slip to the next x1 = 0.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-    x
-        (4,) state.
-    sign
-        that of x2.
-
-    Returns
-    -------
-    (4,) state, time [s], largest |x1| [rad].
+    servo, gain: the problem; gain K [V/rad]; x: (4,) state; sign: that of x2.
+    Returns (4,) state, time [s], largest |x1| [rad].
     """
     flow = Flow(servo, gain, "lugre")
     scale = np.array([np.max(np.abs(x[2] * flow.ki / flow.kp)), np.abs(x[1]), np.abs(x[2]), flow.Fs / flow.s0])
@@ -228,16 +198,8 @@ def lugre_half_cycle(servo: Servo, gain: float, x: np.ndarray, sign: float = 1.0
 def switch_cycle(servo: Servo, gain: float, guess: float) -> tuple[float, float]:
     """The symmetric cycle of the Switch servo, by the secant method on P(a) = a.
 
-    Parameters
-    ----------
-    servo, gain
-        the problem; gain K [V/rad].
-    guess
-        its stick position [rad], about.
-
-    Returns
-    -------
-    Stick position [rad], which is its amplitude, and period [s].
+    servo, gain: the problem; gain K [V/rad]; guess: its stick position [rad], about.
+    Returns stick position [rad], which is its amplitude, and period [s].
     """
     a0, a1 = guess, guess * (1 + 1e-6)
     f0 = switch_half_cycle(servo, gain, a0)[0] - a0
@@ -255,20 +217,9 @@ def switch_fold(servo: Servo, gain: float, guess: float) -> tuple[float, float]:
     P at nine Chebyshev points gives the polynomial whose largest value is taken, within 0.5 % of the guess and then
     within 0.1 % of the place found last; the gain by the secant method.
 
-    Parameters
-    ----------
-    servo
-        the problem.
-    gain, guess
-        the gain K [V/rad] and the stick position [rad] of the fold, about (to 1e-5 and 0.4 %).
-
-    Returns
-    -------
-    Gain [V/rad] and stick position [rad] of the fold.
-
-    Raises
-    ------
-    ValueError : P(a) - a has no extremum, or several, near the guess.
+    gain, guess: the gain K [V/rad] and the stick position [rad] of the fold, about (to 1e-5 and 0.4 %).
+    Returns gain [V/rad] and stick position [rad] of the fold.
+    Raises ValueError: P(a) - a has no extremum, or several, near the guess.
     """
     points = np.cos(np.pi * (np.arange(9) + 0.5) / 9)
 

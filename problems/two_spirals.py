@@ -25,49 +25,17 @@ from .gallery import Found, Truth, portrait, present, root
 
 
 def turning(x: Any, growth: Any, turn: Any) -> dict[str, Any]:
-    """r' = growth r, theta' = turn in Cartesian coordinates.
-
-    Parameters
-    ----------
-    x
-        states.
-    growth, turn
-        the rates.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """r' = growth r, theta' = turn in Cartesian coordinates."""
     return {"x": growth * x.x - turn * x.y, "y": growth * x.y + turn * x.x}
 
 
 def left(x: Any, p: Any) -> dict[str, Any]:
-    """The law for x < 0.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The law for x < 0."""
     return turning(x, 1 - ca.sqrt(x.x**2 + x.y**2), 1.0)
 
 
 def right(x: Any, p: Any) -> dict[str, Any]:
-    """The law for x > 0.
-
-    Parameters
-    ----------
-    x, p
-        states and parameters.
-
-    Returns
-    -------
-    The derivatives by name.
-    """
+    """The law for x > 0."""
     r = ca.sqrt(x.x**2 + x.y**2)
     return turning(x, p.alpha * (p.beta - r), p.gamma + p.beta - r)
 
@@ -91,14 +59,7 @@ CASES = ((1.0, 2.0, 1.5), (1.0, 0.3, 1.5), (4.0, 2.0, 1.5), (0.05, 2.0, 1.5))
 def truth(alpha: float, beta: float, gamma: float) -> Truth:
     """The closed form, but for one number.
 
-    Parameters
-    ----------
-    alpha, beta, gamma
-        as in the equations.
-
-    Returns
-    -------
-    Truth: period, extrema of x, multiplier.
+    Returns truth: period, extrema of x, multiplier.
     """
 
     def radius(t: float, start: float, a: float, b: float) -> float:
@@ -143,15 +104,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """The phase plane.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """The phase plane."""
     for one in found:
         portrait(one.orbit, "x", "y", ax, label=one.caption)
     ax.set_aspect("equal")

@@ -55,15 +55,7 @@ def cycles(tol: float = 1e-9) -> Iterator[Found]:
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:
-    """x over the time from its largest value, in parts of the period.
-
-    Parameters
-    ----------
-    found
-        the cycles.
-    ax
-        matplotlib axes.
-    """
+    """x over the time from its largest value, in parts of the period."""
     for one in found:
         times, states = one.orbit.sample(16)
         turns = (times - one.orbit.extrema("x").high.time) / one.orbit.period % 1.0

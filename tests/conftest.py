@@ -29,3 +29,21 @@ def orbit_at(model: str, gain: float, branch: str = "stable", tol: float = 1e-9)
 def orbit():
     """The cached `orbit_at`."""
     return orbit_at
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """`casahunt diagram` draws nothing: its pictures take seconds, and tests of their own look at them."""
+    monkeypatch.setattr("casahunt.views.commands.diagram._pictures", lambda *_: None)
+
+
+@pytest.fixture
+def telling_at_once(monkeypatch):
+    """Commands say where they are all the time, which they do every few seconds to a person."""
+    monkeypatch.setattr("casahunt.views.commands.console.TELL_EVERY", 0.0)
+
+
+@pytest.fixture
+def at_most(monkeypatch):
+    """Called with a number: a mesh has no more intervals; to reach the true limit takes minutes and gigabytes."""
+    return lambda intervals: monkeypatch.setattr("casahunt.orbits.adapt.MAX_INTERVALS", intervals)

@@ -1,4 +1,4 @@
-"""The fold of the event map of the Switch servo: the largest gain at which it has a fixed point.
+"""Doubles of the event map, and its fold for the Switch servo: the largest gain at which it has a fixed point.
 
     max over a of P(a)/a = 1, solved for K by Newton's method
 
@@ -9,12 +9,15 @@ second engine beside orbits/orbit.py.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from casahunt.errors import NoOrbit, Status
 from casahunt.roots import Bracket
 from casahunt.servo.event_map.fixed_points import FixedPoint, fixed_points
-from casahunt.servo.event_map.half_cycle import StickMap
+from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap
 from casahunt.servo.event_map.scan import scan
 from casahunt.servo.event_map.slopes import EPS, MapPoint, map_at
 from casahunt.servo.linear_loop import typical_gain
@@ -54,6 +57,31 @@ class MapFold:
     multiplier: float
 
 
+Motion = Callable[..., HalfCycle]
+
+
+def double(P: StickMap, motion: Callable[..., HalfCycle]) -> StickMap:
+    """The same map, at every gain, whose motions are `motion(P, honest, a, **how)`; honest(a, **how) is its own."""
+
+    class Double(StickMap):
+        def __call__(self, a: float, **how: Any) -> HalfCycle:
+            return motion(self, partial(StickMap.__call__, self), a, **how)
+
+    return Double(P.model, P.servo, P.gain)
+
+
+def watched(P: StickMap) -> tuple[StickMap, list[Any]]:
+    """The same map, and the motions that are followed with it: (gain, a, what came of it, longest)."""
+    seen: list[Any] = []
+
+    def motion(P: StickMap, honest: Motion, a: float, longest: float = math.inf, **how: Any) -> HalfCycle:
+        run = honest(a, longest=longest, **how)
+        seen.append((P.gain, a, run, longest))
+        return run
+
+    return double(P, motion), seen
+
+
 def map_fold(servo: Servo) -> MapFold:
     """The largest gain at which the Switch servo hunts, from its event map alone.
 
@@ -69,7 +97,7 @@ def map_fold(servo: Servo) -> MapFold:
     low, high = (below[-1] if below else upper.amplitude * 0.2), upper.amplitude
     step = math.inf
     for _ in range(FOLD_ROUNDS):
-        top = _peak(servo, gain, low, high)
+        top = peak(servo, gain, low, high)
         if not top.gain_slope < 0:
             raise NoOrbit(
                 f"the fold of the event map was lost at gain {gain:.8g}: no motion near a = {top.start:.6g} rad "
@@ -135,15 +163,15 @@ def _tilt(p: MapPoint) -> float:
     return -math.inf if math.isnan(tilt) else tilt
 
 
-def _peak(servo: Servo, gain: float, low: float, high: float) -> MapPoint:
+def peak(servo: Servo, gain: float, low: float, high: float, at: Callable[..., MapPoint] = map_at) -> MapPoint:
     """The maximum of P(a)/a, next to or between two stick positions, as the root of P' - P/a."""
-    left, right = map_at(servo, gain, low), map_at(servo, gain, high)
+    left, right = at(servo, gain, low), at(servo, gain, high)
     for _ in range(WIDENED):
         width = right.start - left.start
         if not _tilt(left) > 0:
-            left = map_at(servo, gain, max(left.start - width, 0.5 * left.start))
+            left = at(servo, gain, max(left.start - width, 0.5 * left.start))
         elif not _tilt(right) < 0:
-            right = map_at(servo, gain, right.start + width)
+            right = at(servo, gain, right.start + width)
         else:
             break
     best = max(left, right, key=lambda p: p.excess)
@@ -152,7 +180,7 @@ def _peak(servo: Servo, gain: float, low: float, high: float) -> MapPoint:
         for k in range(NARROWED):
             if bracket.width <= 4 * EPS * bracket.a:
                 break
-            middle = map_at(servo, gain, bracket.at(bracket.share(PEAK_EDGE) if k % 3 else 0.5))
+            middle = at(servo, gain, bracket.at(bracket.share(PEAK_EDGE) if k % 3 else 0.5))
             best = max(best, middle, key=lambda p: p.excess)
             if abs(_tilt(middle)) <= PEAK_TILT:
                 return middle

@@ -239,8 +239,7 @@ def test_warnings_of_numpy_are_not_for_the_user(tmp_path):
 # Where long commands are -------------------------------------------------------------------------------------------
 
 
-def test_uncertainty_says_where_it_is(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(console, "TELL_EVERY", 0.0)
+def test_uncertainty_says_where_it_is(capsys, tmp_path, telling_at_once):
     (tmp_path / "set.toml").write_text('[interval]\n"friction.static" = "0.2%"\n')
     assert cli.main(["uncertainty", "--uncertainty", str(tmp_path / "set.toml"), "--samples", "2"]) == 0
     err = capsys.readouterr().err
@@ -248,8 +247,7 @@ def test_uncertainty_says_where_it_is(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_tune_says_where_it_is(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(console, "TELL_EVERY", 0.0)
+def test_tune_says_where_it_is(capsys, tmp_path, telling_at_once):
     (tmp_path / "set.toml").write_text('[interval]\n"friction.static" = "0.2%"\n')
     assert cli.main(["tune", "--uncertainty", str(tmp_path / "set.toml")]) == 0
     err = capsys.readouterr().err

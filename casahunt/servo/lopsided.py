@@ -133,7 +133,7 @@ def _breakings(symmetric: HuntingOrbit, options: Options) -> Iterator[SpecialPoi
         way = [symmetric, *_up_to_the_fold(steps)]
         for earlier, before, after in zip([None, *way], way, way[1:], strict=False):
             found, _ = special_points_between(
-                before, after, vary="gain", monitors=(SYMMETRY_BREAKING,), options=options, earlier=earlier, inside=True
+                before, after, vary="gain", monitors=(SYMMETRY_BREAKING,), options=options, earlier=earlier
             )
             if found:
                 yield found[0]

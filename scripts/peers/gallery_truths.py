@@ -9,7 +9,7 @@ file holds it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import heyoka as hy
@@ -20,6 +20,8 @@ from .taylor_machine import Cycle, L, Machine, Piece, Way, cycle, jacobian
 Array = np.ndarray
 NOTHING = hy.expression(0.0)
 Cycles = Iterator[tuple[str, Cycle]]
+STEEP = 1e-8
+"""Step of the differences where the return map bends within 1e-4 of its coordinates: 1e-6 is off by 1e-3 there."""
 
 
 def van_der_pol() -> Cycles:
@@ -134,28 +136,29 @@ def canudas() -> Cycles:
 
 
 def canudas_gains() -> Iterator[tuple[str, Any]]:
-    """K at which the symmetric cycle loses and regains its symmetry: the map of half a period has the eigenvalue -1.
+    """K at which the symmetric cycle loses and regains its symmetry, and those at which the lopsided ones flip.
 
-    From K next to it and (v, w, z) at x = 0 next to the cycle, both by problems/canudas_gain.py.
+    The map of half a period has the eigenvalue -1, and that of a whole one.  From K next to it and (v, w, z) at x = 0
+    next to the cycle, both by problems/canudas_gain.py.
     """
-    from problems.canudas_gain import NEAR_BREAKING
+    from problems.canudas_gain import NEAR_BREAKING, NEAR_FLIPS
 
-    for K, y in NEAR_BREAKING:
+    for halves, K, near in (*((1, *start) for start in NEAR_BREAKING), *((2, *start) for start in NEAR_FLIPS)):
         seen: list[tuple[float, float]] = []
-        y = np.array(y, L)
+        y = np.array(near, L)
         for _ in range(6):
             machine = canudas_machine(K)
 
-            def back(y: Array, machine: Machine = machine) -> Array:
-                return -machine.run("forwards", [0, *y], until="centre")[1][1:]
+            def back(y: Array, machine: Machine = machine, halves: int = halves) -> Array:
+                return (-1) ** halves * machine.run("forwards", [0, *y], until="centre", times=halves)[1][1:]
 
             for _ in range(6):
-                J = jacobian(back, y)
+                J = jacobian(back, y, STEEP)
                 step = np.linalg.solve(np.eye(3) - J, np.array(back(y) - y, float))
                 y = y + step
                 if np.max(np.abs(step)) < 1e-13:
                     break
-            mu = float(np.min(np.linalg.eigvals(jacobian(back, y)).real))
+            mu = float(np.min(np.linalg.eigvals(jacobian(back, y, STEEP)).real))
             seen.append((K, mu))
             print(f"    K = {K:.12g}: {mu:.10g}", flush=True)
             if abs(mu + 1) < 1e-7:
@@ -167,24 +170,29 @@ def canudas_gains() -> Iterator[tuple[str, Any]]:
         yield f"multiplier -1 at K = {K:.10g}", None
 
 
-def canudas_gain_fold() -> Iterator[tuple[str, Any]]:
-    """The largest K of the symmetric cycle: w and z at x = 0 and K as functions of v there, and their turn.
+def canudas_gain_folds() -> Iterator[tuple[str, Any]]:
+    """The largest K of the symmetric cycle and the smallest of the lopsided ones."""
+    from problems.canudas_gain import NEAR_FOLD, NEAR_LOPSIDED_FOLD
+
+    yield from canudas_gain_fold(*NEAR_FOLD, halves=1, width=0.02)
+    yield from canudas_gain_fold(*NEAR_LOPSIDED_FOLD, halves=2, width=5e-5)
+
+
+def canudas_gain_fold(K: float, y: Sequence[float], *, halves: int, width: float) -> Iterator[tuple[str, Any]]:
+    """A fold: w and z at x = 0 and K as functions of v there, and their turn.
 
     Where v is held, the fixed points go through the fold; K is a parabola there, and a polynomial of degree 4 through
     five of them has its turn.
     """
-    from problems.canudas_gain import NEAR_FOLD
-
-    K, y = NEAR_FOLD
     unknown = np.array([*y[1:], K], L)
     machine = canudas_machine(hy.par[0])
 
     def missing(v: Any, unknown: Array) -> Array:
         machine.set_parameter(unknown[2])
         start = np.array([v, unknown[0], unknown[1]], L)
-        return -machine.run("forwards", [0, *start], until="centre")[1][1:] - start
+        return (-1) ** halves * machine.run("forwards", [0, *start], until="centre", times=halves)[1][1:] - start
 
-    def largest(half_width: float, middle: Any) -> tuple[Any, Any]:
+    def turn(half_width: float, middle: Any) -> tuple[Any, Any]:
         nonlocal unknown
         speeds = [middle * (1 + L(half_width) * i) for i in (-2, -1, 0, 1, 2)]
         values = []
@@ -203,9 +211,9 @@ def canudas_gain_fold() -> Iterator[tuple[str, Any]]:
         at = float(turns[np.argmin(np.abs(turns))].real)
         return values[2] + fit(at), middle * (1 + L(half_width) * L(at))
 
-    value, middle = largest(0.02, L(y[0]))
-    for half_width in (0.01, 0.005):
-        value, middle = largest(half_width, middle)
+    value, middle = turn(width, L(y[0]))
+    for half_width in (width / 2, width / 4):
+        value, middle = turn(half_width, middle)
         yield f"fold at K = {value:.12g}, where v = {middle:.8g}", None
 
 
@@ -250,7 +258,7 @@ def drill_string() -> Cycles:
 ALL = {
     f.__name__: f
     for f in (
-        van_der_pol, belt, impact_oscillator, dry_friction, canudas, canudas_gains, canudas_gain_fold, rossler,
+        van_der_pol, belt, impact_oscillator, dry_friction, canudas, canudas_gains, canudas_gain_folds, rossler,
         drill_string,
     )
 }

@@ -159,9 +159,9 @@ def cycle(
     return Cycle(y, (2 if mirror else 1) * time, extrema, multipliers[np.argsort(-np.abs(multipliers))])
 
 
-def jacobian(function: Callable[[Array], Array], y: Array) -> Array:
+def jacobian(function: Callable[[Array], Array], y: Array, step: float = DIFFERENCE) -> Array:
     """(k, k) by central differences."""
-    size = DIFFERENCE * np.maximum(np.abs(np.array(y, float)), 1e-3)
+    size = step * np.maximum(np.abs(np.array(y, float)), 1e-3)
     columns = []
     for i, h in enumerate(size):
         e = np.zeros(len(y), L)

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from casahunt.continuation import bifurcations, branch_off, crossings, follow
+from casahunt.continuation import bifurcations, branch_off, follow
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
@@ -333,14 +333,8 @@ def test_two_bounces_meet_the_single_one():
     assert np.all(branch.values > FLIP) and branch.periods == pytest.approx(4 * math.pi / W, rel=1e-9)
 
 
-@pytest.mark.parametrize("located", [True, False])
-def test_a_real_pair_whose_product_passes_one_is_no_torus(monkeypatch, located):
-    """mu = exp(2 pi (1 + s)) and exp(-2 pi): their product is exp(2 pi s), real all along, and nothing branches off.
-
-    Where the steps to that place fail, nothing is called missed either.
-    """
-    if not located:
-        monkeypatch.setattr(crossings, "locate", lambda *args, **how: None)
+def test_a_real_pair_whose_product_passes_one_is_no_torus():
+    """mu = exp(2 pi (1 + s)) and exp(-2 pi): their product is exp(2 pi s), real all along, and nothing branches off."""
     system = System(
         "circle with a saddle", ("x", "y", "u", "w"), {"s": -0.3},
         (

@@ -20,7 +20,7 @@ from casahunt.collocation.mesh import halved, phase_breaks, transfer
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import crossings as crossings_module
 from casahunt.continuation import fold as folds
-from casahunt.continuation import locating, special_points_between
+from casahunt.continuation import special_points_between
 from casahunt.continuation import walk as walks
 from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
@@ -239,22 +239,14 @@ def test_natural_continuation_ends_below_the_fold():
 
 @pytest.mark.parametrize("swap", [False, True])
 @pytest.mark.parametrize(("low", "high"), [(3.5, 3.55), (3.2, 3.59), (3.599, 3.0)])
-def test_the_fold_between_two_cycles(monkeypatch, low, high, swap):
-    """One on either part of the branch; from where the cubic between them turns no step along it is needed."""
-    steps = []
-
-    def counting(*arguments):
-        steps.append(arguments[3])
-        return step_along(*arguments)
-
-    monkeypatch.setattr(locating, "step_along", counting)
+def test_the_fold_between_two_cycles(low, high, swap):
+    """One on either part of the branch."""
     before, after = cycle(low), cycle(high, -1)
     if swap:
         before, after = after, before
     orbit = locate(before, after, FOLD, vary="c", options=Options(tol=TOL))
     assert orbit is not None and c_of(orbit) == pytest.approx(LARGEST, rel=TOL)
     assert orbit.amplitude**2 == pytest.approx(B / (2 * LARGEST), rel=1e-7)  # c is of second order in it
-    assert not steps
     assert turns_back(before, after, "c")
     found, missed = special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
     assert [s.kind for s in found] == ["fold"] and not missed
@@ -333,9 +325,9 @@ def test_a_jump_is_not_located():
     assert not found and missed.kind == "a jump" and "was not located" in missed.meaning
 
 
-def test_a_step_short_of_the_tolerance_is_none(monkeypatch):
+def test_a_step_short_of_the_tolerance_is_none(at_most):
     rough = cycle(3.0, tol=1e-2, intervals=2)
-    monkeypatch.setattr(adapt, "MAX_INTERVALS", 2)
+    at_most(2)
     options = Options(tol=1e-11)
     outcome = step_along(curve_point(rough, "c"), rough, "c", 0.1, 0.0, 9.0, options)
     assert isinstance(outcome, str) and "tolerance" in outcome

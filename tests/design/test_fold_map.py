@@ -33,6 +33,17 @@ def test_the_fold_depends_on_the_drop_of_the_friction_alone():
 
 
 @pytest.mark.slow
+def test_folds_that_one_expansion_does_not_reach():
+    """Drops of the friction from 0.02 to 1.55, from fold to fold and some alone; equal drops have equal folds."""
+    static, coulomb = np.array([0.46, 0.53, 1.2, 1.99]), np.array([0.37, 0.44, 1.11])
+    found = fold_map(table1.servo(), "switch", FRICTION, static, coulomb, options=Options(tol=1e-7))
+    assert np.diagonal(found.gains) == pytest.approx(np.full(3, FOLD), rel=3e-7)
+    assert set(found.failures) == {(0, 2), (1, 2)} and found.status.ok  # coulomb above static
+    drops = [(static[i] - coulomb[j], found.gains[i, j]) for i, j in np.argwhere(found.gains > 0)]
+    assert len(drops) == 10 and np.all(np.diff([gain for _, gain in sorted(drops) if gain != FOLD]) > -1e-6)
+
+
+@pytest.mark.slow
 def test_what_cannot_hunt_and_what_is_no_servo():
     values = np.array([0.44, 0.53])
     found = fold_map(table1.servo(), "switch", FRICTION, values, values)

@@ -14,7 +14,6 @@ from casahunt.collocation.scheme import scheme
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid import system as engine
 from casahunt.motion import march_series, series
-from casahunt.motion.march_step import Stepper
 from casahunt.motion.phases import Segment, march
 from casahunt.motion.recursion import coefficients
 from casahunt.motion.simulation import simulate
@@ -73,21 +72,12 @@ def marched(field: Any, x: list[float], duration: float, tol: float = 1e-8, **of
     return segment
 
 
-@pytest.fixture
-def intervals(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Lengths of the intervals of collocation that are tried."""
-    tried: list[float] = []
-    honest = Stepper.__call__
-    monkeypatch.setattr(Stepper, "__call__", lambda self, x, w, h, goal: tried.append(h) or honest(self, x, w, h, goal))
-    return tried
-
-
 @pytest.mark.parametrize(("tol", "error"), [(1e-4, 2e-6), (1e-6, 2e-8), (1e-10, 1e-12)])
-def test_an_oscillator_for_sixteen_turns(tol: float, error: float, intervals: list[float]) -> None:
+def test_an_oscillator_for_sixteen_turns(tol: float, error: float) -> None:
     """Hundred steps err by `SERIES_TOLERANCE` of the tolerance each, with nothing solved for."""
     found = marched(lambda x: (x[1], -x[0]), [0.0, 1.0], 100.0, tol)
     assert found.end == pytest.approx([math.sin(100), math.cos(100)], abs=error)
-    assert found.duration == pytest.approx(100.0, rel=1e-14) and len(intervals) <= 2
+    assert found.duration == pytest.approx(100.0, rel=1e-14)
 
 
 @pytest.mark.parametrize(("degree", "kind"), [(3, "gauss"), (7, "radau"), (8, "gauss")])
@@ -133,14 +123,6 @@ def test_intervals_that_hide_something_are_halved_until_they_do_not() -> None:
     breaks, _ = series.meshed([motion], scheme(6, "gauss"), 1e-6, hidden, 1000)
     k = int(np.searchsorted(breaks, third))
     assert breaks[k] - breaks[k - 1] <= 1e-3 and np.diff(breaks).max() > 0.1
-
-
-@pytest.mark.parametrize(("right", "part"), [(0.9, 0.875), (0.999, 1 - 2.0**-9), (0.3, 0.25), (0.01, 2.0**-7), (0, 0)])
-def test_of_a_step_that_is_wrong_most_of_what_is_right_is_kept(monkeypatch, right: float, part: float) -> None:
-    """1 - 2^-k or else 2^-k: no more than is right, and more than half of it."""
-    monkeypatch.setattr(march_series, "_is_right", lambda series, C, h, theta: h <= right)
-    C = np.ones((series.SERIES_ORDER + 1, 1))
-    assert march_series._right_part(None, C, 1.0, 1e-12) == part  # type: ignore[arg-type]
 
 
 # What series do not see -----------------------------------------------------------------------------------------------
@@ -216,18 +198,18 @@ def test_a_slope_that_is_another_one_at_the_end_of_a_step() -> None:
 # When intervals take over ---------------------------------------------------------------------------------------------
 
 
-def test_a_kink_is_left_to_intervals(intervals: list[float]) -> None:
+def test_a_kink_is_left_to_intervals() -> None:
     found = marched(lambda x: (1 + ca.fabs(x[0]),), [0.0], 1.0)
-    assert found.end[0] == pytest.approx(math.e - 1, rel=1e-10) and len(intervals) > 2
+    assert found.end[0] == pytest.approx(math.e - 1, rel=1e-10)
 
 
-def test_a_start_without_a_series(intervals: list[float]) -> None:
+def test_a_start_without_a_series() -> None:
     """x' = 1 + x^(3/2) from 0, where it has one derivative: t = integral of dx / (1 + x^(3/2)), with x = y^2."""
     found = marched(lambda x: (1 + x[0] ** 1.5,), [0.0], 1.0)
     nodes, weights = np.polynomial.legendre.leggauss(40)
     y = math.sqrt(found.end[0]) * (nodes + 1) / 2
     time = float(np.sum(weights * 2 * y / (1 + y**3))) * math.sqrt(found.end[0]) / 2
-    assert time == pytest.approx(1.0, rel=1e-7) and intervals
+    assert time == pytest.approx(1.0, rel=1e-7)
 
 
 def test_a_stiff_mode_that_nobody_calls_stiff() -> None:
@@ -237,12 +219,6 @@ def test_a_stiff_mode_that_nobody_calls_stiff() -> None:
         found = marched(lambda x: (-k * (x[0] - ca.sin(x[1])) + ca.cos(x[1]), 1.0), [0.0, 0.0], 10.0, 1e-8)
     assert found.end[0] == pytest.approx(math.sin(10), abs=1e-8)
     assert watch.work < 200 * effort.MARCHED
-
-
-def test_no_steps_are_taken_of_a_mode_that_is_called_stiff(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(march_series.Following, "run", None)
-    found = marched(lambda x: (-x[0],), [1.0], 1.0, stiff=True)
-    assert found.end[0] == pytest.approx(math.exp(-1), rel=1e-9)
 
 
 def test_an_event_where_the_time_is_over_is_met() -> None:

@@ -121,7 +121,7 @@ def test_integrators_where_one_start_per_phase_is_lost():
     [("switch", "erk failed in the phase 'slip+'"), ("lugre", "rosenbrock failed in the phase 'slide+'")],
 )
 def test_an_integrator_that_fails_says_so(orbit, monkeypatch, model, what):
-    """CasADi's own integrator, with a field that is no number from the start."""
+    """CasADi's own integrator, with a field that is no number from the start, which no cycle has: patched."""
     t, u, setting = unknowns_of(orbit(model, 0.3))
     true = map_chain._sensitivities
 
@@ -138,6 +138,7 @@ def test_an_integrator_that_fails_says_so(orbit, monkeypatch, model, what):
     lambda x, p, sign: ca.vertcat(x, object()),  # NotImplementedError, which is a RuntimeError
 ])  # fmt: skip
 def test_a_mistake_is_not_taken_for_an_integrator_that_fails(orbit, monkeypatch, wrong):
+    """Patched: a transcription of such a field fails by itself, and sooner."""
     t, u, setting = unknowns_of(orbit("switch", 0.3))
     true = map_chain._sensitivities
     monkeypatch.setattr(map_chain, "_sensitivities", lambda mode, *others: true(replace(mode, field=wrong), *others))
@@ -170,11 +171,3 @@ def test_saltation_matrix():
     """Fixed-time map through x = 1 with the velocity doubling there, worked out by hand."""
     f_before, f_after, h = np.array([1.0, 0.0]), np.array([2.0, 0.0]), np.array([1.0, 0.0])
     assert map_chain.saltation(f_before, f_after, h) == pytest.approx(np.diag([2.0, 1.0]))
-
-
-def test_multipliers_are_computed_when_read(orbit, monkeypatch):
-    calls = []
-    monkeypatch.setattr(floquet, "multipliers", lambda *a: calls.append(a))
-    for model in ("switch", "lugre"):
-        found = find_orbit(Servo(), model, 0.3, options=Options(tol=1e-6))
-        assert found.period > 0 and not calls

@@ -98,6 +98,7 @@ def test_states_that_jump():
 
 
 def test_more_intervals_than_are_eliminated_at_once(monkeypatch):
+    """Patched: so many take seconds."""
     monkeypatch.setattr(side_by_side, "INTERVALS_AT_ONCE", 16)
     members = [member(sliding(0.1), 1, most=8), member(sliding(0.3), 2, most=8)]
     assert all(one.parts.sum() % side_by_side.ROUND_UP for one in members)
@@ -125,7 +126,7 @@ def test_phases_last_longer_than_nothing():
 
 
 def test_a_step_to_phases_that_last_less_than_nothing(monkeypatch):
-    """Is not gone on from, although the next would lead back."""
+    """Is not gone on from, although the next would lead back.  Patched: the first step of one member."""
     step, steps = side_by_side._Rows.step, []
 
     def overshooting(self, lin):
@@ -140,20 +141,9 @@ def test_a_step_to_phases_that_last_less_than_nothing(monkeypatch):
     assert [one is None for one in found] == [True, False] and set(steps[1:]) == {1}
 
 
-@pytest.mark.parametrize("limits", [{"RESIDUAL_LIMIT": 0.0, "ROUNDED": 0.0}, {"DIVERGED": 1e-9}])
-def test_what_newton_would_not_take(monkeypatch, limits):
-    """What is left of the equations, or the first step, is too large."""
-    for name, value in limits.items():
-        monkeypatch.setattr(side_by_side, name, value)
-    assert corrected([shaken(member(sliding(0.2)))], NO_STEP) == [None]
-
-
-def test_a_solution_lies_next_to_where_it_started(monkeypatch):
-    monkeypatch.setattr(side_by_side, "LARGEST_MOVE", 1e-9)
-    assert corrected([member(sliding(0.2))], NO_STEP) == [None]
-
-
 def test_stages_that_cannot_be_eliminated(monkeypatch):
+    """Patched: rounding leaves no matrix of stages singular."""
+
     def singular(*_):
         raise np.linalg.LinAlgError
 

@@ -93,11 +93,9 @@ def test_too_coarse_a_mesh_is_not_clear(orbit):
     assert verdict.unclear.any()
 
 
-def test_tolerance_not_reached(monkeypatch):
-    from casahunt.orbits import adapt
-
+def test_tolerance_not_reached(at_most):
     rough = find_orbit(Servo(), "switch", 0.3, options=Options(tol=1e-2, degree=3))
-    monkeypatch.setattr(adapt, "MAX_INTERVALS", 5)
+    at_most(5)
     with pytest.raises(NoOrbit, match="error estimate stays above the tolerance"):
         refined(rough, Options(tol=1e-12))
 
@@ -136,7 +134,7 @@ def test_bad_input_is_one_sentence(call, words):
     [
         ("switch", 0.9, 0.53),
         ("switch", 0.1, 0.44),
-        pytest.param("lugre", 0.9, 0.53, marks=pytest.mark.slow),  # test_find denies LuGre cycles by the same fold
+        pytest.param("lugre", 0.9, 0.53, marks=pytest.mark.slow),  # test_find_orbit denies by the same fold
     ],
 )
 def test_no_cycle_says_what_was_scanned(model, gain, static):

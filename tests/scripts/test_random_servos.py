@@ -93,9 +93,14 @@ def test_extended_precision_gives_the_map_of_the_decimals(gain, a):
     assert abs(fast.duration / exact.duration - 1) < 1e-15 * steep
 
 
-def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
-    """One servo at half its fold; a second run computes nothing and prints the same."""
+@pytest.fixture
+def half_the_fold(monkeypatch):
+    """One gain instead of five: what is asked at each is the same."""
     monkeypatch.setattr(random_servos, "SHARES", (0.5,))
+
+
+def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch, half_the_fold):
+    """One servo at half its fold; a second run computes nothing and prints the same."""
     arguments = ["--only", "1", "--tol", "1e-6", "--out", str(tmp_path / "servos.jsonl")]
     assert random_servos.main(arguments) == 0
     first = capsys.readouterr().out
@@ -108,9 +113,8 @@ def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().out == first
 
 
-def test_rows_of_strategies_are_counted(tmp_path, capsys, monkeypatch):
+def test_rows_of_strategies_are_counted(tmp_path, capsys, half_the_fold):
     """Every question has one answer: of each table that answers questions, the counts add up to those asked."""
-    monkeypatch.setattr(random_servos, "SHARES", (0.5,))
     out = tmp_path / "servos.jsonl"
     assert random_servos.main(["--only", "1", "2", "--tol", "1e-6", "--rows", "--out", str(out)]) == 0
     said = capsys.readouterr().out
@@ -212,7 +216,7 @@ def test_a_controller_by_gains_has_the_map_of_the_same_one_by_times():
     assert abs(one.position / other.position - 1) < 1e-13 and abs(one.slope / other.slope - 1) < 1e-12
 
 
-def test_servos_by_gains(monkeypatch, capsys):
+def test_servos_by_gains(half_the_fold, capsys):
     """Every third has complex zeros; one of those is asked and checked."""
     needs("heyoka")  # decimal arithmetic takes a minute
     drawn = [random_servos.draw(11, number, "pid") for number in range(200)]
@@ -222,7 +226,6 @@ def test_servos_by_gains(monkeypatch, capsys):
     pairs = [p["controller.kp"] ** 2 / p["controller.kd"] / p["controller.ki"] for p in drawn]
     assert 0.2 < np.mean(np.array(pairs) < 4) < 0.5
     assert not {"controller.lead_time", "controller.integral_time"} & set(drawn[0])
-    monkeypatch.setattr(random_servos, "SHARES", (0.5,))
     assert pairs[18] < 4
     assert random_servos.main(["--controller", "pid", "--only", "18", "--tol", "1e-6", "--fast"]) == 0
     assert "#18: 3 solved" in capsys.readouterr().err

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import math
 
-import map_support as fold_module
 import numpy as np
 import pytest
-from map_support import map_fold
+from map_support import map_fold, peak
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.collocation.scheme import scheme
@@ -17,7 +16,7 @@ from casahunt.motion.march_watch import Watch
 from casahunt.servo.cycles import system_of
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.event_map.half_cycle import half_cycle
+from casahunt.servo.event_map.half_cycle import SECTION, half_cycle
 from casahunt.servo.event_map.scan import Scan, _fixed_point
 from casahunt.servo.event_map.slopes import (
     MapPoint,
@@ -172,7 +171,10 @@ def test_a_wall_across_the_diagonal_is_no_fixed_point_of_the_scan():
 
 
 def test_a_map_of_jumps_without_end_is_given_up(monkeypatch):
-    """Motions of an unstable loop swing dozens of times before they stick: slips are what costs, not motions."""
+    """Motions of an unstable loop swing dozens of times before they stick: slips are what costs, not motions.
+
+    Patched: with as many slips as it may take, it takes a minute.
+    """
     servo = Servo().replace(
         **{
             "servo.inertia": 0.16838869820931657, "servo.motor_gain": 28.31674240323281,
@@ -196,20 +198,6 @@ def test_fold_of_the_map_is_the_fold():
     assert found.multiplier == pytest.approx(1, abs=1e-5) and abs(found.excess) < 1e-11
 
 
-@pytest.mark.slow
-def test_a_fold_with_cycles_above_it_is_not_the_largest_gain(monkeypatch):
-    """Where the climb stops too early, what is located is some fold, not the last one."""
-    honest = fold_module._outermost
-
-    def one_more(servo, gain):
-        return (gain, None) if gain > 0.9 else honest(servo, gain)
-
-    monkeypatch.setattr(fold_module, "CLIMB", ())
-    monkeypatch.setattr(fold_module, "_outermost", one_more)
-    with pytest.raises(NoOrbit, match="not the last one"):
-        map_fold(Servo())
-
-
 def peaked(peak: float, sticks_up_to: float, crosses_from: float = 0.0):
     """A map P/a = exp(-log(a/peak)^2); beyond `sticks_up_to` it swings on, short of `crosses_from` it rests."""
 
@@ -226,18 +214,17 @@ def peaked(peak: float, sticks_up_to: float, crosses_from: float = 0.0):
 
 
 @pytest.mark.parametrize(("sticks_up_to", "crosses_from"), [(9.0, 0.0), (0.0131, 0.0), (9.0, 0.0113), (0.0131, 0.0113)])
-def test_a_peak_between_motions_that_never_stick_and_that_rest(monkeypatch, sticks_up_to, crosses_from):
+def test_a_peak_between_motions_that_never_stick_and_that_rest(sticks_up_to, crosses_from):
     """Of both only the side is known that they are on: the bracket is halved until it has slopes at both ends."""
-    monkeypatch.setattr(fold_module, "map_at", peaked(0.0123, sticks_up_to, crosses_from))
+    at = peaked(0.0123, sticks_up_to, crosses_from)
     for low, high in ((0.01, 0.02), (0.002, 0.003), (0.03, 0.05)):
-        top = fold_module._peak(Servo(), 0.1, low, high)
+        top = peak(Servo(), 0.1, low, high, at)
         assert top.start == pytest.approx(0.0123, rel=1e-6) and top.excess == pytest.approx(0, abs=1e-11)
 
 
-def test_a_map_that_rises_for_ever_has_no_peak(monkeypatch):
-    monkeypatch.setattr(fold_module, "map_at", peaked(1e30, 1e31))
+def test_a_map_that_rises_for_ever_has_no_peak():
     with pytest.raises(NoOrbit, match="no smooth maximum"):
-        fold_module._peak(Servo(), 0.1, 0.01, 0.02)
+        peak(Servo(), 0.1, 0.01, 0.02, peaked(1e30, 1e31))
 
 
 def test_bad_input():
@@ -321,3 +308,28 @@ def test_what_a_watched_interval_hides_of_a_servo():
         end[1] = fastest
         found = watch.crossings(start, stages.ravel(), end, None)[1]
         assert found == watch.hides(start, stages.ravel(), end) == hidden
+
+
+def test_where_a_servo_with_a_bristle_breaks_away():
+    """Radau's method (scipy), to where the torque has come back to nearly static friction."""
+    integrate = pytest.importorskip("scipy.integrate")
+    servo, gain, a = Servo(), 0.6, 2e-3
+    f, (kp, kd, ki) = servo.friction, servo.torque_gains(gain)
+
+    def motion(t, x):
+        position, v, integral, z = x
+        g = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
+        rate = v - f.stiffness * abs(v) / g * z
+        force = -(kp * position + kd * v + ki * integral) - f.stiffness * z - f.damping * rate - f.viscous * v
+        return [v, force / servo.inertia, position, rate]
+
+    def breaks_away(t, x):
+        return side * (kp * x[0] + kd * x[1] + ki * x[2]) - SECTION * f.static
+
+    found = half_cycle("lugre", servo, gain, a, tol=1e-9)
+    first = found.segments[0]  # from where the position passes zero
+    side, start = math.copysign(1.0, first.end[0]), first.w[0, :4]
+    breaks_away.terminal, breaks_away.direction = True, 1.0
+    events = {"events": breaks_away, "rtol": 1e-9, "atol": 1e-13, "method": "Radau"}
+    end = integrate.solve_ivp(motion, (0.0, 60.0), start, **events)
+    assert abs(end.y_events[0][0][0]) == pytest.approx(abs(found.position), rel=2e-3)  # linear between two nodes

@@ -118,7 +118,7 @@ def test_its_branch_goes_over_weak_reversals():
 
 
 def test_weak_reversals_are_located_where_that_is_asked_for():
-    """Where the duration of what the servo's cycles, computed afresh below, have more tends to zero: see test_fold."""
+    """Where the duration of what the cycles, computed afresh below, have more tends to zero: see test_find_fold."""
     branch = follow(lugre_cycle(0.12, -0.02), "gain", to=0.14, options=Options(tol=1e-6), monitors=(GRAZING,))
     (touch,) = branch.special
     gains = touch.value * np.array([0.96, 0.97, 0.98, 0.99])

@@ -136,6 +136,16 @@ def test_a_touching_crossover_is_one_and_no_crossover_is_none():
         phase_crossovers([1], [2])
 
 
+def test_the_row_of_a_loop_has_its_phase_margin():
+    """|L| = 1 at the crossover, and 180 degrees less its phase there, by complex numbers."""
+    servo, gain = Servo(), 0.3
+    (kp, kd, ki), row = servo.torque_gains(gain), {k: v[0] for k, v in linear_loop(servo, gain)._columns().items()}
+    s = 1j * row["crossover_rad_per_s"]
+    L = (kd * s**2 + kp * s + ki) / (s**2 * (servo.inertia * s + servo.friction.viscous))
+    assert abs(L) == pytest.approx(1, rel=1e-9)
+    assert row["phase_margin_deg"] == pytest.approx(np.degrees(np.angle(-L)), abs=1e-7)
+
+
 def test_controller_shape():
     """Report, Figure 1: equal times give the minimum |C| = 2 K at omega = 1/tau, where the phase is 0."""
     omega = np.geomspace(0.1, 1000, 4001)

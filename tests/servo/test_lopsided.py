@@ -1,4 +1,7 @@
-"""servo/lopsided.py: pairs that branch off where the half multiplier passes -1, against maps by Taylor series."""
+"""servo/lopsided.py: pairs that branch off where the half multiplier passes -1, against maps by Taylor series.
+
+The gains of their special points stand in problems/canudas_gain.py, by Taylor series too.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,6 @@ from problems import canudas_gain, canudas_servo
 from problems.taylor import lugre_half_cycle, switch_half_cycle
 
 CANUDAS = canudas_servo.servo()
-FOLD, FLIPS = 47.96710402, (47.99822556, 48.43318444)
-"""Gains at which the LuGre pair has its fold and its flips, to the digits that are given."""
 
 
 @pytest.mark.slow
@@ -56,7 +57,8 @@ def test_the_lugre_servo_where_its_symmetric_cycle_is_unstable(tmp_path):
 def test_below_the_loss_of_symmetry_the_pair_comes_back_round_its_fold():
     """At 47.99 the symmetric cycle is stable; the pair that branches off above leads there first, unstable."""
     orbit = find_orbit(CANUDAS, "lugre", 47.99, branch="lopsided")
-    assert FOLD < orbit.gain == 47.99 < FLIPS[0] and orbit.multipliers.full[1].real > 1
+    assert canudas_gain.LOPSIDED_FOLD < orbit.gain == 47.99 < canudas_gain.FLIPS[0]
+    assert orbit.multipliers.full[1].real > 1
     with pytest.raises(NoOrbit, match="does not prove"):
         find_orbit(CANUDAS, "lugre", 47.9, branch="lopsided")
 
@@ -70,7 +72,8 @@ def test_the_pair_of_a_branch():
     kinds = [special.kind for special in pair.special]
     assert kinds == ["fold", "flip", "flip", "symmetry breaking"]
     found = [special.orbit.gain for special in pair.special]
-    assert found == pytest.approx([FOLD, *FLIPS, canudas_gain.BREAKING[1]], rel=1e-7)
+    expected = [canudas_gain.LOPSIDED_FOLD, *canudas_gain.FLIPS, canudas_gain.BREAKING[1]]
+    assert found == pytest.approx(expected, rel=1e-7)  # the branch's tolerance
     assert "does not hunt" not in pair.special[0].meaning
     table = whole._columns()
     assert list(table)[-1] == CSV_COLUMNS[-1] == "lopsided"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 
 import pytest
 
@@ -91,7 +93,19 @@ def test_a_pair_of_stable_lopsided_cycles():
     assert swings[:-2] == pytest.approx(swings[2:], rel=2e-4)
 
 
+def test_a_change_that_is_an_error_of_the_multipliers_lies_next_to_it():
+    """Both cycles are stable; of the second a mesh that was too coarse has said it is not."""
+    gain = stable_range(find_fold(SHARP, "switch")).gain
+    before, after = (find_orbit(SHARP, "switch", part * gain, options=Options(tol=1e-6)) for part in (0.999, 0.9999))
+    rough = replace(after, period_error=1e-3, amplitude_error=1e-3)
+    vars(rough)["multipliers"] = replace(after.multipliers, leading=-1.02 + 0j, log10_leading=math.log10(1.02))
+    assert before.stable and after.stable and not rough.stable
+    assert module._located(before, rough, Options(tol=1e-6)).gain == pytest.approx(after.gain, rel=1e-6)
+
+
 def test_nothing_is_said_where_no_stable_cycle_is_met(monkeypatch):
+    """Patched: motions lead to the stable cycles of a servo that has some."""
+
     def fails(*_, **__):
         raise NoOrbit("none")
 
@@ -106,6 +120,7 @@ def test_nothing_is_said_where_no_stable_cycle_is_met(monkeypatch):
 
 
 def test_a_branch_that_is_not_followed_is_not_stable_up_to_the_fold(monkeypatch):
+    """Patched: branches of servos are followed."""
     fold = find_fold(canudas_servo.servo(), "lugre")
     monkeypatch.setattr(module, "_upwards", lambda *_: [])
     with pytest.raises(NoOrbit, match="were followed to gain"):

@@ -122,6 +122,12 @@ def test_settling_below_the_unstable_cycle_and_hunting_above(orbit, gain):
     assert cycle_near(TABLE_1, gain, stable, stable - 0.999 * unstable) is None
 
 
+def settled_by(monkeypatch, ratio):
+    """What `settles` makes of a map that is made by hand, b -> (P(b)/b, its slope), in the place of the servo's."""
+    monkeypatch.setattr(prospect, "_swing", lambda *_: ratio)
+    return settles(TABLE_1, "switch", 0.04, 0.01)
+
+
 @pytest.mark.parametrize("slopes", [True, False])
 @pytest.mark.parametrize(("top", "holds"), [(0.9, True), (0.97, True), (1.01, False), (1.5, False)])
 def test_a_hump_between_the_first_stick_positions_is_found(monkeypatch, slopes, top, holds):
@@ -134,19 +140,17 @@ def test_a_hump_between_the_first_stick_positions_is_found(monkeypatch, slopes, 
             hump = (top - 0.5) * math.exp(-u * u)
             return 0.5 + hump, -2 * u / width * hump if slopes else math.nan
 
-        monkeypatch.setattr(prospect, "_swing", lambda *_, ratio=ratio: ratio)
-        assert settles(TABLE_1, "switch", 0.04, 0.01).holds == holds
+        assert settled_by(monkeypatch, ratio).holds == holds
 
 
 def test_jumps_of_the_map_are_no_obstacle_below_one(monkeypatch):
     def ratio(b):
         return (0.1, 0.0) if b < 1e-3 else (0.8, 0.0)
 
-    monkeypatch.setattr(prospect, "_swing", lambda *_: ratio)
-    assert settles(TABLE_1, "switch", 0.04, 0.01).holds
+    assert settled_by(monkeypatch, ratio).holds
     # A jump up to where P(b) is almost b is not resolved, and the search ends.
-    monkeypatch.setattr(prospect, "_swing", lambda *_: lambda b: (0.1, 0.0) if b < 1e-3 else (0.99, 0.0))
-    assert "not resolved" in settles(TABLE_1, "switch", 0.04, 0.01).sentence
+    steep = settled_by(monkeypatch, lambda b: (0.1, 0.0) if b < 1e-3 else (0.99, 0.0))
+    assert "not resolved" in steep.sentence
 
 
 def linear_ratio(servo: Servo, gain: float) -> float:

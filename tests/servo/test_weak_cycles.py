@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from map_support import double, watched
 
-from casahunt import NoOrbit, Options, Servo, find_fold
+from casahunt import Options, Servo, find_fold
 from casahunt.servo import cold_start
-from casahunt.servo import find_fold as fold
-from casahunt.servo.cold_start import AtGain, Met, quickly_at
+from casahunt.servo.cold_start import AtGain, quickly_at
 from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap, half_cycle
 from casahunt.servo.event_map.near import (
     BESIDE_A_CYCLE,
@@ -82,16 +82,13 @@ def test_next_to_a_weak_cycle_is_where_it_sticks_and_not_where_the_ratio_is_next
     assert found.slope == pytest.approx(slope, rel=0.2)  # what the tolerance of other motions leaves of it is noise
 
 
-def test_a_motion_that_comes_to_rest_leads_to_no_weak_cycle(monkeypatch):
-    servo, gain = dropping(0.4408), 2.5e-4
-
-    def at_rest(P, a, *, tol=None, longest=np.inf):
-        run = honest(P, a)
+def test_a_motion_that_comes_to_rest_leads_to_no_weak_cycle():
+    def at_rest(P, honest, a, *, tol=None, longest=np.inf):
+        run = honest(a)
         return run if tol is None else HalfCycle(a, 0.0, run.segments)
 
-    honest = StickMap.__call__
-    monkeypatch.setattr(StickMap, "__call__", at_rest)
-    assert near_stable(StickMap("switch", servo, gain), 0.066, slope=-0.04) is None
+    P = double(StickMap("switch", dropping(0.4408), 2.5e-4), at_rest)
+    assert near_stable(P, 0.066, slope=-0.04) is None
 
 
 @pytest.mark.parametrize("degree", [None, 6])
@@ -114,11 +111,9 @@ def test_a_motion_that_leads_next_to_its_start_is_not_taken_for_one_next_to_a_cy
     assert known[1] > 0
 
 
-def test_where_the_map_is_flat_one_motion_tells(monkeypatch):
-    seen = []
-    honest = StickMap.__call__
-    monkeypatch.setattr(StickMap, "__call__", lambda *where: seen.append(where) or honest(*where))
-    assert cold_start._beside_the_rigid_cycle(AtGain(StickMap("lugre", Servo(), 0.05), Options())) > 0
+def test_where_the_map_is_flat_one_motion_tells():
+    P, seen = watched(StickMap("lugre", Servo(), 0.05))
+    assert cold_start._beside_the_rigid_cycle(AtGain(P, Options())) > 0
     assert len(seen) == 1
 
 
@@ -130,17 +125,6 @@ def test_lower_gains_come_closer_together_only_where_cycles_end():
 
     assert from_there(Servo(), 0.1) == [2.0**k for k in range(1, MOST_LOWERED + 1)]
     assert from_there(ENDS_BELOW, 0.0065)[0] == pytest.approx(1.4)
-
-
-@pytest.mark.slow
-def test_no_gain_is_searched_carefully_twice(monkeypatch):
-    searched = []
-    monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
-    monkeypatch.setattr(fold, "stable_at", lambda s, m, gain, **_: searched.append(gain) or Met(None, False, None))
-    with pytest.raises(NoOrbit, match="event map of the Switch servo shows some"):
-        fold.find_any_orbit(dropping(0.44065), "lugre", options=Options())
-    tried = np.sort(searched)
-    assert np.all(tried[1:] / tried[:-1] > 1.09)
 
 
 class Peak:

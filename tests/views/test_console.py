@@ -146,9 +146,8 @@ def test_what_is_left_is_what_it_took_so_far(monkeypatch):
     assert effort.left(0, 120, 100.0) == effort.left(120, 120, 100.0) == effort.left(119.9, 120, 100.0) == ""
 
 
-def test_a_map_says_how_long_it_will_still_take(capsys, monkeypatch):
+def test_a_map_says_how_long_it_will_still_take(capsys, monkeypatch, telling_at_once):
     """In its grid, and between its neighbours: never more than all of it takes, and on a stream that is no terminal."""
-    monkeypatch.setattr(console, "TELL_EVERY", 0.0)
     monkeypatch.setattr(effort, "WORTH_SAYING", 0.0)
     assert cli.main(["map", "--gain", "0.1", "--from", "1e-3", "--to", "0.02", "--points", "9"]) == 0
     said = capsys.readouterr().err
@@ -182,9 +181,8 @@ def test_a_diagram_says_how_long_it_will_still_take(monkeypatch, last, of):
     assert [row[2] for row in said[:3]] == ["", left[2], ""]
 
 
-def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch):
+def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch, telling_at_once):
     """From the first report on: what came before it is not what follows."""
-    monkeypatch.setattr(console, "TELL_EVERY", 0.0)
     now = 100.0
     monkeypatch.setattr(effort.time, "monotonic", lambda: now)
     report = command_fold_map._reporter(sys.stderr, 100)

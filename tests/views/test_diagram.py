@@ -151,8 +151,7 @@ def test_a_model_without_a_start_does_not_take_the_other_with_it(capsys, tmp_pat
     assert float(rows_of(tmp_path / "lugre.csv")[0]["gain"]) == 0.58 and is_picture(tmp_path / "diagram.png")
 
 
-def test_a_run_is_resumed_without_its_gain(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
+def test_a_run_is_resumed_without_its_gain(capsys, tmp_path, undrawn):
     command = ["diagram", "--model", "switch", "--out", tmp_path, "--quiet", "--json", "--natural"]
     before = one_json(run(capsys, *command, "--from", 0.6)[1])["branches"]
     again = one_json(run(capsys, *command, "--resume")[1])["branches"]
@@ -249,15 +248,17 @@ def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("fold", 1), ("symmetry breaking", 0)])
-def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, kind, expected):
-    """Said, and kept with the branch, also by a run that is taken up; a diagram without its fold has failed."""
+def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, undrawn, kind, expected):
+    """Said, and kept with the branch, also by a run that is taken up; a diagram without its fold has failed.
+
+    Patched: what is passed is located wherever it is known to be.
+    """
     # The multiplier falls through 0.5 next to the fold, where it is 1.
     passed = replace(monitor.SYMMETRY_BREAKING, value=lambda orbit, point: orbit.half_multiplier - 0.5)
     monitors = (monitor.FOLD if kind == "fold" else passed,)
     locate = crossings.locate
     monkeypatch.setattr(crossings, "locate", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k))
     monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
-    monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
     command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
     assert code == expected

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from map_support import double, watched
 
 from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.collocation.mesh import shape
@@ -39,8 +40,11 @@ def inner(gain: float, servo: Servo | None = None):
     return cold_start.inner_cycle(P, outer.fixed, outer.moving, ACCURATE)
 
 
-def between(gain: float = 0.4, outer: float = 0.003, moving: float = 0.2):
-    return cold_start.inner_cycle(StickMap("switch", Servo(), gain), outer, moving, ACCURATE)
+def between(P: StickMap, outer: float = 0.003, moving: float = 0.2):
+    return cold_start.inner_cycle(P, outer, moving, ACCURATE)
+
+
+AT_04 = StickMap("switch", Servo(), 0.4)
 
 
 @pytest.mark.parametrize(("part", "vanished"), [(0.9e-6, True), (1.1e-6, False), (1.0, False)])
@@ -54,9 +58,8 @@ def test_an_amplitude_that_counts_as_none(part, vanished):
 @pytest.mark.parametrize(("servo", "gain"), [
     *((Servo(), gain) for gain in (0.05, 0.4, 0.64, FOLD * (1 - 1e-6))), (FAR_STICKS, 1.1), (FAR_STICKS, FAR_GAIN),
 ])  # fmt: skip
-def test_without_a_way_along_the_branch(monkeypatch, servo, gain):
+def test_the_unstable_cycle(servo, gain):
     """The inner fixed point of the map to rounding, which shares nothing with it but the motion."""
-    monkeypatch.setattr(orbits, "walk", lambda *_, **__: pytest.fail("no way along the branch is needed"))
     found = find_orbit(servo, "switch", gain, branch="unstable", options=ACCURATE)
     a = found.amplitude
     near = fixed_points(servo, gain, a * (1 - 1e-4), a * (1 + 1e-4), points=5).fixed
@@ -64,77 +67,57 @@ def test_without_a_way_along_the_branch(monkeypatch, servo, gain):
     assert found.half_multiplier == pytest.approx(near[0].multiplier, rel=1e-4) and near[0].multiplier > 1
 
 
-def test_what_lies_elsewhere_or_is_stable_is_none(monkeypatch, orbit):
-    """The cycle of another gain, outside of the last two motions; and the stable one, wherever those are."""
-    for other in (orbit("switch", 0.3, "unstable"), orbit("switch", 0.4)):
-        monkeypatch.setattr(cold_start, "_solved", lambda *_, other=other: other)
-        assert inner(0.4) is None
-    monkeypatch.setattr(cold_start, "_narrowing", lambda *_: [(half_cycle("switch", Servo(), 0.4, 0.000963), 1.0)])
-    assert inner(0.4) is None
+@pytest.mark.parametrize(("branch", "outside"), [("unstable", 3.0), ("stable", 1.9)])
+def test_what_lies_elsewhere_or_is_stable_is_none(orbit, branch, outside):
+    """Motions that lead to the unstable cycle, farther in than where they are said to begin; and to the stable one."""
+    there = orbit("switch", 0.4, branch).amplitude
+
+    def motion(P, honest, a, **how):
+        return replace(honest(there), start=a, position=0.9 * a)
+
+    assert between(double(AT_04, motion), outside * there) is None
 
 
-def test_given_up_after_a_few_problems_each_from_nearer(monkeypatch):
-    asked = []
-    monkeypatch.setattr(cold_start, "_solved", lambda problem, motion, options: asked.append(motion.ratio))
-    assert inner(0.4) is None
-    assert len(asked) == cold_start.MOST_SOLVED and asked == sorted(asked) and asked[-1] > 0.5
-
-
-def test_given_up_where_a_motion_fails_or_the_map_jumps(monkeypatch):
-    def jumping(P, a, **how):
+def test_given_up_where_a_motion_fails_or_the_map_jumps():
+    def jumping(P, honest, a, **how):
         tried.append(a)
-        return honest(P, 0.002 if a > 0.001 else 0.0001)
+        return honest(0.002 if a > 0.001 else 0.0001)
 
     tried: list[float] = []
-    honest = StickMap.__call__
-    monkeypatch.setattr(StickMap, "__call__", jumping)
-    assert between() is None
+    assert between(double(AT_04, jumping)) is None
     assert len(tried) < 40 and min(abs(a - 0.001) for a in tried) < 1e-10
 
     def failing(*_, **__):
         raise MarchFailure
 
-    monkeypatch.setattr(StickMap, "__call__", failing)
-    assert between() is None
+    assert between(double(AT_04, failing)) is None
 
 
-def test_where_every_motion_inside_grows_none_is_followed_to_nothing(monkeypatch):
+def test_where_every_motion_inside_grows_none_is_followed_to_nothing():
     tried = []
 
-    def growing(P, a, **how):
+    def growing(P, honest, a, **how):
         tried.append(a)
-        return honest(P, 0.002)
+        return honest(0.002)
 
-    honest = StickMap.__call__
-    monkeypatch.setattr(StickMap, "__call__", growing)
-    assert between() is None
+    assert between(double(AT_04, growing)) is None
     assert min(tried) > 1e-4 * Servo().friction.static / Servo().torque_gains(0.4)[0] and len(tried) < 12
 
 
-def test_a_servo_that_creeps_to_rest_is_not_waited_for(monkeypatch):
+def test_a_servo_that_creeps_to_rest_is_not_waited_for():
     """Where it sticks at half of the stable cycle's, it would creep on for more than an hour."""
-    moved = []
-
-    honest = StickMap.__call__
-
-    def watched(*arguments, **how):
-        run = honest(*arguments, **how)
-        moved.append(run.moving)
-        return run
-
-    outer = near_typical(StickMap("switch", Servo(), 0.64), close=0.3)
-    monkeypatch.setattr(StickMap, "__call__", watched)
-    assert between(0.64, outer.fixed, outer.moving) is not None
-    assert max(moved) == pytest.approx(cold_start.CREEPS_AFTER * outer.moving)
+    P, motions = watched(StickMap("switch", Servo(), 0.64))
+    outer = near_typical(P, close=0.3)
+    motions.clear()
+    assert between(P, outer.fixed, outer.moving) is not None
+    assert max(run.moving for _, _, run, _ in motions) == pytest.approx(cold_start.CREEPS_AFTER * outer.moving)
 
 
-def test_a_motion_that_swings_on_is_not_closed(monkeypatch):
+def test_a_motion_that_swings_on_is_not_closed():
     """One that was followed for so many slips; its last one is no stick."""
     motion = half_cycle("switch", Servo(), 0.4, 0.00096)
     swinging = replace(motion, position=0.9 * motion.start, segments=motion.segments[:1])
-    monkeypatch.setattr(StickMap, "__call__", lambda *_, **__: swinging)
-    monkeypatch.setattr(cold_start, "_solved", lambda *_: pytest.fail("there is no stick"))
-    assert between() is None
+    assert between(double(AT_04, lambda *_, **__: swinging)) is None
 
 
 def test_a_motion_is_closed_by_the_stick_that_its_start_asks_for():
@@ -156,10 +139,9 @@ def test_a_motion_that_stops_beyond_the_next_breakaway_cannot_be_closed():
     assert cold_start._closed(Hunting("switch", Servo(), 0.4), motion, ACCURATE) is None
 
 
-def test_ipopt_alone_is_not_helped(monkeypatch):
-    monkeypatch.setattr(orbits, "inner_cycle", lambda *_: pytest.fail("Newton's method solves it"))
+def test_by_ipopt_alone():
     found = find_orbit(Servo(), "switch", 0.64, branch="unstable", options=Options(solver="ipopt"))
-    assert found.half_multiplier > 1
+    assert found.half_multiplier > 1 and found.solver == "ipopt"
 
 
 @pytest.mark.parametrize("options", [Options(half=False), Options(degree=5, kind="radau")])
@@ -172,27 +154,12 @@ def test_in_other_forms(orbit, options):
 # The stable cycle next to the fold ------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def motions(monkeypatch):
-    """The motions of `near_stable`: (a, P/a, longest that they might last)."""
-    seen = []
-
-    honest = StickMap.__call__
-
-    def watched(P, a, *, longest=np.inf, **how):
-        run = honest(P, a, longest=longest, **how)
-        seen.append((a, run, longest))
-        return run
-
-    monkeypatch.setattr(StickMap, "__call__", watched)
-    return seen
-
-
-def test_a_step_too_far_inwards_goes_back_half_of_it(motions):
+def test_a_step_too_far_inwards_goes_back_half_of_it():
     """At 0.64 the second motion comes to rest, which is not waited for."""
-    found = near_typical(StickMap("switch", Servo(), 0.64))
+    P, motions = watched(StickMap("switch", Servo(), 0.64))
+    found = near_typical(P)
     assert found is not None and found.ratio == pytest.approx(1, abs=0.03)
-    (outside, first, _), (inside, lost, longest), (between, _, _) = motions[:3]
+    (_, outside, first, _), (_, inside, lost, longest), (_, between, _, _) = motions[:3]
     assert inside < between < outside and between == pytest.approx((inside * outside) ** 0.5)
     assert lost.ratio < 1 / FAR_OFF and longest == MUCH_LONGER * first.moving and lost.moving < 1.01 * longest
 
@@ -205,26 +172,14 @@ def test_a_step_too_far_inwards_goes_back_half_of_it(motions):
         ("lugre", [0.5, 0.8, 0.0], [np.inf, np.inf, np.inf]),  # whose motions cost ten times as much, and are no slips
     ],
 )
-def test_only_a_step_too_far_inwards_is_taken_back(monkeypatch, model, ratios, longest):
+def test_only_a_step_too_far_inwards_is_taken_back(model, ratios, longest):
     told, asked = iter(ratios), []
 
-    def played(P, a, *, longest):
+    def played(P, honest, a, *, longest):
         asked.append(longest)
         return HalfCycle(a, a * next(told), [Segment("slip+", "stop", 1.0, *np.zeros((3, 2)))])
 
-    monkeypatch.setattr(StickMap, "__call__", played)
-    assert near_stable(StickMap(model, Servo(), 0.4), 0.003) is None and asked == longest
-
-
-@pytest.mark.parametrize(
-    ("model", "solver", "tried"), [("switch", "auto", 2), ("switch", "ipopt", 0), ("lugre", "auto", 1)]
-)
-def test_newton_from_the_event_map_is_for_the_switch_servo(monkeypatch, model, solver, tried):
-    asked = []
-    monkeypatch.setattr(cold_start, "_at_once", asked.append)
-    monkeypatch.setattr(cold_start, "_solved_from", lambda *_: None)
-    cold_start.stable_at(Servo(), model, 0.4, options=Options(solver=solver))
-    assert [q.beside is None for q in asked] == [True, False][:tried]
+    assert near_stable(double(StickMap(model, Servo(), 0.4), played), 0.003) is None and asked == longest
 
 
 def test_a_motion_is_meshed_for_the_tolerance():
@@ -236,8 +191,8 @@ def test_a_motion_is_meshed_for_the_tolerance():
         assert 1e-3 * shape_limit(tol) < shape(t, u).max() <= shape_limit(tol)
 
 
-def test_from_farther_out_where_cycles_stick_there(motions):
-    P = StickMap("switch", FAR_STICKS, FAR_GAIN)
+def test_from_farther_out_where_cycles_stick_there():
+    P, motions = watched(StickMap("switch", FAR_STICKS, FAR_GAIN))
     assert near_stable(P, P.typical) is None and len(motions) == 1
     found = near_typical(P)
     near = fixed_points(FAR_STICKS, FAR_GAIN, 0.7 * found.fixed, 1.4 * found.fixed, points=5).fixed
@@ -245,28 +200,15 @@ def test_from_farther_out_where_cycles_stick_there(motions):
 
 
 @pytest.mark.parametrize(("servo", "gain"), [(Servo(), 0.647), (FAR_STICKS, FAR_GAIN)])
-def test_stable_cycles_next_to_the_fold_need_no_scan_and_no_ipopt(monkeypatch, servo, gain):
-    monkeypatch.setattr(cold_start, "scan", lambda *_: pytest.fail("no scan is needed"))
-    monkeypatch.setattr("casahunt.orbits.adapt.ipopt_then_newton", lambda *_: pytest.fail("IPOPT is not needed"))
+def test_stable_cycles_next_to_the_fold(servo, gain):
     found = find_orbit(servo, "switch", gain, options=ACCURATE)
     near = fixed_points(servo, gain, 0.999 * found.amplitude, 1.001 * found.amplitude, points=5).fixed
     assert len(near) == 1 and found.half_multiplier == pytest.approx(near[0].multiplier, rel=1e-4)
 
 
-def test_where_newton_is_lost_the_event_map_is_asked(monkeypatch):
-    """Not IPOPT from the same motion, which takes ten times as long."""
-    asked = []
-
-    def lost(q):
-        asked.append((q.options.solver, q.beside is not None))
-
-    monkeypatch.setattr(cold_start, "_at_once", lost)
-    assert cold_start.stable_at(Servo(), "switch", 0.64, options=Options()).orbit.stable
-    assert asked == [("auto", False), ("newton", True)]
-
-
-def test_above_the_fold_a_few_motions_show_none(motions):
-    assert near_typical(StickMap("switch", Servo(), 1.02 * FOLD)) is None
+def test_above_the_fold_a_few_motions_show_none():
+    P, motions = watched(StickMap("switch", Servo(), 1.02 * FOLD))
+    assert near_typical(P) is None
     assert len(motions) <= 2 * near_by.SECANT_ROUNDS
     with pytest.raises(NoOrbit):
         find_orbit(Servo(), "switch", 1.02 * FOLD, branch="unstable")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -14,6 +15,8 @@ from casahunt.collocation.newton import newton
 from casahunt.continuation.fold import confirmed, next_fold
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
+from casahunt.servo.event_map.half_cycle import StickMap
+from casahunt.servo.event_map.near import near_stable
 from casahunt.servo.find_fold import find_any_orbit
 from casahunt.servo.hunting import Model
 from casahunt.servo.linear_loop import routh_hurwitz_gain
@@ -289,26 +292,18 @@ def test_folds_of_servos_never_seen(seed):
         assert taylor.switch_half_cycle(servo, fold.gain * (1 + 1e-6), a)[0] < a
 
 
-def test_gains_at_which_a_proof_denies_are_not_scanned(monkeypatch):
+def test_gains_at_which_a_proof_denies_are_not_scanned():
     """(kd + sigma2 - s) kp/ki > J holds from one gain on: below it the search scans, above it the proof speaks."""
-    from casahunt.servo import find_fold as fold
-    from casahunt.servo.event_map import scan as event_map
-
     servo = NEVER_HUNTS.replace(**{"friction.coulomb": 0.44, "friction.viscous": 0.28})
     f, c = servo.friction, servo.controller
     steepest = math.sqrt(2 / math.e) * (f.static - f.coulomb) / f.stribeck_velocity
     proved_from = (servo.inertia / c.reset_time + steepest - f.viscous) / (servo.motor_gain * c.lead_time)
-    scanned: list[float] = []
-    honest = fold.scan
-    monkeypatch.setattr(fold, "scan", lambda P: scanned.append(P.gain) or honest(P))
-    monkeypatch.setattr(fold, "SEARCH_FACTORS", 2)
-    monkeypatch.setattr(fold, "typical_gain", lambda s: proved_from * 1.1)
-    monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
-    with pytest.raises(NoOrbit, match="does not prove .*: 2 gains .* were scanned .* provably has none") as refused:
+    with pytest.raises(NoOrbit, match="does not prove") as refused:
         find_fold(servo, "switch")
     assert refused.value.status is Status.NOT_FOUND
-    assert max(scanned) == pytest.approx(proved_from * 0.55)
-    assert f"from gain {proved_from * 1.1:.3g} up" in str(refused.value)
+    scanned = r"gains from .* to (\S+) were scanned .* from gain (\S+) up .* provably has none"
+    said = re.search(scanned, str(refused.value))
+    assert float(said[1]) < proved_from < float(said[2])
 
 
 # Friction rises with speed everywhere, so that it does not hunt; at tiny gains swings come back to 0.98 of their size.
@@ -320,45 +315,17 @@ NEVER_HUNTS = Servo().replace(
 )  # fmt: skip
 
 
-def test_swings_that_hardly_shrink_are_no_cycle(monkeypatch):
+def test_swings_that_hardly_shrink_are_no_cycle():
     """P(a)/a is next to one over decades of a and crosses it nowhere: no short cut to a fixed point, and no claim."""
-    from casahunt.servo import find_fold as fold
-    from casahunt.servo.event_map import scan as event_map
-    from casahunt.servo.event_map.half_cycle import StickMap
-    from casahunt.servo.event_map.near import near_stable
-
     gain = 5e-6
     unit = NEVER_HUNTS.friction.static / NEVER_HUNTS.torque_gains(gain)[0]
     for a in unit * np.array([0.015, 0.1]):
         assert 0 < taylor.switch_half_cycle(NEVER_HUNTS, gain, a)[0] / a < 0.99
     assert near_stable(StickMap("switch", NEVER_HUNTS, gain), 0.1 * unit) is None
-    # Its friction rises so steeply that it is proved to have no cycle; a servo that is not, the search may not deny.
+    # Its friction rises so steeply that it is proved to have no cycle.
     with pytest.raises(NoOrbit, match="no hunting .* at any gain: the friction curve") as refused:
         find_fold(NEVER_HUNTS, "switch")
     assert refused.value.status is None
-    monkeypatch.setattr(fold, "check_hunts", lambda servo, model: None)
-    monkeypatch.setattr(fold, "no_cycle", lambda *_: "")
-    monkeypatch.setattr(fold, "SEARCH_FACTORS", 0)
-    monkeypatch.setattr(fold, "typical_gain", lambda servo: gain)
-    monkeypatch.setattr(event_map, "SCAN_POINTS", 15)
-    with pytest.raises(NoOrbit, match=r"does not prove .*: 1 gains .* at most at 0\.98") as refused:
-        find_fold(NEVER_HUNTS, "switch")
-    assert refused.value.status is Status.NOT_FOUND
-    # Were it taken for one, no cycle could be computed from it: the map to rounding shows that none is there.
-    monkeypatch.setattr(fold, "near_typical", lambda P, **_: _seen_as_stable(P, gain))
-    monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
-    monkeypatch.setattr(fold, "stable_at", _stuck)
-    with pytest.raises(NoOrbit, match="does not prove .* and 1 of them were tried: stuck") as refused:
-        find_fold(NEVER_HUNTS, "switch")
-    assert refused.value.status is Status.NOT_FOUND
-
-
-def _seen_as_stable(P, where):
-    return replace(P(P.typical), slope=-1.0) if P.gain == where else None
-
-
-def _stuck(*arguments, **options):
-    raise NoOrbit("stuck", Status.NOT_CONVERGED)
 
 
 @pytest.mark.slow
