@@ -155,11 +155,11 @@ def test_between_two_orbits_of_one_side_there_is_no_fold(orbit, branch):
 
 
 def test_what_is_no_motion_is_no_fold(beside, monkeypatch):
-    """Patched: the fold of this servo is a motion."""
+    """Patched: the fold of this servo is a motion.  It has the mesh it was solved on, or that of the motion itself."""
     judged = []
     monkeypatch.setattr(adapt, "judge", lambda *a: judged.append(a) or replace(judge(*a), violated="a slip"))
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
-    assert len({t.intervals for t, *_ in judged}) == 1, "no mesh makes it one"
+    assert len({t.intervals for t, *_ in judged}) <= 2, "no mesh makes it one"
 
 
 def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
