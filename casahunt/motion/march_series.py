@@ -28,12 +28,12 @@ import numpy as np
 from .. import effort
 from ..collocation.admissibility import hides
 from ..collocation.scheme import Scheme
-from ..hybrid.roots import Bracket
+from ..hybrid.roots import LOOKED_AT, MOST_HALVINGS, Bracket
 from ..hybrid.system import Exit, Mode
-from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS
+from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING
 from .march_step import Foretold, Stepper
 from .march_watch import EVENT_LIMIT, ON_EVENT
-from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
+from .series import Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
 
 Array = np.ndarray
 
@@ -49,9 +49,6 @@ JUST_BEHIND = 1e-6
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
-FINEST_PARTS = 48
-"""Halvings of a step, or of what is left of it, in the search for the part that is right."""
-_AHEAD = JUST_BEHIND ** np.arange(SERIES_ORDER + 1.0)
 
 
 class Reached(NamedTuple):
@@ -188,7 +185,7 @@ def _count(bad: Array) -> int:
 
 
 def _right(series: Series, h: Array, points: Array, rates: Array, theta: float) -> int:
-    """How many steps (K, STEP_LOOKS + 1, n) agree with the field wherever they are looked at and it is a number."""
+    """How many steps (K, looks, n) agree with the field wherever they are looked at and it is a number."""
     off = series.defects(points, rates / h[:, None, None]) * h[:, None]
     size = np.maximum(1.0, np.max(np.abs(points), axis=(1, 2)))
     return _count(np.any(off > MISMATCH * theta + LEAST_MISMATCH * size[:, None], axis=1))
@@ -205,10 +202,10 @@ def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
     def right(part: float) -> bool:
         return _is_right(series, cut_off(C, part), part * h, theta)
 
-    k = next(k for k in range(1, FINEST_PARTS + 1) if k == FINEST_PARTS or not right(1 - 0.5**k))
+    k = next(k for k in range(1, MOST_HALVINGS + 1) if k == MOST_HALVINGS or not right(1 - 0.5**k))
     if k > 1:
         return 1 - 0.5 ** (k - 1)
-    return next((0.5**k for k in range(2, FINEST_PARTS) if right(0.5**k)), 0.0)
+    return next((0.5**k for k in range(2, MOST_HALVINGS) if right(0.5**k)), 0.0)
 
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
@@ -222,15 +219,15 @@ def first_exit(
 ) -> tuple[int, float, Exit | None]:
     """The first exit of steps in a row.
 
-    C, points: (K, P + 1, n) coefficients of the steps; (K, STEP_LOOKS + 1, n) states at which they are looked at;
+    C, points: (K, P + 1, n) coefficients of the steps; (K, looks, n) states at which they are looked at;
     fresh, over: the first step may begin on an event, of which is seen to which side it is left; at the end of the last
     one the time is over, and an event is met that the motion comes to there but for rounding.
     Returns number of the step, place 0 < s <= 1 in it, and exit; the number of steps, 1 and None where there is none.
     Raises NotLocated: an event is crossed, and vanishes nowhere.
     """
     inner = points[:, :-1].reshape(-1, points.shape[2])
-    looks = len(inner) + 1
-    states = np.vstack([inner, points[-1, -1], *([_AHEAD @ C[0]] if fresh else [])]).T * stepper.scale[:, None]
+    looks, parts = len(inner) + 1, LOOKED_AT.size - 1
+    states = np.vstack([inner, points[-1, -1], *([at(C[0], JUST_BEHIND)] if fresh else [])]).T * stepper.scale[:, None]
     best: Exit | None = None
     first, place = looks - 1, 1.0
     for way_out in exits:
@@ -245,13 +242,13 @@ def first_exit(
         if not crossed.size or crossed[0] > first:
             continue
         k = int(crossed[0])
-        low = (k % STEP_LOOKS) / STEP_LOOKS
-        s = _root(way_out, stepper, C[k // STEP_LOOKS], low, float(h[k]), float(h[k + 1]))
+        low = (k % parts) / parts
+        s = _root(way_out, stepper, C[k // parts], low, float(h[k]), float(h[k + 1]))
         if s is None:
-            raise NotLocated(k // STEP_LOOKS)
+            raise NotLocated(k // parts)
         if k < first or best is None or s < place:
             best, first, place = way_out, k, s
-    return (first // STEP_LOOKS, place, best) if best is not None else ((looks - 1) // STEP_LOOKS, 1.0, None)
+    return (first // parts, place, best) if best is not None else ((looks - 1) // parts, 1.0, None)
 
 
 def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f_high: float) -> float | None:
@@ -263,12 +260,12 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    high = low + 1 / STEP_LOOKS
+    high = low + LOOKED_AT[1]
     if f_high == 0:
         return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)
     s, best, left, near = bracket.illinois, high, np.inf, False
-    for _ in range(EXIT_ROUNDS):
+    for _ in range(MOST_HALVINGS):
         f = value(s)
         if np.isnan(f):
             return None

@@ -29,7 +29,7 @@ import numpy as np
 from ..checks import known as one_of
 from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import functional_errors
-from ..collocation.newton import DIVERGED, LARGEST_MOVE
+from ..collocation.newton import DIVERGED, LARGEST_MOVE, MOST_NEWTON_STEPS
 from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
@@ -48,7 +48,6 @@ MEMBERS_OF_A_PASS = 48
 """Members of one pass: few enough for the caches, enough to hide the price of a call."""
 ROWS_OF_A_TASK = 96
 """Rows of a task: enough to hide what a task costs, few enough to keep the workers of a long run busy to its end."""
-MOST_NEWTON_STEPS = 12
 ROOM_FOR_KNOWN = 0.1
 """Part of the tolerance that the known cycle's own error may take, so that those of its neighbours fit in."""
 

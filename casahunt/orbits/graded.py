@@ -45,7 +45,7 @@ READ_OFF = 1e-12
 BLOCK_GAP, BLOCK_LEAK = 1e3, 1e-10
 """Neighbouring blocks differ in size by BLOCK_GAP; what is left of the larger one's directions in the smaller one's."""
 UNCERTAIN = 0.1
-"""A value whose relative uncertainty by rounding is larger is known by its bound only."""
+"""A value whose relative uncertainty, by rounding or by the mesh, is larger is known by its bound only."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from ..checks import known
 from ..compiled import Caller, alone, caller, kept
 from ..errors import InputError
 from ..hybrid.expressions import check_scalar
+from ..hybrid.roots import LOOKED_AT
 from ..hybrid.system import Cycle, Mode
 from ..hybrid.vector_form import Names, Scalar
 
@@ -25,8 +26,6 @@ Array = np.ndarray
 Expression = Callable[[Any, Any], Any]
 """(x, p) -> scalar, of CasADi symbols."""
 
-AT_ONCE = 17
-"""Points at which an expression is evaluated by one call."""
 
 
 def scalar_of(what: Any, names: Names) -> Scalar:
@@ -101,8 +100,8 @@ class Values:
         self._by_parameters = caller(by_parameters, [n, parameters], [parameters])
         self._at_one = caller(function, [n, parameters], [1, 1, n])
         self._at_many = caller(
-            function.map("many", "serial", AT_ONCE, [1], []),
-            [(AT_ONCE, n), parameters], [AT_ONCE, AT_ONCE, (AT_ONCE, n)],
+            function.map("many", "serial", LOOKED_AT.size, [1], []),
+            [(LOOKED_AT.size, n), parameters], [LOOKED_AT.size, LOOKED_AT.size, (LOOKED_AT.size, n)],
         )  # fmt: skip
 
     def __call__(self, points: Array, p: Array) -> tuple[Array, Array, Array]:
@@ -110,8 +109,8 @@ class Values:
         m = len(points)
         buffers = (self._at_one if m == 1 else self._at_many).buffers
         g, rate, g_x = np.empty(m), np.empty(m), np.empty(points.shape)
-        for first in range(0, m, AT_ONCE):
-            chunk = slice(first, first + AT_ONCE)
+        for first in range(0, m, LOOKED_AT.size):
+            chunk = slice(first, first + LOOKED_AT.size)
             count = len(points[chunk])
             buffers.inputs[0].reshape(-1, points.shape[1])[:count], buffers.inputs[1][:] = points[chunk], p
             buffers.trigger()

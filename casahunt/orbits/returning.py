@@ -41,8 +41,6 @@ FIRST_PHASES, FEW_PHASES = 6, 24
 than so many is a long one."""
 ENOUGH_PHASES, MOST_PHASES = 768, 3000
 """Phases after which a motion that nowhere nearly repeats is given up; and any other one."""
-MOST_MARCHED = 20_000
-"""Intervals after which it is given up likewise; any other one after four times as many."""
 RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 EVER_LONGER = 1.01
@@ -210,9 +208,9 @@ class Returning:
     def check_patience(self) -> None:
         """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""
         count, marched = len(self.segments), sum(len(s.w) for s in self.segments)
-        if count < ENOUGH_PHASES and marched < MOST_MARCHED:
+        if count < ENOUGH_PHASES and marched < MARCHED_AT_MOST:
             return
-        if count < MOST_PHASES and marched < 4 * MOST_MARCHED:
+        if count < MOST_PHASES and marched < 4 * MARCHED_AT_MOST:
             if self.recurrences(RETURNED, lambda r: r.phases <= FEW_PHASES and self.repeated(r)):
                 return
         raise self.not_met(f"the motion did not repeat within {count} phases")

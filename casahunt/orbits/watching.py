@@ -22,7 +22,7 @@ from ..hybrid.vector_form import TURNS
 from ..motion.march import MarchFailure, Segment, march
 from ..motion.simulation import MARCH_DEGREE, look
 from .closure import Section, turns
-from .recurrence import turns_over
+from .recurrence import TRIED, turns_over
 
 Array = np.ndarray
 
@@ -34,8 +34,6 @@ VERY_LONG = 1e6
 MOST_LOOKS, LOOK_LONGER = 5, 4
 """Looks, each this much longer than the one before, until there is something to see."""
 ENOUGH_EVENTS, ENOUGH_STEPS = 4, 150
-TRIED_STATES = 16
-"""States at which a forced system is tried for a symmetry between the halves of a turn."""
 STANDSTILL = 1e-8
 """Ranges of all states below this part of their sizes are rest."""
 GREW, LARGER = 1e12, 1e2
@@ -179,7 +177,7 @@ def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], T
     """
     names, late, mode = system.names.entries, seen.late, seen.segments[-1].mode
     if system.forcing_period is not None:
-        some = late[:, :: max(1, late.shape[1] // TRIED_STATES)]
+        some = late[:, :: max(1, late.shape[1] // TRIED)]
         parts = 2 if turns_over(system, mode, some, p, seen.scale) else 1
         return _by_turns(system, mode, Turning(len(names) - 1, 1.0 / parts, parts))
     low, high = late.min(axis=1), late.max(axis=1)
