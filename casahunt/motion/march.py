@@ -38,6 +38,7 @@ from .series import Piece, TooMany, series_of
 Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
+"""Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 STANDS, STANDS_FOR = 1e-13, 50

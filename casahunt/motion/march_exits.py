@@ -26,7 +26,7 @@ from .march_watch import EVENT_LIMIT, Watch
 Array = np.ndarray
 
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
-EXIT_ROUNDING = 1e-14
+EXIT_ROUNDING = 1e-14  # of an event, in units of its size: some ten times the rounding of the states in it
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
 FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly, or as a part of what it was
 

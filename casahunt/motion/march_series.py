@@ -19,6 +19,7 @@ Symbols: n states, P order.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -42,8 +43,6 @@ SERIES_TOLERANCE, LEAST_TERM = 1e-4, 1e-17
 MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
 """Difference of the rates of a series and of the field, times the step, in units of the bound of the last terms; and at
 least, in units of the states."""
-FOLLOWED_AT_MOST = 1e300
-"""A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
 FIRST_TRIAL, STIFF = 32, 100.0
@@ -135,7 +134,7 @@ class Following:
     def _further(self) -> Reached | None:
         """Some steps more; where they end the phase, or series lead no further, how far it was followed."""
         theta = max(SERIES_TOLERANCE * self.tol, LEAST_TERM)
-        steps = self.series(self.x, self.h, self.longest, min(self.max_time - self.t, FOLLOWED_AT_MOST), theta)
+        steps = self.series(self.x, self.h, self.longest, min(self.max_time - self.t, sys.float_info.max), theta)
         began = self.t + np.concatenate([[0.0], np.cumsum(steps.h)])
         known = _count(~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0))
         points, rates = looked_at(steps.C[:known])

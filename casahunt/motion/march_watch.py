@@ -8,7 +8,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..collocation.admissibility import LARGEST_JUMP, RESOLUTION, hides
+from ..collocation.admissibility import BARELY, LARGEST_JUMP, RESOLUTION, hides
 from ..collocation.scheme import Kind, scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.roots import LOOKED_AT
@@ -19,7 +19,6 @@ from .march_step import Stepper
 Array = np.ndarray
 
 EVENT_LIMIT = 1e-10  # an event counts as located
-EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
 ON_EVENT = EVENT_LIMIT  # a state is on an event, not beside it: where an exit was located to no less
 
 
@@ -110,7 +109,7 @@ def _first_beyond(h: Array, stray: float) -> int:
     """
     beyond = np.flatnonzero(h[1:] > np.append(np.full(h.size - 2, stray), 0.0))
     k = int(beyond[0]) + 1 if beyond.size else 0
-    doubtful = np.flatnonzero(h[: k or h.size - 1] > EXCURSION)
+    doubtful = np.flatnonzero(h[: k or h.size - 1] > BARELY)
     if doubtful.size and not (doubtful.size == 1 and 0 < doubtful[0] == k - 1 and h[k - 2] < -stray and h[k] > stray):
         raise TooLong
     return k

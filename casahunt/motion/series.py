@@ -16,6 +16,7 @@ Symbols: n states, P order, K steps, d stages, N intervals of a mesh, R = n (d +
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -38,8 +39,6 @@ IN_A_ROW = 8
 """Steps that are taken before they are looked at: what leads beyond an event costs less than looking at each."""
 AT_MOST_LONGER = 100.0
 """A step in units of the one before, at most."""
-LOG_LONGEST, LEAST_UNIT = 700.0, 1e-300
-"""Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
 WITHIN_TOLERANCE = 0.75
 """Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance."""
 MOST_OF_STEPS, ONE_STEP = 2.0, 5e-9
@@ -122,7 +121,7 @@ def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
     sizes = ca.fmax(1, ca.fabs(x))
     largest = [ca.mmax(ca.fabs(c[:, k]) / sizes) for k in range(1, SERIES_ORDER + 1)]
     bounds = [1.0] * (SERIES_ORDER - 2) + [theta / ca.mmax(sizes)] * 2
-    logarithm = ca.SX(LOG_LONGEST)
+    logarithm = ca.SX(math.log(sys.float_info.max))
     for k, (size, bound) in enumerate(zip(largest, bounds, strict=True), 1):
         logarithm = ca.fmin(logarithm, (ca.log(bound) - ca.log(size)) / k)
     h = ca.fmin(ca.fmin(unit * ca.exp(logarithm), longest), left)
@@ -149,7 +148,7 @@ def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller, Ca
     for _ in range(IN_A_ROW):
         h, C, end = step(end, unit, longest, left, theta, sign, p, scale)
         found.append((h, C, end))
-        left, unit, longest = left - h, ca.fmax(h, LEAST_UNIT), AT_MOST_LONGER * h
+        left, unit, longest = left - h, ca.fmax(h, sys.float_info.min), AT_MOST_LONGER * h
     outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
     function = ca.Function("steps", [x, first, sign, p, scale], outputs)
     shapes = [IN_A_ROW, (IN_A_ROW, SERIES_ORDER + 1, n), (IN_A_ROW, n)]

@@ -33,7 +33,6 @@ from .qr_chain import FACTORS_AT_ONCE, MANY_AT_ONCE, left_behind, swept
 Array = np.ndarray
 
 MULTIPLIER_ROUNDS = 12
-ROUND_TOLERANCE = 1e-13
 ONE_ROUND, EPS = 1e-12, float(np.finfo(float).eps)
 """Relative effect of rounding on a value that is known from one round; rounding."""
 SMALLEST_MULTIPLIER = 1e-12
@@ -112,7 +111,7 @@ def spectrum(
 def _same(sizes: list[float], previous: list[float]) -> bool:
     """Whether moduli are those of the round before, but for those that are zero for every purpose."""
     pairs = zip(sizes, previous, strict=True)
-    return all(abs(size - before) < ROUND_TOLERANCE * size for size, before in pairs if size > SMALLEST_MULTIPLIER)
+    return all(abs(size - before) < ONE_ROUND * size for size, before in pairs if size > SMALLEST_MULTIPLIER)
 
 
 def _round(chain: Array, q: Array) -> tuple[Array, list[Array], Array, int]:

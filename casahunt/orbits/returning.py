@@ -32,10 +32,9 @@ WITHIN = 0.2
 RETURNED = 1e-2
 """It repeats when it comes back this near, in units of the state scale; farther off the return map has to show it."""
 REPEATED = 0.1
-"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
-ABOUT_TO_REPEAT = 0.1
-"""A motion that comes back this near, as part of how far it has gone away and in units of the state scale, may be about
-to repeat: Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
+"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not.  A motion that
+comes back this near, as part of how far it has gone away and in units of the state scale, may be about to repeat:
+Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
 FIRST_PHASES, FEW_PHASES = 6, 24
 """Phases after which a motion is looked at for repetition, and again each time there are twice as many; a cycle of more
 than so many is a long one."""
@@ -91,7 +90,7 @@ class Returning:
         """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
         if not self.scale.size:
             self.largest = OUTGROWN * max(1.0, float(np.max(np.abs(self.x))))
-            self.near = RETURNED if self.settled else ABOUT_TO_REPEAT
+            self.near = RETURNED if self.settled else REPEATED
         seen = watched(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
         self.scale, self.span = seen.scale, max(seen.span, AHEAD * self.span)
         if seen.events == 0:
