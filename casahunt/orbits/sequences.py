@@ -39,7 +39,7 @@ Array = np.ndarray
 VANISHES_BELOW = 0.5
 """A phase may be about to vanish where it is shorter than this part of the longer one of its neighbours."""
 CROSSING_LOOKS = 64
-"""Parts of an interval, at the ends of which it is looked at for crossings of exits; with 16 a phase that has just begun
+"""Parts of an interval, at the ends of which it is looked at for crossings of exits; with 16 a phase just begun
 at a grazing is overlooked (test_vanishing.py)."""
 
 
