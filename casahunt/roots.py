@@ -32,8 +32,10 @@ INVERSE_ROUNDS = 8
 """Rounds of inverse interpolation, which mostly needs four; then the safe Illinois steps alone."""
 CLOSED = 1e-13
 """Width of a bracket, in units of that of the search, that is down to rounding."""
+MOST_HALVINGS = 60
+"""Of an interval: what is left of it is below the rounding of any place in it, whatever was looked for."""
 LOOKED_AT = np.linspace(0.0, 1.0, 17)
-"""Parts of a step at which parabolas are compared."""
+"""Parts of a step, an interval or a phase at which it is looked at, more than an interval's polynomial has zeros."""
 DOUBTED = 4.0
 """So many times what parabolas differ by they may be off: a narrow pair of zeros shows but a part of itself."""
 BESIDE = 0.02

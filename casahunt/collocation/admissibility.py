@@ -44,12 +44,13 @@ Place = tuple[Transcription, Array, Setting]
 RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
 NOISE = 1e-10
+"""Of a condition, relative to its size above one: what Newton's method and rounding leave of it is less.
+No cycle of sixteen notices ten times more or less."""
 PASSED = 1e-6
 """An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
 BARELY = 1e-8
 """The same of one that is passed, and passed back, by less than that: a cycle that touches shows no more.  Intervals
 that do not resolve as little where one is all but met are unclear, whichever side of zero they show."""
-AT_ZERO = 1e-8  # a phase end where the condition vanishes, relative to its largest value
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
 NOTHING_LEFT = 0.9
@@ -377,9 +378,9 @@ def not_clear(t: Transcription, values: Array, slack: Array) -> Array:
     s, size = t.scheme, largest_of_phase(t, values)
     first, last = t.first_intervals, t.first_intervals + t.collocated_counts - 1
     kinds = np.zeros(values.shape[:-1], dtype=int)
-    kinds[..., first] = 2 * (np.abs(values[..., first, 0]) <= AT_ZERO * size[..., first])
+    kinds[..., first] = 2 * (np.abs(values[..., first, 0]) <= BARELY * size[..., first])
     ends = values[..., last, :] @ dense_rule(s.degree, s.kind)[1]
-    kinds[..., last] += np.abs(ends) <= AT_ZERO * size[..., last]
+    kinds[..., last] += np.abs(ends) <= BARELY * size[..., last]
     out = values.min(axis=-1) + slack < RESOLUTION * np.abs(values @ s.last_mode)
     for kind in range(1, 4):
         chosen = (kinds == kind).nonzero()

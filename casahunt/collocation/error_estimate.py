@@ -50,6 +50,7 @@ Halved = tuple[Transcription, Array, Setting, Linearisation]
 """Solutions on a mesh with halved intervals, and the equations linearised there."""
 
 ROUNDING = 4 * np.finfo(float).eps
+"""Relative: of the few operations that make a period, an amplitude or a parameter from the unknowns."""
 SMALL_AMPLITUDE = 0.1
 """The error of an amplitude below this part of the largest value of its state is measured by that: it may be zero."""
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..compiled import Caller, caller, caller_by_rows, kept
 from ..hybrid.system import Field
+from ..hybrid.vector_form import TOGETHER
 from .scheme import Kind, scheme
 
 Array = np.ndarray
@@ -192,7 +193,7 @@ def points_map(field: Field, n: int, parameters: int, points: int, intervals: in
     return PointsMap(field, n, parameters, points, intervals)
 
 
-FEW_POINTS, POINTS_AT_ONCE = 32, 128
+POINTS_AT_ONCE = 128
 """Points of one call of what is compiled."""
 
 
@@ -203,13 +204,13 @@ class PointMap:
         widths = (n, 1, function.size1_in(2), n)
         self._few, self._many = (
             caller(function.map(count), [(count, width) for width in widths], [(count, n)])
-            for count in (FEW_POINTS, POINTS_AT_ONCE)
+            for count in (TOGETHER, POINTS_AT_ONCE)
         )
 
     def __call__(self, x: Array, sign: Array, p: Array, scale: Array) -> Array:
         """Scaled field (m, n) at the scaled states x (m, n) with the signs (m,)."""
-        few = len(x) <= FEW_POINTS
-        buffers, at_once = (self._few if few else self._many).buffers, FEW_POINTS if few else POINTS_AT_ONCE
+        few = len(x) <= TOGETHER
+        buffers, at_once = (self._few if few else self._many).buffers, TOGETHER if few else POINTS_AT_ONCE
         states, signs, parameters, scales = buffers.inputs
         parameters[:], scales[:] = p, scale
         out = np.empty_like(x)

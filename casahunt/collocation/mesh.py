@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..roots import LOOKED_AT
 from .joints import flow_at, linear_in_time
 from .scheme import equal_parts
 from .transcription import Setting, Transcription, transcribe
@@ -22,8 +23,6 @@ Array = np.ndarray
 AS_GOOD_AS_ZERO = 1e-6
 """A state that is nowhere larger than this part of its scale is zero but for what a solver leaves: sizes follow an
 orbit in steps, in none of which one shrinks by so much."""
-_INSIDE = np.linspace(0, 1, 17)
-"""Times at which the size of a motion in closed form is looked at."""
 
 
 def phase_breaks(t: Transcription, fractions: Array) -> list[Array]:
@@ -178,7 +177,7 @@ def sizes_of_states(t: Transcription, u: Array, setting: Setting) -> Array:
         largest = np.maximum(largest, np.abs(t.intervals_of(u)).max(axis=0).reshape(-1, t.n).max(axis=0))
     for k, phase in enumerate(t.cycle.phases):
         if phase.mode.flow is not None and not linear_in_time(phase.mode, t.n, setting.p.size):
-            times = float(t.durations_of(u)[k]) * _INSIDE
+            times = float(t.durations_of(u)[k]) * LOOKED_AT
             inside = flow_at(phase.mode, nodes[t.phase_start[k]] * setting.scale, times, setting.p)
             largest = np.maximum(largest, np.abs(inside).max(axis=0) / setting.scale)
     return np.where(largest > AS_GOOD_AS_ZERO, largest, 1.0)

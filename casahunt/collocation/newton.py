@@ -44,6 +44,8 @@ hours, for example.  No accuracy asked for is worse."""
 RESIDUAL_LIMIT = 1e-8
 """Largest residual of an accepted solution, after the last step; where rounding leaves more, because an interval of
 hours multiplies it, the next Newton step must be below `ROUNDED`."""
+MOST_NEWTON_STEPS = 12
+"""Steps after which Newton's method is given up: from a guess that leads anywhere it takes four to eight."""
 LARGEST_MOVE = 2.0
 """An accepted solution lies within this of its guess, in scaled units."""
 LOST, ROUGH_ITERATIONS = 1.0, 7
@@ -86,7 +88,7 @@ def newton(
     setting: Setting,
     *,
     border: Array | None = None, parameter: float = 0.0,
-    max_iterations: int = 12, largest_move: float = LARGEST_MOVE,
+    max_iterations: int = MOST_NEWTON_STEPS, largest_move: float = LARGEST_MOVE,
     accuracy: float = 0.0, rough: float = 0.0, nearby: float = 0.0, turn: Turn | None = None,
 ) -> Solution:
     """Newton's method from u.

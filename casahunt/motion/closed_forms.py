@@ -23,9 +23,7 @@ Array = np.ndarray
 POINTS = 4
 """Around the start of the motion at which a closed form is tried, besides the start itself."""
 TRIED_AROUND = 0.1
-"""How far around, relative to the states and to one."""
-LATER = 0.1
-"""How much later, in times in which a state changes by its size."""
+"""How far around, relative to the states and to one; how much later, in times in which a state changes by its size."""
 SAME_MOTION = 1e-6
 """Rates and states that agree to this, relative to their sizes, are the same."""
 
@@ -55,7 +53,7 @@ def _check_at(mode: engine.Mode, x: Array, p: Array, of_field: bool) -> None:
     if np.isfinite(again).all() and np.max(np.abs(again - y) / size) > SAME_MOTION:
         raise InputError(f"mode {mode.name!r}: its flow is not where it starts after no time")
     _compare(mode, 0.0, rate, slope, of_field)
-    T = LATER / max(moved, LATER)
+    T = TRIED_AROUND / max(moved, TRIED_AROUND)
     z, rate, slope = _along(mode, y, T, p)
     if np.isfinite(z).all() and (mode.admissible is None or _holds(mode, z, p)):
         _compare(mode, T, rate, slope, of_field)

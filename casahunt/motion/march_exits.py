@@ -19,17 +19,16 @@ import numpy as np
 from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Exit, Mode, Reset
-from ..roots import Bracket, secant
+from ..roots import LOOKED_AT, MOST_HALVINGS, Bracket, secant
 from .march_step import Foretold, Solved
-from .march_watch import EVENT_LIMIT, WATCHED, Watch
+from .march_watch import EVENT_LIMIT, Watch
 
 Array = np.ndarray
 
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
-EXIT_ROUNDING = 1e-14
+EXIT_ROUNDING = 1e-14  # of an event, in units of its size: some ten times the rounding of the states in it
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
 FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly, or as a part of what it was
-EXIT_ROUNDS = 60
 
 
 @kept(maxsize=64)
@@ -141,7 +140,7 @@ def _begin(
     value: Callable[[Array], tuple[float, float]], s: Scheme, w: Array, beyond: float
 ) -> tuple[float, Bracket, float]:
     """Where an event vanishes on a polynomial; a bracket of that, with a margin; size of the event there."""
-    part = WATCHED[1] - WATCHED[0]
+    part = LOOKED_AT[1] - LOOKED_AT[0]
     low, high = beyond - part, beyond
     f_low, f_high = (value(end)[0] for end in s.interpolation(np.array([low, high])) @ w)
     theta = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high if f_high > 0 else np.inf).illinois
@@ -173,7 +172,7 @@ def locate(
     solved: Solved | None = None
     f = last = np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
-    for _ in range(EXIT_ROUNDS):
+    for _ in range(MOST_HALVINGS):
         solved = stepper(start, Foretold(w, 0.0, theta / reach), theta * h, EXACT)
         if solved is None:
             return None

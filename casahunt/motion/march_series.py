@@ -19,6 +19,7 @@ Symbols: n states, P order.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -29,11 +30,11 @@ from .. import effort
 from ..collocation.admissibility import hides
 from ..collocation.scheme import Scheme
 from ..hybrid.system import Exit, Mode
-from ..roots import Bracket
-from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING, EXIT_ROUNDS
+from ..roots import LOOKED_AT, MOST_HALVINGS, Bracket
+from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING
 from .march_step import Foretold, Stepper
 from .march_watch import EVENT_LIMIT, ON_EVENT
-from .series import SERIES_ORDER, STEP_LOOKS, Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
+from .series import Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
 
 Array = np.ndarray
 
@@ -42,16 +43,11 @@ SERIES_TOLERANCE, LEAST_TERM = 1e-4, 1e-17
 MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
 """Difference of the rates of a series and of the field, times the step, in units of the bound of the last terms; and at
 least, in units of the states."""
-FOLLOWED_AT_MOST = 1e300
-"""A motion is followed for no longer than this, however long it is asked for."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
-FINEST_PARTS = 48
-"""Halvings of a step, or of what is left of it, in the search for the part that is right."""
-_AHEAD = JUST_BEHIND ** np.arange(SERIES_ORDER + 1.0)
 
 
 class Reached(NamedTuple):
@@ -138,7 +134,7 @@ class Following:
     def _further(self) -> Reached | None:
         """Some steps more; where they end the phase, or series lead no further, how far it was followed."""
         theta = max(SERIES_TOLERANCE * self.tol, LEAST_TERM)
-        steps = self.series(self.x, self.h, self.longest, min(self.max_time - self.t, FOLLOWED_AT_MOST), theta)
+        steps = self.series(self.x, self.h, self.longest, min(self.max_time - self.t, sys.float_info.max), theta)
         began = self.t + np.concatenate([[0.0], np.cumsum(steps.h)])
         known = _count(~np.isfinite(steps.ends).all(axis=1) | ~(steps.h > 0))
         points, rates = looked_at(steps.C[:known])
@@ -188,7 +184,7 @@ def _count(bad: Array) -> int:
 
 
 def _right(series: Series, h: Array, points: Array, rates: Array, theta: float) -> int:
-    """How many steps (K, STEP_LOOKS + 1, n) agree with the field wherever they are looked at and it is a number."""
+    """How many steps (K, looks, n) agree with the field wherever they are looked at and it is a number."""
     off = series.defects(points, rates / h[:, None, None]) * h[:, None]
     size = np.maximum(1.0, np.max(np.abs(points), axis=(1, 2)))
     return _count(np.any(off > MISMATCH * theta + LEAST_MISMATCH * size[:, None], axis=1))
@@ -205,10 +201,10 @@ def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
     def right(part: float) -> bool:
         return _is_right(series, cut_off(C, part), part * h, theta)
 
-    k = next(k for k in range(1, FINEST_PARTS + 1) if k == FINEST_PARTS or not right(1 - 0.5**k))
+    k = next(k for k in range(1, MOST_HALVINGS + 1) if k == MOST_HALVINGS or not right(1 - 0.5**k))
     if k > 1:
         return 1 - 0.5 ** (k - 1)
-    return next((0.5**k for k in range(2, FINEST_PARTS) if right(0.5**k)), 0.0)
+    return next((0.5**k for k in range(2, MOST_HALVINGS) if right(0.5**k)), 0.0)
 
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
@@ -222,15 +218,15 @@ def first_exit(
 ) -> tuple[int, float, Exit | None]:
     """The first exit of steps in a row.
 
-    C, points: (K, P + 1, n) coefficients of the steps; (K, STEP_LOOKS + 1, n) states at which they are looked at;
+    C, points: (K, P + 1, n) coefficients of the steps; (K, looks, n) states at which they are looked at;
     fresh, over: the first step may begin on an event, of which is seen to which side it is left; at the end of the last
     one the time is over, and an event is met that the motion comes to there but for rounding.
     Returns number of the step, place 0 < s <= 1 in it, and exit; the number of steps, 1 and None where there is none.
     Raises NotLocated: an event is crossed, and vanishes nowhere.
     """
     inner = points[:, :-1].reshape(-1, points.shape[2])
-    looks = len(inner) + 1
-    states = np.vstack([inner, points[-1, -1], *([_AHEAD @ C[0]] if fresh else [])]).T * stepper.scale[:, None]
+    looks, parts = len(inner) + 1, LOOKED_AT.size - 1
+    states = np.vstack([inner, points[-1, -1], *([at(C[0], JUST_BEHIND)] if fresh else [])]).T * stepper.scale[:, None]
     best: Exit | None = None
     first, place = looks - 1, 1.0
     for way_out in exits:
@@ -245,13 +241,13 @@ def first_exit(
         if not crossed.size or crossed[0] > first:
             continue
         k = int(crossed[0])
-        low = (k % STEP_LOOKS) / STEP_LOOKS
-        s = _root(way_out, stepper, C[k // STEP_LOOKS], low, float(h[k]), float(h[k + 1]))
+        low = (k % parts) / parts
+        s = _root(way_out, stepper, C[k // parts], low, float(h[k]), float(h[k + 1]))
         if s is None:
-            raise NotLocated(k // STEP_LOOKS)
+            raise NotLocated(k // parts)
         if k < first or best is None or s < place:
             best, first, place = way_out, k, s
-    return (first // STEP_LOOKS, place, best) if best is not None else ((looks - 1) // STEP_LOOKS, 1.0, None)
+    return (first // parts, place, best) if best is not None else ((looks - 1) // parts, 1.0, None)
 
 
 def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f_high: float) -> float | None:
@@ -263,12 +259,12 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    high = low + 1 / STEP_LOOKS
+    high = low + LOOKED_AT[1]
     if f_high == 0:
         return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)
     s, best, left, near = bracket.illinois, high, np.inf, False
-    for _ in range(EXIT_ROUNDS):
+    for _ in range(MOST_HALVINGS):
         f = value(s)
         if np.isnan(f):
             return None

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..collocation.interval import IntervalMap, field_at, interval_map
+from ..collocation.newton import MOST_NEWTON_STEPS
 from ..collocation.scheme import Scheme
 from ..hybrid.system import Exit, Field
 from .interval_newton import newton_steps
 
 Array = np.ndarray
 
-NEWTON_LIMIT = 12
 CALLS = 4  # of compiled steps, each at most half as long as the one before
 MOST_SLOW = 2  # Newton steps that do not halve before an interval is given up
 STALLED = 1e-12  # a Newton step of this relative size that does not shrink any more is rounding
@@ -137,7 +137,7 @@ class Stepper:
             stages = (self.scheme.interpolation(guess.begins + guess.part * self.scheme.stages) @ guess.w).ravel()
         w = np.concatenate([x, stages])
         last, slow = np.inf, 0
-        for _ in range(NEWTON_LIMIT):
+        for _ in range(MOST_NEWTON_STEPS):
             block = self._call(w, h)
             residual, jacobian = block[0], block[n + 1 : rows + 1].T
             try:

@@ -8,19 +8,18 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..collocation.admissibility import LARGEST_JUMP, RESOLUTION, hides
+from ..collocation.admissibility import BARELY, LARGEST_JUMP, RESOLUTION, hides
 from ..collocation.scheme import Kind, scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Exit, Feature, Field
 from ..hybrid.vector_form import Bound
+from ..roots import LOOKED_AT
 from .march_step import Stepper
 
 Array = np.ndarray
 
 EVENT_LIMIT = 1e-10  # an event counts as located
-EXCURSION = 1e-8  # an event beyond zero by less than this is no crossing
 ON_EVENT = EVENT_LIMIT  # a state is on an event, not beside it: where an exit was located to no less
-WATCHED = np.linspace(0, 1, 17)  # local times at which an interval is watched for exits
 
 
 class TooLong(Exception):
@@ -61,7 +60,7 @@ class Watch:
         whether the feature jumps between two points of the interval. Raises TooLong: the polynomial may have strayed
         across zero: only a shorter interval can tell.
         """
-        m = WATCHED.size
+        m = LOOKED_AT.size
         found: list[tuple[int, Exit]] = []
         looked, jump = self._look(start, stages, end, start if ahead is None else ahead)
         for values, way_out in zip(looked, self.exits, strict=True):
@@ -77,7 +76,7 @@ class Watch:
                 found += [(k, way_out)] if k else []
         first = min((k for k, _ in found), default=0)
         hidden = self.hides(start, stages, end) if self._in_numbers else float(jump[0]) > LARGEST_JUMP
-        return [(way_out, float(WATCHED[k])) for k, way_out in found if k == first], hidden
+        return [(way_out, float(LOOKED_AT[k])) for k, way_out in found if k == first], hidden
 
     def hides(self, start: Array, stages: Array, end: Array) -> bool:
         """Whether the feature jumps between two points of an interval.
@@ -110,7 +109,7 @@ def _first_beyond(h: Array, stray: float) -> int:
     """
     beyond = np.flatnonzero(h[1:] > np.append(np.full(h.size - 2, stray), 0.0))
     k = int(beyond[0]) + 1 if beyond.size else 0
-    doubtful = np.flatnonzero(h[: k or h.size - 1] > EXCURSION)
+    doubtful = np.flatnonzero(h[: k or h.size - 1] > BARELY)
     if doubtful.size and not (doubtful.size == 1 and 0 < doubtful[0] == k - 1 and h[k - 2] < -stray and h[k] > stray):
         raise TooLong
     return k
@@ -135,7 +134,7 @@ def _looks(
     z, p, scale = ca.SX.sym("z", n), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     x, X, end, ahead = (ca.SX.sym(name, rows) for name, rows in zip("xXea", (n, degree * n, n, n), strict=True))
     w = ca.horzcat(x, ca.reshape(X, n, degree))
-    between = ca.mtimes(w, ca.DM(scheme(degree, kind).interpolation(WATCHED[:-1])).T)
+    between = ca.mtimes(w, ca.DM(scheme(degree, kind).interpolation(LOOKED_AT[:-1])).T)
     events = ca.vertcat(*[e.direction * e.event.function(scale * z, 0.0, p) for e in exits])
     along = _at_each(events, z, p, scale, ca.horzcat(between, end, w, ahead))
     jump = ca.SX(0)

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import effort
+from ..collocation.admissibility import PASSED
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Mode, System
@@ -37,7 +38,7 @@ from .series import Piece, TooMany, series_of
 Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
-BROKEN = 1e-6  # a condition below zero by this much does not hold
+"""Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 STANDS, STANDS_FOR = 1e-13, 50
@@ -257,7 +258,7 @@ def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
     if mode.admissible is None or not np.isfinite(segment.duration):
         return
     values = np.asarray(mode.admissible(_nodes(segment).T, p, mode.sign))
-    wrong = np.flatnonzero(values < -mode.slack - BROKEN)
+    wrong = np.flatnonzero(values < -mode.slack - PASSED)
     if wrong.size:
         at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]
         raise MarchFailure(

@@ -16,6 +16,7 @@ Symbols: n states, P order, K steps, d stages, N intervals of a mesh, R = n (d +
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -23,10 +24,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from ..collocation.ensemble_points import POINTS_TOGETHER
 from ..collocation.interval import point_function
 from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Field
+from ..roots import LOOKED_AT, MOST_HALVINGS
 from .recursion import coefficients
 
 Array = np.ndarray
@@ -34,22 +37,14 @@ Array = np.ndarray
 SERIES_ORDER = 24
 IN_A_ROW = 8
 """Steps that are taken before they are looked at: what leads beyond an event costs less than looking at each."""
-STEP_LOOKS = 16
-"""Parts of a step between which it is looked at."""
 AT_MOST_LONGER = 100.0
 """A step in units of the one before, at most."""
-LOG_LONGEST, LEAST_UNIT = 700.0, 1e-300
-"""Logarithm of the longest step in units of the one before; the shortest one that is a unit of the next."""
 WITHIN_TOLERANCE = 0.75
 """Length of an interval of a mesh, in units of the one whose last coefficient is the tolerance."""
 MOST_OF_STEPS, ONE_STEP = 2.0, 5e-9
 """Length of an interval in steps, at most; tolerance below which it is at most one.  Steps are short where neighbouring
 motions part or meet fast, which the motion itself does not show, and where what is small changes fast."""
-MONITORED = 9
-"""Places of a step, both ends among them, at which the lengths of intervals are chosen."""
-MOST_HALVINGS = 40
-TIMES_AT_ONCE = 4096
-_PLACES = np.linspace(0, 1, MONITORED)
+_PLACES = np.linspace(0, 1, 9)  # of a step, at which the lengths of intervals are chosen
 _POWERS = np.arange(SERIES_ORDER + 1.0)
 
 
@@ -101,8 +96,8 @@ class Series:
     def defects(self, points: Array, rates: Array) -> Array:
         """By how much series contradict the field.
 
-        points, rates: (K, STEP_LOOKS + 1, n) scaled states along steps, and their derivatives by time.
-        Returns (K, STEP_LOOKS + 1) the largest differences of the states' rates.
+        points, rates: (K, looks, n) scaled states along steps, and their derivatives by time.
+        Returns (K, looks) the largest differences of the states' rates.
         """
         buffers = self._one if len(points) == 1 else self._many
         store, *others = buffers.inputs
@@ -126,7 +121,7 @@ def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
     sizes = ca.fmax(1, ca.fabs(x))
     largest = [ca.mmax(ca.fabs(c[:, k]) / sizes) for k in range(1, SERIES_ORDER + 1)]
     bounds = [1.0] * (SERIES_ORDER - 2) + [theta / ca.mmax(sizes)] * 2
-    logarithm = ca.SX(LOG_LONGEST)
+    logarithm = ca.SX(math.log(sys.float_info.max))
     for k, (size, bound) in enumerate(zip(largest, bounds, strict=True), 1):
         logarithm = ca.fmin(logarithm, (ca.log(bound) - ca.log(size)) / k)
     h = ca.fmin(ca.fmin(unit * ca.exp(logarithm), longest), left)
@@ -153,12 +148,12 @@ def _compiled(field: Field, n: int, parameters: int) -> tuple[Caller, Caller, Ca
     for _ in range(IN_A_ROW):
         h, C, end = step(end, unit, longest, left, theta, sign, p, scale)
         found.append((h, C, end))
-        left, unit, longest = left - h, ca.fmax(h, LEAST_UNIT), AT_MOST_LONGER * h
+        left, unit, longest = left - h, ca.fmax(h, sys.float_info.min), AT_MOST_LONGER * h
     outputs = [ca.horzcat(*columns) for columns in zip(*found, strict=True)]
     function = ca.Function("steps", [x, first, sign, p, scale], outputs)
     shapes = [IN_A_ROW, (IN_A_ROW, SERIES_ORDER + 1, n), (IN_A_ROW, n)]
     fields = []
-    for count in (STEP_LOOKS + 1, IN_A_ROW * (STEP_LOOKS + 1)):
+    for count in (LOOKED_AT.size, IN_A_ROW * LOOKED_AT.size):
         looked_at = point_function(field, n, parameters).map("looks", "serial", count, [1, 2, 3], []).expand()
         fields.append(caller(looked_at, [(count, n), 1, parameters, n], [(count, n)]))
     return caller(function, [n, 4, 1, parameters, n], shapes), fields[0], fields[1]
@@ -189,23 +184,22 @@ def at(C: Array, s: float) -> Array:
     return (s**_POWERS) @ C
 
 
-_STEP_LOOKS = np.linspace(0, 1, STEP_LOOKS + 1)
-_LOOKED_AT = np.vander(_STEP_LOOKS, SERIES_ORDER + 1, increasing=True)
-_RATES = np.hstack([np.zeros((STEP_LOOKS + 1, 1)), _LOOKED_AT[:, :-1] * _POWERS[1:]])
+_LOOKED_AT = np.vander(LOOKED_AT, SERIES_ORDER + 1, increasing=True)
+_RATES = np.hstack([np.zeros((LOOKED_AT.size, 1)), _LOOKED_AT[:, :-1] * _POWERS[1:]])
 
 
 def looked_at(C: Array) -> tuple[Array, Array]:
     """Steps, looked at from their starts to their ends.
 
-    C: (K, P + 1, n) coefficients. Returns (K, STEP_LOOKS + 1, n) scaled states, and their derivatives by the place s.
+    C: (K, P + 1, n) coefficients. Returns (K, looks, n) scaled states, and their derivatives by the place s.
     """
     return np.matmul(_LOOKED_AT, C), np.matmul(_RATES, C)
 
 
 @lru_cache(maxsize=16)
 def _derivative(d: int) -> Array:
-    """(MONITORED, P + 1): x^(d)/d! at places of a step from its coefficients."""
-    out = np.zeros((MONITORED, SERIES_ORDER + 1))
+    """(places, P + 1): x^(d)/d! at places of a step from its coefficients."""
+    out = np.zeros((_PLACES.size, SERIES_ORDER + 1))
     for k in range(d, SERIES_ORDER + 1):
         out[:, k] = math.comb(k, d) * _PLACES ** (k - d)
     return out
@@ -229,8 +223,8 @@ def values_at(motion: Piece, times: Array) -> Array:
     k = np.clip(np.searchsorted(motion.began, times, side="right") - 1, 0, len(motion.began) - 1)
     s = (times - motion.began[k]) / motion.lengths[k]
     out = np.empty((times.size, motion.C.shape[2]))
-    for first in range(0, times.size, TIMES_AT_ONCE):
-        some = slice(first, first + TIMES_AT_ONCE)
+    for first in range(0, times.size, POINTS_TOGETHER):
+        some = slice(first, first + POINTS_TOGETHER)
         powers = np.vander(s[some], SERIES_ORDER + 1, increasing=True)
         out[some] = np.matmul(powers[:, None], motion.C[k[some]])[:, 0]
     return out
@@ -252,7 +246,7 @@ def meshed(
     density = (kappa * top / tol) ** (1 / d) / WITHIN_TOLERANCE
     density = np.maximum(density, np.clip((ONE_STEP / tol) ** (1 / d), 1 / MOST_OF_STEPS, 1.0))
     # Intervals in a step, were it like this all along; each part of it as it is where it needs more of them.
-    parts = (np.maximum(density[:, :-1], density[:, 1:]) / (MONITORED - 1)).ravel()
+    parts = (np.maximum(density[:, :-1], density[:, 1:]) / (_PLACES.size - 1)).ravel()
     count = np.concatenate([[0.0], np.cumsum(parts)])
     if not count[-1] <= most:
         raise TooMany

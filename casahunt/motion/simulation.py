@@ -35,7 +35,7 @@ from .segment import NoEnd
 Array = np.ndarray
 
 MARCH_DEGREE = 7
-SECOND_RUN = 1e-2
+SECOND_RUN = 1e-2  # of the tolerance: what the two runs differ by is then the error of the first one
 UNLIKE, LOOKS_AT_MOST = 10.0, 3
 """A supposed size of a state larger than its own by this factor has led to a rough motion; looks at most."""
 LOOK_TOLERANCE = 1e-4

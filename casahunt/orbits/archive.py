@@ -31,7 +31,7 @@ Pose = Callable[[Mapping[str, Any]], Problem]
 """From what `Problem.record` gave, and more, to the problem; raises KeyError or ValueError where it is none."""
 
 SCHEMA = "casahunt"
-VERSION = 1
+VERSION = 1  # of the format: a file of another one is refused
 SIGN = f'{{"schema": "{SCHEMA}"'.encode()
 """How the metadata begin: near the beginning of the file, which is not packed."""
 

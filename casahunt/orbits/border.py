@@ -13,9 +13,8 @@ from ..collocation.transcription import Setting, Transcription
 Array = np.ndarray
 
 THE_SAME = 0.1
-"""A first phase is that of another phase sequence too where its duration differs by no more than this part."""
-LEAST_LEFT = 0.1
-"""What must be left of a direction, as a part of it, that is to say where a point is."""
+"""A first phase is that of another phase sequence too where its duration differs by no more than this part; and without
+it more than this part of a direction must be left, that is to say where a point is."""
 
 
 def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
@@ -58,4 +57,4 @@ def with_other_phases(weights: Array, before: float, after: float) -> Array:
         return weights
     others = weights.copy()
     others[-2] = 0.0
-    return others if np.linalg.norm(others) > LEAST_LEFT * np.linalg.norm(weights) else weights
+    return others if np.linalg.norm(others) > THE_SAME * np.linalg.norm(weights) else weights

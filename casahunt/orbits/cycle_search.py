@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..checks import given_once, known, of_kind
+from ..collocation.admissibility import MOVES_BELOW
 from ..collocation.interval import field_at
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
@@ -37,7 +38,7 @@ from .restart import from_segments, in_scheme
 from .returning import FEW_PHASES, RESTS, RETURNED, WITHIN, Returning
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
-from .watching import SEARCH_TOLERANCE, STANDSTILL, AtRest, NotMet
+from .watching import SEARCH_TOLERANCE, AtRest, NotMet
 
 Array = np.ndarray
 
@@ -180,7 +181,7 @@ class _Search(Returning):
         self.scale = np.where(self.x != 0, np.abs(self.x), 1.0)
         rate = field_at(mode.field, self.x / self.scale, mode.sign, self.p, self.scale)
         swings = np.where(turns(self.system) > 0, 0.0, np.abs(rate))
-        i = int(np.argmax(swings if swings.max() > STANDSTILL else np.abs(rate)))
+        i = int(np.argmax(swings if swings.max() > MOVES_BELOW else np.abs(rate)))
         ahead = np.copysign(turns(self.system)[i], rate[i])  # an angle alone is back a turn later
         section = Section(self.mode, self.system.names.entries[i], float(self.x[i] + ahead), float(self.scale[i]))
         way = section.exits(form.states)[0 if rate[i] > 0 else 1]

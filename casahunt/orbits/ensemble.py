@@ -28,7 +28,7 @@ import numpy as np
 
 from ..collocation.admissibility import admissible_many
 from ..collocation.error_estimate import functional_errors
-from ..collocation.newton import DIVERGED, LARGEST_MOVE
+from ..collocation.newton import DIVERGED, LARGEST_MOVE, MOST_NEWTON_STEPS
 from ..collocation.transcription import Setting, Transcription, settings_of
 from ..effort import MEMBERS_OF_A_PASS, ROWS_OF_A_TASK
 from ..errors import NoOrbit, Status
@@ -43,7 +43,6 @@ from .restart import Start
 
 Array = np.ndarray
 
-MOST_NEWTON_STEPS = 12
 ROOM_FOR_KNOWN = 0.1
 """Part of the tolerance that the known cycle's own error may take, so that those of its neighbours fit in."""
 

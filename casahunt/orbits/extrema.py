@@ -32,25 +32,18 @@ from ..collocation.joints import flow_at
 from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.system import Mode
+from ..motion.march_exits import EXACT
 from ..motion.march_step import Foretold, Stepper
 from ..results import Result
-from ..roots import Bracket
+from ..roots import CLOSED, LOOKED_AT, MOST_HALVINGS, Bracket
 from .observables import Expression, Later, Values, flow_sensitivity, is_mirrored, kept_values
 
 Array = np.ndarray
 
-INTERVAL_LOOKS = 17
-"""Points of an interval, both ends among them, between which the rate of g may change its sign."""
-CLOSED_FORM_LOOKS = 129
-"""The same for a phase in closed form."""
 CONCAVE = 2.0
 """A maximum is at most this much higher, over the points beside it, than where their tangents meet."""
 MOST_PLACES = 12
 """So many maxima are solved for, the most promising first: where g is constant but for rounding, any of them serves."""
-PLACED = 1e-13
-"""A place is known to this part of its interval: g is flat there."""
-SOLVED_TO = 1e-22
-MOST_POLISHING = 60
 Made = Callable[[Mode, Expression, int, int], Values]
 """Whoever compiles an expression in a mode of so many states and parameters."""
 
@@ -192,7 +185,7 @@ class Look:
         t, scale, p = self.t, self.setting.scale, self.setting.p
         ends, seen = np.cumsum(self.durations), []
         if t.intervals:
-            tau = np.linspace(0, 1, INTERVAL_LOOKS)
+            tau = LOOKED_AT
             points = (t.scheme.interpolation(tau) @ self.w) * scale
             points[:, -1] = self.nodes[t.behind_intervals] * scale
             phase, (begins, lengths) = t.phase_of_intervals, self._begins_and_lengths()
@@ -206,7 +199,7 @@ class Look:
             seen.append(_Seen(phase, np.arange(t.intervals) - first, t.interval_elements, at, g, rate, g_x))
         for k in np.flatnonzero(np.array(t.counts) == 0).tolist():
             element, duration = t.phase_start[k : k + 1], float(self.durations[k])
-            times = np.linspace(0, duration, CLOSED_FORM_LOOKS)
+            times = np.linspace(0, duration, 8 * (LOOKED_AT.size - 1) + 1)
             points = flow_at(t.cycle.phases[k].mode, self.nodes[element[0]] * scale, times, p)
             found = (part[None] for part in self.values(k)(points, p))
             seen.append(_Seen(np.array([k]), np.array([0]), element, (ends[k] - duration + times)[None], *found))
@@ -267,13 +260,13 @@ class Look:
         def slope(time: float) -> float:
             return float(at(state_at(time)[None], p)[1][0])
 
-        limit = PLACED * float(times[-1])
+        limit = CLOSED * float(times[-1])
         ends = [(float(times[k]), float(rate[k])) for k in (j, j + 1)]
         time = next((at_end for at_end, f in ends if f == 0), None)
         if time is None:
             bracket = Bracket(*ends[0], *ends[1])
             time = bracket.illinois
-            for _ in range(MOST_POLISHING):
+            for _ in range(MOST_HALVINGS):
                 f = slope(time)
                 if f == 0 or not np.isfinite(f) or bracket.width <= limit:
                     break
@@ -299,7 +292,7 @@ class Look:
         w, stepper = self.w[t.phase_intervals(phase)][i], self.stepper(mode)
 
         def stepped(time: float) -> Array:
-            solved = stepper(start, Foretold(w, 0.0, time / h), time, SOLVED_TO)
+            solved = stepper(start, Foretold(w, 0.0, time / h), time, EXACT)
             x = (t.scheme.interpolation(np.array([time / h])) @ w)[0] if solved is None else solved.end
             return x * scale
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from ..collocation.transcription import Setting, Transcription
 from ..results import Result
-from .graded import LARGEST_MULTIPLIER, MULTIPLIER_ROUNDS, spectrum
+from .graded import LARGEST_MULTIPLIER, MULTIPLIER_ROUNDS, UNCERTAIN, spectrum
 from .map_chain import FACTOR_ROUNDING, MapChain, collocation_chain
 
 Array = np.ndarray
@@ -44,8 +44,6 @@ SHARE_LEFT = 0.1
 1e-5 where the field is smooth, 1e-1 where kinks lie inside intervals."""
 NEXT_TO_TRIVIAL = 0.5
 """No multiplier that is smaller is taken for the trivial one."""
-NOT_THE_SAME = 0.1
-"""Values of one multiplier on two meshes that differ by more than this, relative, are bounds of it only."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,11 +190,11 @@ def compared(found: Multipliers, coarse: Array, share: float = SHARE_LEFT) -> Mu
     Returns multipliers, `found` with `error` and `floor`.
     """
     own, other = np.abs(found.half[1:]), np.abs(coarse)
-    unlike = np.abs(own - other) > NOT_THE_SAME * own
+    unlike = np.abs(own - other) > UNCERTAIN * own
     floor = np.maximum(found.floor[1:], np.where(unlike, np.maximum(own, other), 0.0))
     size = abs(found.leading)
     off = float(np.min(np.abs(found.leading - coarse), initial=math.inf)) if coarse.size else 0.0
-    if off > NOT_THE_SAME * size:
+    if off > UNCERTAIN * size:
         off, share = max(own[0], other[0]), 1.0
         off = off if off < 1 else math.inf
     error = max(share * off / max(1.0, size), found.rounding, found.trivial_error)

@@ -33,7 +33,6 @@ from .qr_chain import FACTORS_AT_ONCE, MANY_AT_ONCE, left_behind, swept
 Array = np.ndarray
 
 MULTIPLIER_ROUNDS = 12
-ROUND_TOLERANCE = 1e-13
 ONE_ROUND, EPS = 1e-12, float(np.finfo(float).eps)
 """Relative effect of rounding on a value that is known from one round; rounding."""
 SMALLEST_MULTIPLIER = 1e-12
@@ -45,7 +44,7 @@ READ_OFF = 1e-12
 BLOCK_GAP, BLOCK_LEAK = 1e3, 1e-10
 """Neighbouring blocks differ in size by BLOCK_GAP; what is left of the larger one's directions in the smaller one's."""
 UNCERTAIN = 0.1
-"""A value whose relative uncertainty by rounding is larger is known by its bound only."""
+"""A value whose relative uncertainty, by rounding or by the mesh, is larger is known by its bound only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ def spectrum(
 def _same(sizes: list[float], previous: list[float]) -> bool:
     """Whether moduli are those of the round before, but for those that are zero for every purpose."""
     pairs = zip(sizes, previous, strict=True)
-    return all(abs(size - before) < ROUND_TOLERANCE * size for size, before in pairs if size > SMALLEST_MULTIPLIER)
+    return all(abs(size - before) < ONE_ROUND * size for size, before in pairs if size > SMALLEST_MULTIPLIER)
 
 
 def _round(chain: Array, q: Array) -> tuple[Array, list[Array], Array, int]:

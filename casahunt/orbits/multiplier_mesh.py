@@ -34,8 +34,8 @@ Place = tuple[Transcription, Array, Setting]
 HEALTHY = 4e-9
 """Trivial multipliers nearer to 1 than this need no finer mesh: that of the full period, its square, is within 1e-8."""
 MORE_MESHES = 3
-LARGE_MULTIPLIER, AGREED = 10.0, 1e-5
-"""Half multipliers beyond LARGE_MULTIPLIER are computed on two meshes at least, until they agree to AGREED."""
+LARGE_MULTIPLIER = 10.0
+"""Larger half multipliers are computed on two meshes at least, until they agree to `floquet.TRUSTED`."""
 AS_TRUSTED = floquet.TRUSTED / floquet.SHARE_LEFT
 """Smaller ones may differ by this: what is left of it on the finer mesh is to be trusted."""
 NEXT_TO_FOLD = 0.02
@@ -192,7 +192,7 @@ def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
     if not coarse.size:
         return True
     off, size = float(np.min(np.abs(found.leading - coarse))), abs(found.leading)
-    return off < AGREED * size if size >= LARGE_MULTIPLIER else off < AS_TRUSTED
+    return off < floquet.TRUSTED * size if size >= LARGE_MULTIPLIER else off < AS_TRUSTED
 
 
 def _parts(solved: _Solved) -> Array:

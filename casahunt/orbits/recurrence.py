@@ -19,6 +19,7 @@ import numpy as np
 from ..collocation.interval import field_at, point_map
 from ..hybrid import system as engine
 from ..hybrid.language import System
+from ..motion.closed_forms import TRIED_AROUND
 from ..motion.march_exits import behind
 from ..motion.phases import Segment
 from .closure import Closure, Plane, turned, turns
@@ -28,13 +29,11 @@ Array = np.ndarray
 EQUAL = 1e-12
 """Fields and events that agree to this, relative to their sizes, are the same."""
 TRIED = 16
-"""Intervals of a phase at which a symmetry is tried."""
+"""Intervals of a phase, or states of a forced motion, at which a symmetry is tried."""
 EXACTLY = 1e-8
 """A motion that comes back so near shows no more by going on, in units of the state scale."""
 DOUBLINGS = 12
 """Of the number of returns that the norm of `comes_in` sums up."""
-BESIDE_MOTION = 0.1
-"""How far from the motion a symmetry is tried, in units of the state scale."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +184,7 @@ def is_symmetry(
     for alike in pairs.values():
         a, b = alike[0]
         on = np.vstack([one.w[:: max(1, len(one.w) // TRIED), : scale.size] for one, _ in alike])
-        x = np.vstack([on, on + BESIDE_MOTION * scale * rng.standard_normal(on.shape)])
+        x = np.vstack([on, on + TRIED_AROUND * scale * rng.standard_normal(on.shape)])
         y = image(x)
         if not (_same_events(form, a, b, x, y, p) and _same_limits(form, a, b, x, y, p)):
             return False
@@ -231,7 +230,7 @@ def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array)
     """
     here = system.vector_form.modes[mode]
     rng = np.random.default_rng(0)
-    points = states.T + BESIDE_MOTION * scale * rng.standard_normal(states.T.shape)
+    points = states.T + TRIED_AROUND * scale * rng.standard_normal(states.T.shape)
     later = np.zeros(scale.size)
     later[-1] = 0.5
 

@@ -19,10 +19,10 @@ from ..hybrid.system import Signature
 from ..motion.phases import MarchFailure, Segment, march
 from .restart import Start
 from .sequences import Posed, joined, segments_of, start_of
+from .watching import SEARCH_TOLERANCE
 
 Array = np.ndarray
 
-RESTART_TOLERANCE = 1e-6
 RESTART_PERIODS = 2.5
 """A motion is followed for so many of its supposed periods."""
 CLOSES, RESTARTS = 0.3, 2
@@ -81,7 +81,7 @@ def _motions(posed: Posed, start: Start) -> Iterator[list[Segment]]:
         try:
             yield march(
                 posed.form, mode, x, setting.p, scale=setting.scale, until=lambda segment: False,
-                tol=RESTART_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
+                tol=SEARCH_TOLERANCE, degree=t.degree, kind=t.kind, max_time=RESTART_PERIODS * span,
             )  # fmt: skip
         except MarchFailure:
             continue

@@ -32,17 +32,14 @@ WITHIN = 0.2
 RETURNED = 1e-2
 """It repeats when it comes back this near, in units of the state scale; farther off the return map has to show it."""
 REPEATED = 0.1
-"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not."""
-ABOUT_TO_REPEAT = 0.1
-"""A motion that comes back this near, as part of how far it has gone away and in units of the state scale, may be about
-to repeat: Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
+"""All through its last loop a long recurrence stays this near to the loop before: chance ones do not.  A motion that
+comes back this near, as part of how far it has gone away and in units of the state scale, may be about to repeat:
+Newton's method is tried.  At 0.2 it is lost more often than it saves a return of the motion."""
 FIRST_PHASES, FEW_PHASES = 6, 24
 """Phases after which a motion is looked at for repetition, and again each time there are twice as many; a cycle of more
 than so many is a long one."""
 ENOUGH_PHASES, MOST_PHASES = 768, 3000
 """Phases after which a motion that nowhere nearly repeats is given up; and any other one."""
-MOST_MARCHED = 20_000
-"""Intervals after which it is given up likewise; any other one after four times as many."""
 RESTS = 1e-6
 """A motion on no cycle that moves by less than this part of its sizes, and by less and less, comes to rest."""
 EVER_LONGER = 1.01
@@ -93,7 +90,7 @@ class Returning:
         """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
         if not self.scale.size:
             self.largest = OUTGROWN * max(1.0, float(np.max(np.abs(self.x))))
-            self.near = RETURNED if self.settled else ABOUT_TO_REPEAT
+            self.near = RETURNED if self.settled else REPEATED
         seen = watched(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
         self.scale, self.span = seen.scale, max(seen.span, AHEAD * self.span)
         if seen.events == 0:
@@ -210,9 +207,9 @@ class Returning:
     def check_patience(self) -> None:
         """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""
         count, marched = len(self.segments), sum(len(s.w) for s in self.segments)
-        if count < ENOUGH_PHASES and marched < MOST_MARCHED:
+        if count < ENOUGH_PHASES and marched < MARCHED_AT_MOST:
             return
-        if count < MOST_PHASES and marched < 4 * MOST_MARCHED:
+        if count < MOST_PHASES and marched < 4 * MARCHED_AT_MOST:
             if self.recurrences(RETURNED, lambda r: r.phases <= FEW_PHASES and self.repeated(r)):
                 return
         raise self.not_met(f"the motion did not repeat within {count} phases")

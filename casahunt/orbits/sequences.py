@@ -31,6 +31,7 @@ from ..collocation.mesh import evaluate_phase
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Signature
+from ..motion.march_exits import EXIT_ROUNDING
 from ..motion.phases import Segment
 from .closure import Closure
 from .restart import Start, breaks_of, from_segments, in_scale, piece, relabelled
@@ -40,9 +41,8 @@ Array = np.ndarray
 VANISHES_BELOW = 0.5
 """A phase may be about to vanish where it is shorter than this part of the longer one of its neighbours."""
 CROSSING_LOOKS = 64
-"""Parts of an interval, at the ends of which it is looked at for crossings of exits."""
-EVENT_AT_ZERO = 1e-14
-"""An event that is nearer to zero than this part of its largest value may be there by rounding."""
+"""Parts of an interval, at the ends of which it is looked at for crossings of exits; with 16 a phase just begun
+at a grazing is overlooked (test_vanishing.py)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ def _crossing(
     found: list[tuple[float, engine.Exit]] = []
     for way_out in posed.form.exits[mode]:
         h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, p), float)
-        h[np.abs(h) <= EVENT_AT_ZERO * float(np.max(np.abs(h)))] = -0.0
+        h[np.abs(h) <= EXIT_ROUNDING * float(np.max(np.abs(h)))] = -0.0
         beyond = (h[1:] > 0) & (h[:-1] <= 0)
         beyond &= times[:-1] > a
         for i in np.flatnonzero(beyond)[:1]:
