@@ -1,0 +1,206 @@
+"""A loop of parts: their product, as a system like any user's.
+
+    state   the states of all parts;      mode   one mode of each part, named by those that have a name
+    event   of one part: it changes this part's mode, and resets its states and those that other parts reset upon it
+
+The parts exchange signals (wiring.py), and none knows another.  What is linear while the servo sticks, with an integrator
+as its only motion, has a closed form, which is found from the parts.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...checks import known, number
+from ...compiled import kept
+from ...errors import InputError
+from ...hybrid import Event, Mode, System
+from ...hybrid.vector_form import Names
+from .part import Edge, Part, PartMode
+from .wiring import Compared, FieldOf, FlowOf, ResetOf, ScalarOf, Wiring, nilpotent, wired
+
+Modes = tuple[PartMode, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Parts and their numbers.
+
+    Attributes
+    ----------
+    parts : the parts, in the order of their states; one whose size is that of its absence is left out.
+    values : parameters that differ from the parts' defaults.
+    name : what it is called.
+
+    Raises
+    ------
+    InputError : parts that do not go together, an unknown parameter, or no number.
+    """
+
+    parts: tuple[Part, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+    name: str = "servo"
+
+    def __post_init__(self) -> None:
+        every = [name for part in self.parts for name in part.parameters]
+        for name, value in self.values.items():
+            number(known("parameter", name, every), value)
+
+    @property
+    def present(self) -> tuple[Part, ...]:
+        """The parts that are there: of size zero, none is."""
+        return tuple(part for part in self.parts if not part.size or self.value(part.size) != part.absent)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Those of the parts that are there."""
+        return {name: self.value(name) for part in self.present for name in part.parameters}
+
+    def value(self, name: str) -> float:
+        """One parameter."""
+        defaults = {name: value for part in self.parts for name, value in part.parameters.items()}
+        return float(self.values.get(name, defaults[known("parameter", name, defaults)]))
+
+    def replace(self, **values: float) -> Loop:
+        """The loop with other numbers."""
+        return Loop(self.parts, {**self.values, **values}, self.name)
+
+    def with_parts(self, *parts: Part, **values: float) -> Loop:
+        """The loop with parts more."""
+        return Loop((*self.parts, *parts), {**self.values, **values}, self.name)
+
+    @property
+    def system(self) -> System:
+        """The loop as a system."""
+        return system_of(self.present, tuple(self.parameters.items()), self.name)
+
+    def mode(self, *names: str) -> str:
+        """The name of the mode in which the parts are in modes of these names, and others in their first."""
+        left, active = list(names), []
+        for part in self.present:
+            found = next((mode for mode in part.modes if mode.name in left), part.modes[0])
+            if found.name in left:
+                left.remove(found.name)
+            active.append(found)
+        if left:
+            raise InputError(f"no part of {self.name} has a mode {left[0]!r}")
+        return mode_name(tuple(active))
+
+
+def mode_name(modes: Modes) -> str:
+    """The mode of a loop, by those of its parts that have a name."""
+    return ", ".join(mode.name for mode in modes if mode.name) or "moves"
+
+
+@kept(maxsize=64)
+def system_of(parts: tuple[Part, ...], values: tuple[tuple[str, float], ...], name: str) -> System:
+    """The product of parts at these numbers."""
+    modes = modes_of(parts, tuple(parameter for parameter, _ in values))
+    even = {state for part in parts for state in part.even}
+    states = tuple(state for part in parts for state in part.states)
+    mirror = np.diag([1.0 if state in even else -1.0 for state in states])
+    return System(name, states, dict(values), modes, symmetries=(mirror,) if even else ())
+
+
+@kept(maxsize=64)
+def modes_of(parts: tuple[Part, ...], parameters: tuple[str, ...]) -> tuple[Mode, ...]:
+    """The modes of a product."""
+    states = tuple(state for part in parts for state in part.states)
+    for kind, names in (("state", states), ("parameter", parameters)):
+        if len(set(names)) < len(names):
+            twice = next(n for n in names if names.count(n) > 1)
+            owners = [p.name for p in parts if twice in (p.states if kind == "state" else p.parameters)]
+            raise InputError(f"{' and '.join(owners)} do not go together: both have the {kind} {twice}")
+    signed = next((i for i, part in enumerate(parts) if any(m.sign is not None for m in part.modes)), None)
+    names = Names(states, parameters)
+    return tuple(
+        _mode(parts, modes, signed, names) for modes in itertools.product(*[part.modes for part in parts])
+    )  # fmt: skip
+
+
+def _wiring(parts: tuple[Part, ...], modes: Modes, signed: int | None) -> Wiring:
+    return wired(tuple(
+        (part, mode.law, None if i == signed else mode.sign)
+        for i, (part, mode) in enumerate(zip(parts, modes, strict=True))
+    ))  # fmt: skip
+
+
+def _mode(parts: tuple[Part, ...], modes: Modes, signed: int | None, names: Names) -> Mode:
+    """One mode of the product."""
+    wiring = _wiring(parts, modes, signed)
+    laws = [(mode.law, None if i == signed else mode.sign) for i, mode in enumerate(modes)]
+    holds = [ScalarOf(wiring, law.holds, sign) for law, sign in laws if law.holds is not None]
+    features = [ScalarOf(wiring, law.feature, sign) for law, sign in laws if law.feature is not None]
+    whole = [mode.unsplit or mode.name for mode in modes]
+    ends = [(i, edge) for i, mode in enumerate(modes) for edge in mode.ends]
+    called = [edge.name for _, edge in ends]
+    return Mode(
+        mode_name(modes), FieldOf(wiring), _flow(wiring, names, modes[signed].sign if signed is not None else None),
+        holds=holds[0] if len(holds) == 1 else _Least(*holds) if holds else None,
+        feature=features[0] if len(features) == 1 else _Sum(*features) if features else None,
+        ends=tuple(
+            _event(parts, modes, i, edge, signed, f"{edge.name} ({parts[i].name})" if called.count(edge.name) > 1
+                   else edge.name)
+            for i, edge in ends
+        ),
+        slack=max(law.slack for law, _ in laws), smooth=all(law.smooth for law, _ in laws),
+        stiff=any(law.stiff for law, _ in laws), sign=None if signed is None else modes[signed].sign,
+        unsplit=", ".join(n for n in whole if n) if any(mode.unsplit for mode in modes) else None,
+    )  # fmt: skip
+
+
+def _event(parts: tuple[Part, ...], modes: Modes, i: int, edge: Edge, signed: int | None, name: str) -> Event:
+    wiring, sign = _wiring(parts, modes, signed), None if i == signed else modes[i].sign
+    jumps = tuple(edge.reset.items()) + tuple(jump for part in parts for jump in part.upon.get(edge.name, {}).items())
+    following = {mode.name: mode_name((*modes[:i], mode, *modes[i + 1 :])) for mode in parts[i].modes}
+    to = following[edge.to] if isinstance(edge.to, str) else _To(wiring, edge.to, sign, tuple(following.items()))
+    return Event(name, ScalarOf(wiring, edge.function, sign), edge.direction, to,
+                 ResetOf(wiring, jumps, sign) if jumps else None)  # fmt: skip
+
+
+class _To(Compared):
+    """(x, p) of numbers -> the next mode of the loop: that in which one part is in the mode that it chooses."""
+
+    def __init__(self, wiring: Wiring, choice: Any, sign: float | None, following: tuple[tuple[str, str], ...]) -> None:
+        self.key = wiring, choice, sign, following
+
+    def __call__(self, x: Any, p: Any) -> str:
+        wiring, choice, sign, following = self.key
+        return dict(following)[wiring.value(choice, sign, x, p)]
+
+
+class _Least(Compared):
+    """The least of several conditions."""
+
+    def __init__(self, *several: ScalarOf) -> None:
+        self.key = several
+
+    def __call__(self, x: Any, p: Any) -> Any:
+        first, *others = [each(x, p) for each in self.key]
+        for other in others:
+            first = ca.fmin(first, other)
+        return first
+
+
+class _Sum(Compared):
+    """The sum of several features."""
+
+    def __init__(self, *several: ScalarOf) -> None:
+        self.key = several
+
+    def __call__(self, x: Any, p: Any) -> Any:
+        return sum(each(x, p) for each in self.key)
+
+
+def _flow(wiring: Wiring, names: Names, sign: float | None) -> FlowOf | None:
+    """The closed form of a mode that has one."""
+    x, p = ca.SX.sym("x", len(names.states)), ca.SX.sym("p", len(names.parameters))
+    rates = wiring.field(names.x(x, p), names.p(p, sign))
+    rate = ca.vertcat(*[rates[state] for state in names.states])
+    return FlowOf(wiring, names.states) if nilpotent(rate, x) else None
