@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -22,9 +23,10 @@ from ...compiled import kept
 from ...errors import InputError
 from ...hybrid import Event, Mode, System
 from ...hybrid.vector_form import Names
-from .part import Edge, Part, PartMode
-from .wiring import Compared, FieldOf, FlowOf, ResetOf, ScalarOf, Wiring, nilpotent, wired
+from .part import Edge, Function, Part, PartMode
+from .wiring import Compared, FieldOf, FlowOf, ResetOf, ScalarOf, Signals, Wiring, nilpotent, wired
 
+Array = np.ndarray
 Modes = tuple[PartMode, ...]
 
 
@@ -80,17 +82,37 @@ class Loop:
         """The loop as a system."""
         return system_of(self.present, tuple(self.parameters.items()), self.name)
 
-    def mode(self, *names: str) -> str:
-        """The name of the mode in which the parts are in modes of these names, and others in their first."""
-        left, active = list(names), []
-        for part in self.present:
-            found = next((mode for mode in part.modes if mode.name in left), part.modes[0])
-            if found.name in left:
-                left.remove(found.name)
-            active.append(found)
-        if left:
-            raise InputError(f"no part of {self.name} has a mode {left[0]!r}")
-        return mode_name(tuple(active))
+    def state(self, **start: float) -> dict[str, float]:
+        """Every state: those given, the others zero.  Raises InputError: there is no such state."""
+        states = tuple(state for part in self.present for state in part.states)
+        for name in start:
+            known("state", name, states)
+        return {state: float(start.get(state, 0.0)) for state in states}
+
+    def mode_at(self, **start: float) -> str:
+        """The mode of a motion that starts at a state: of each part the first that may be there."""
+        state, chosen = self.state(**start), [part.modes[0] for part in self.present]
+        for i, part in enumerate(self.present):
+            for mode in part.modes:
+                chosen[i] = mode
+                if mode.where is None or self._asked(mode.where, tuple(chosen), i, state):
+                    break
+        return mode_name(tuple(chosen))
+
+    def _asked(self, function: Function, modes: Modes, i: int, state: Mapping[str, float]) -> Any:
+        wiring, sign = _wiring(self.present, modes, None), modes[i].sign
+        return wiring.value(function, sign, SimpleNamespace(**state), SimpleNamespace(**self.parameters))
+
+    def signal(self, name: str, mode: str, x: Array) -> Array:
+        """A signal at the states (n, m) of one mode.
+
+        Raises InputError: there is no such signal.
+        """
+        modes = next(m for m in itertools.product(*[part.modes for part in self.present]) if mode_name(m) == mode)
+        wiring, states = _wiring(self.present, modes, None), self.system.states
+        named = SimpleNamespace(**dict(zip(states, x, strict=True)))
+        value = getattr(Signals(wiring, named, SimpleNamespace(**self.parameters)), name)
+        return np.broadcast_to(np.asarray(value, float), x.shape[1:])
 
 
 def mode_name(modes: Modes) -> str:
@@ -158,10 +180,17 @@ def _mode(parts: tuple[Part, ...], modes: Modes, signed: int | None, names: Name
 def _event(parts: tuple[Part, ...], modes: Modes, i: int, edge: Edge, signed: int | None, name: str) -> Event:
     wiring, sign = _wiring(parts, modes, signed), None if i == signed else modes[i].sign
     jumps = tuple(edge.reset.items()) + tuple(jump for part in parts for jump in part.upon.get(edge.name, {}).items())
-    following = {mode.name: mode_name((*modes[:i], mode, *modes[i + 1 :])) for mode in parts[i].modes}
+    behind = [_behind(part, mode, edge.name) for part, mode in zip(parts, modes, strict=True)]
+    following = {mode.name: mode_name((*behind[:i], mode, *behind[i + 1 :])) for mode in parts[i].modes}
     to = following[edge.to] if isinstance(edge.to, str) else _To(wiring, edge.to, sign, tuple(following.items()))
     return Event(name, ScalarOf(wiring, edge.function, sign), edge.direction, to,
                  ResetOf(wiring, jumps, sign) if jumps else None)  # fmt: skip
+
+
+def _behind(part: Part, mode: PartMode, event: str) -> PartMode:
+    """The mode of a part behind an event of another one."""
+    to = part.follows.get(event)
+    return mode if to is None else next(other for other in part.modes if other.name == to)
 
 
 class _To(Compared):

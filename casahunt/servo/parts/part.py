@@ -72,6 +72,7 @@ class PartMode:
     ----------
     name : "" for the only mode, or the one that goes without saying.
     unsplit : name of a mode of the part that this one is a part of, as in `hybrid.Mode`.
+    where : (x, s, p) of numbers -> whether a motion that starts there may be in this mode; None for anywhere.
     """
 
     name: str
@@ -79,6 +80,7 @@ class PartMode:
     ends: tuple[Edge, ...] = ()
     sign: float | None = None
     unsplit: str | None = None
+    where: Function | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,8 @@ class Part:
     gives : signal: its value in every mode.
     modes : its modes.
     even : states that keep their sign in the mirror image of a motion: a clock, the envelope of something.
-    upon : event of any part: what of this part's states jumps there.
+    upon : event of any part: the states that jump there; of another part's, x3 of the integrator alone.
+    follows : event of any part: the mode in which this part is behind it.
     size : the parameter that measures the part, at whose value `absent` the loop is the one without it; "" for none.
     """
 
@@ -104,5 +107,6 @@ class Part:
     modes: tuple[PartMode, ...] = (PartMode(""),)
     even: tuple[str, ...] = ()
     upon: Mapping[str, Mapping[str, Function]] = field(default_factory=dict)
+    follows: Mapping[str, str] = field(default_factory=dict)
     size: str = ""
     absent: float = 0.0

@@ -1,6 +1,6 @@
-"""Friction laws as parts of a loop: they read the motor's rate v and the pull, and give the friction and `moving`.
+"""Switch friction as a part of a loop: it reads the rate v and the pull, gives the friction, the direction and `moving`.
 
-    Switch   slip with the sign s: F = s g(v) + sigma2 v;   stick while |pull| <= Fs
+     slip with the sign s: F = s g(v) + sigma2 v;   stick while |pull| <= Fs
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ def _after_stop(x: Any, s: Any, p: Any) -> str:
 
 
 _SLIP = Law(
-    gives={"friction": _slip, "moving": lambda x, s, p: 1.0},
+    gives={"friction": _slip, "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: p.sign},
     holds=lambda x, s, p: p.sign * _rate(x, s, p),
     feature=lambda x, s, p: ca.exp(-(_rate(x, s, p) ** 2)),
 )
 _STICK = Law(
-    gives={"friction": lambda x, s, p: s.pull, "moving": lambda x, s, p: 0.0},
+    gives={"friction": lambda x, s, p: s.pull, "moving": lambda x, s, p: 0.0, "direction": lambda x, s, p: 0.0},
     holds=lambda x, s, p: 1 - (s.pull / p.static) ** 2,
 )
 
@@ -40,8 +40,10 @@ SWITCH = Part(
     "Switch friction", (),
     {"static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1},
     modes=(
-        PartMode("slip+", _SLIP, (Edge("stop", _rate, -1, _after_stop),), +1),
-        PartMode("slip-", _SLIP, (Edge("stop", _rate, +1, _after_stop),), -1),
+        PartMode("slip+", _SLIP, (Edge("stop", _rate, -1, _after_stop),), +1,
+                 where=lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and s.pull > p.static),
+        PartMode("slip-", _SLIP, (Edge("stop", _rate, +1, _after_stop),), -1,
+                 where=lambda x, s, p: s.motor_rate < 0 or s.motor_rate == 0 and s.pull < -p.static),
         PartMode("stick", _STICK, (
             Edge("breakaway+", lambda x, s, p: s.pull / p.static - 1, +1, "slip+"),
             Edge("breakaway-", lambda x, s, p: s.pull / p.static + 1, -1, "slip-"),
