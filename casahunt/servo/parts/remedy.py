@@ -47,3 +47,8 @@ class Remedy:
     scale: str = "one"
     needs: tuple[str, ...] = ("switch", "lugre")
     why_not: str = ""
+
+    @property
+    def starts_at_one(self) -> bool:
+        """Whether the remedy is absent at one, as a factor is."""
+        return self.part is not None and self.part.absent == 1.0

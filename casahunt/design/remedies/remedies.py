@@ -1,0 +1,230 @@
+"""The table of remedies: for each the smallest size that ends hunting, its error, its price.
+
+    cycle of the servo at its gain -> border of each remedy (border.py) -> at `MARGIN` more than it: the price (price.py)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+from ...checks import known, require
+from ...errors import NoOrbit
+from ...export import Columns
+from ...orbits.adapt import Options
+from ...results import Result
+from ...servo.find_orbit import find_orbit
+from ...servo.hunting import MODELS, Model
+from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_of
+from ...servo.parts.remedy import Remedy
+from ...servo.parts.table import REMEDIES
+from ...servo.problem import HuntingOrbit
+from ...servo.servo import Servo, a_servo
+from .border import Border, Scales, border, with_remedy
+from .price import Verdict, task, verdicts
+
+MARGIN = 1.1
+"""What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
+FARTHER = 3.0
+"""A larger size is tried too, so many times the border."""
+NAMES = tuple(remedy.name for remedy in REMEDIES)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cure(Result):
+    """One remedy.
+
+    Attributes
+    ----------
+    name, unit : what it is called, and the unit of its size.
+    kind : how hunting ends: "fold", "grazing"; "none" where it does not, "not found" where that was not found out.
+    size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
+    recommended : a tenth more of it.
+    rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
+    peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
+    settling : of that step [s]; nan where it has not settled.
+    stays : what motions do at the recommended size and at three times the border: "rests", "decays", "hunts", "grows".
+    moves : by how much the size moves, relatively, with a relative change of each parameter of the loop.
+    why : a sentence: why it cannot end hunting, or why it was not found.
+    """
+
+    _quantities = ("name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]")
+    _details = ("size_error", "recommended", "peak_voltage [V]", "stays", "moves", "why")
+
+    name: str
+    unit: str
+    kind: str
+    size: float
+    size_error: float
+    recommended: float
+    rest_error: float
+    peak_torque: float
+    peak_voltage: float
+    settling: float
+    stays: tuple[Verdict, ...]
+    moves: dict[str, float]
+    why: str
+
+    @property
+    def ends_hunting(self) -> bool:
+        """A border was found, and beyond it nothing hunts."""
+        return self.kind in ("fold", "grazing") and all(v in ("rests", "decays") for v in self.stays[: len(self.stays) // 2])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cures(Result):
+    """The table.
+
+    Attributes
+    ----------
+    servo, model, gain : the problem; gain K [V/rad].
+    amplitude, period : of the hunting cycle without a remedy [rad], [s].
+    remedies : the rows, the cheapest first; behind them those that do not end hunting.
+    best : the name of the cheapest that meets the demands; "" where none does.
+    """
+
+    _quantities = ("model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
+
+    servo: Servo
+    model: Model
+    gain: float
+    amplitude: float
+    period: float
+    remedies: tuple[Cure, ...]
+    best: str
+
+    def _columns(self) -> Columns:
+        said = ("name", "kind", "size", "size_error", "unit", "recommended", "rest_error", "peak_torque",
+                "peak_voltage", "settling", "why")  # fmt: skip
+        return {key: [getattr(row, key) for row in self.remedies] for key in said}
+
+    def _more(self) -> dict[str, Any]:
+        return {"remedies": [row.to_dict() for row in self.remedies]}
+
+
+def remedies(
+    servo: Servo,
+    model: Model = "switch",
+    gain: float = 1.0,
+    *,
+    only: Sequence[str] = (),
+    max_error: float | None = None,
+    max_torque: float | None = None,
+    options: Options | None = None,
+    progress: Callable[[Cure], None] | None = None,
+) -> Cures:
+    """What stops the hunting: the smallest size of each remedy, and its price.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+    only
+        names of the remedies that are looked at; default all that go with the friction model.
+    max_error, max_torque
+        demands: largest error at rest [rad], largest torque on a step of 1 rad [N m].
+    options
+        tolerance of the sizes; default 1e-8.
+    progress
+        called with every row as it is found.
+
+    Returns
+    -------
+    Cures: its rows are sorted by price.
+
+    Raises
+    ------
+    InputError : an unknown name, or a number out of range.
+    NoOrbit : the servo does not hunt at this gain, or its cycle was not found.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, remedies
+    >>> table = remedies(Servo(), "switch", 0.04, only=["dead band"])
+    >>> round(table.remedies[0].size, 8)  # rad
+    0.04334572
+    """
+    a_servo(servo)
+    known("model", model, MODELS)
+    for name in only:
+        known("remedy", name, NAMES)
+    error = math.inf if max_error is None else require("max_error", max_error, above=0)
+    torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
+    options = options or Options(tol=1e-8)
+    orbit = find_orbit(servo, model, gain, options=options)
+    loop, start = loop_of(servo, model, gain), _stopped(orbit)
+    rows = []
+    for remedy in REMEDIES:
+        if (only and remedy.name not in only) or model not in remedy.needs:
+            continue
+        row = _row(loop, remedy, orbit, start, options)
+        rows.append(row)
+        if progress is not None:
+            progress(row)
+    rows.sort(key=_price)
+    best = next((r.name for r in rows if r.ends_hunting and r.rest_error <= error and r.peak_torque <= torque), "")
+    return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best)
+
+
+def _stopped(orbit: HuntingOrbit) -> dict[str, float]:
+    """The state of a cycle where it has just stopped, or where it begins."""
+    arc = next((arc for arc in orbit.arcs if arc.mode == "stick"), orbit.arcs[0])
+    state = dict(zip(orbit.problem.system.states, map(float, arc.states[0, 0]), strict=True))
+    return state | {"x2": 0.0} if arc.mode == "stick" else state  # not the rounding of zero, which would slip
+
+
+def _price(row: Cure) -> tuple[float, ...]:
+    """By what rows are sorted: those that end hunting first; then the torque, relative to all, and the error at rest."""
+    torque = row.peak_torque if math.isfinite(row.peak_torque) else math.inf
+    return (not row.ends_hunting, row.rest_error if math.isfinite(row.rest_error) else math.inf, torque)
+
+
+def _row(loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options) -> Cure:
+    """One remedy, found and priced."""
+    scales = Scales(orbit.amplitude, orbit.period)
+    found = border(loop, remedy, start, scales, options)
+    if found.kind in ("none", "not found"):
+        nan = float("nan")
+        tried = f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
+        why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
+        return Cure(remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, why)
+    size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
+    recommended = _more(size, absent, MARGIN, remedy.sense)
+    far = _more(size, absent, FARTHER, remedy.sense)
+    last = found.orbit or orbit
+    mended = with_remedy(loop, remedy, recommended)
+    rest = remedy.rest(size, _numbers(loop))
+    stays = tuple(
+        verdict for at in (recommended, far)
+        for verdict in verdicts(with_remedy(loop, remedy, at), last.amplitude, last.period)
+    )  # fmt: skip
+    step = task(mended, last.amplitude, last.period, rest)
+    voltage = step.peak_torque / loop.value("motor_gain")
+    moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if _has(loop, name)}
+    return Cure(
+        remedy.name, remedy.unit, found.kind, size, found.error, recommended, rest, step.peak_torque, voltage,
+        step.settling, stays, moves, found.why,
+    )  # fmt: skip
+
+
+def _more(size: float, absent: float, factor: float, sense: int) -> float:
+    """More of a remedy: farther from its absence, which may be at infinity or, where less is more, at zero."""
+    if absent == 0:
+        return size * factor if sense > 0 else size / factor
+    return size / factor if math.isinf(absent) else absent + (size - absent) * factor
+
+
+def _has(loop: Loop, name: str) -> bool:
+    return any(name in part.parameters for part in loop.parts)
+
+
+def _numbers(loop: Loop) -> dict[str, float]:
+    """The numbers of a loop, with kp, kd and ki in torque."""
+    factor = loop.value("gain") * loop.value("motor_gain")
+    return {**loop.parameters, **{name: factor * loop.value(name) for name in ("kp", "kd", "ki")}}
+
+
