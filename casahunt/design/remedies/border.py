@@ -25,10 +25,13 @@ Kind = Literal["fold", "grazing", "none", "not found"]
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
 end hunting already."""
-LOOSER, LOOSEST = 10.0, 1e-5
-"""A fold that is not known to a tolerance is asked for with a larger one, up to this."""
-MOST_POINTS, MOST_TIME = 200, 20.0
-"""Orbits, and seconds, after which a branch without a fold is left."""
+LOOSER, LOOSEST = 100.0, 1e-2
+"""A fold whose cycle is not known to a tolerance is asked for with a larger one, up to this: where the branch turns
+sharply or hardly at all, the size is known far better than the period."""
+KNOWN = 1e-6
+"""Relative error above which a size is not told."""
+MOST_POINTS = 100
+"""Orbits after which a branch without a fold is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,7 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
 
 
 def border(
-    loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options, time_limit: float = MOST_TIME
+    loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options
 ) -> Border:
     """The border of hunting in the size of a remedy.
 
@@ -97,11 +100,11 @@ def border(
         except NoOrbit as refusal:
             why = why or str(refusal)
             continue
-        return _along(cycle, remedy, last, options, time_limit)
+        return _along(cycle, remedy, last, options)
     return Border("not found", float("nan"), float("nan"), None, {}, why)
 
 
-def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options, time_limit: float) -> Border:
+def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
     """The border, from a cycle on."""
     extremum, asked = (largest if remedy.sense > 0 else smallest), options
     while True:
@@ -112,11 +115,13 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options, ti
                 break
             asked = replace(asked, tol=LOOSER * asked.tol)
             continue
+        if fold.value_error > KNOWN:
+            break
         return Border("fold", fold.value, fold.absolute_error, fold.orbit, fold.sensitivities)
     rough = replace(options, tol=max(options.tol, 1e-7))
-    branch = follow(cycle, remedy.size, to=last, options=rough, max_points=MOST_POINTS, time_limit=time_limit)
+    branch = follow(cycle, remedy.size, to=last, options=rough, max_points=MOST_POINTS)
     end, orbit = branch.end, branch.orbits[-1]
     if end.kind == "grazing":
         return Border("grazing", end.value, max(1e-10, rough.tol) * abs(end.value), orbit, {}, str(end))
-    kind: Kind = "none" if end.kind == "range" and not any(s.kind == "fold" for s in branch.special) else "not found"
-    return Border(kind, branch.values[-1], float("nan"), orbit, {}, str(end))
+    there = end.kind == "range" and abs(branch.values[-1] - last) <= KNOWN * abs(last)
+    return Border("none" if there else "not found", float(branch.values[-1]), float("nan"), orbit, {}, str(end))

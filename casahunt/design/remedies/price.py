@@ -30,7 +30,7 @@ BELOW = 0.5
 """A motion whose swings are smaller than this part of those of the cycle at the border has left it."""
 STILL = 1e-7
 """A motion that moves by less than this part of the amplitude in the last third of its time is at rest."""
-STARTS = (0.3, 1.0, 3.0)
+STARTS = (1.0, 3.0)
 """Starts beside the set point, in amplitudes of the cycle."""
 ACCURATE = 1e-6
 """Error of an interval: verdicts and peaks need no more."""
@@ -96,5 +96,5 @@ def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task
         start += phase.duration
     t, x1 = np.concatenate(times), np.concatenate(position)
     outside = np.flatnonzero(np.abs(x1) > max(rest_error, BAND * STEP))
-    settled = float(t[outside[-1]]) if outside.size and outside[-1] < len(t) - 1 else 0.0 if not outside.size else np.nan
+    settled = 0.0 if not outside.size else float(t[outside[-1]]) if outside[-1] < len(t) - 1 else np.nan
     return Task(peak, settled, verdict_of(t, x1, amplitude))

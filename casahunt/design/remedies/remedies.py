@@ -25,7 +25,7 @@ from ...servo.parts.table import REMEDIES
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from .border import Border, Scales, border, with_remedy
-from .price import Verdict, task, verdicts
+from .price import PERIODS, Verdict, task, verdicts
 
 MARGIN = 1.1
 """What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
@@ -156,7 +156,7 @@ def remedies(
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     options = options or Options(tol=1e-8)
     orbit = find_orbit(servo, model, gain, options=options)
-    loop, start = loop_of(servo, model, gain), _stopped(orbit)
+    loop, start = loop_of(servo, model, gain), _on_the_cycle(orbit)
     rows = []
     for remedy in REMEDIES:
         if (only and remedy.name not in only) or model not in remedy.needs:
@@ -165,22 +165,28 @@ def remedies(
         rows.append(row)
         if progress is not None:
             progress(row)
-    rows.sort(key=_price)
+    today = task(loop, orbit.amplitude, orbit.period, 0.0).peak_torque
+    rows.sort(key=lambda row: _price(row, orbit.amplitude, orbit.period, today))
     best = next((r.name for r in rows if r.ends_hunting and r.rest_error <= error and r.peak_torque <= torque), "")
     return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best)
 
 
-def _stopped(orbit: HuntingOrbit) -> dict[str, float]:
-    """The state of a cycle where it has just stopped, or where it begins."""
-    arc = next((arc for arc in orbit.arcs if arc.mode == "stick"), orbit.arcs[0])
-    state = dict(zip(orbit.problem.system.states, map(float, arc.states[0, 0]), strict=True))
-    return state | {"x2": 0.0} if arc.mode == "stick" else state  # not the rounding of zero, which would slip
+def _on_the_cycle(orbit: HuntingOrbit) -> dict[str, float]:
+    """A state of a cycle away from events: where it has just stopped, or in mid-slip."""
+    stuck = next((arc for arc in orbit.arcs if arc.mode == "stick"), None)
+    states = (stuck or orbit.arcs[0]).states
+    state = dict(zip(orbit.problem.system.states, map(float, states[0, states.shape[1] // 2]), strict=True))
+    return state if stuck is None else state | {"x2": 0.0}  # not the rounding of zero, which would slip
 
 
-def _price(row: Cure) -> tuple[float, ...]:
-    """By what rows are sorted: those that end hunting first; then the torque, relative to all, and the error at rest."""
-    torque = row.peak_torque if math.isfinite(row.peak_torque) else math.inf
-    return (not row.ends_hunting, row.rest_error if math.isfinite(row.rest_error) else math.inf, torque)
+def _price(row: Cure, amplitude: float, period: float, torque: float) -> tuple[bool, float]:
+    """By what rows are sorted: those that end hunting first; then the sum of
+
+    error at rest / amplitude of the hunting + (peak torque / that of today - 1) + settling time / period of the hunting.
+    """
+    settling = row.settling if math.isfinite(row.settling) else PERIODS * period
+    price = row.rest_error / amplitude + (row.peak_torque / torque - 1) + settling / period
+    return not row.ends_hunting, price if math.isfinite(price) else math.inf
 
 
 def _row(loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options) -> Cure:
@@ -202,7 +208,7 @@ def _row(loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float
         verdict for at in (recommended, far)
         for verdict in verdicts(with_remedy(loop, remedy, at), last.amplitude, last.period)
     )  # fmt: skip
-    step = task(mended, last.amplitude, last.period, rest)
+    step = task(mended, last.amplitude, last.period, remedy.rest(recommended, _numbers(loop)))
     voltage = step.peak_torque / loop.value("motor_gain")
     moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if _has(loop, name)}
     return Cure(
