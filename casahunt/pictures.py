@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .views.pictures.loop import bode
     from .views.pictures.orbits import phase_portrait, time_traces
     from .views.pictures.plotting import save
+    from .views.pictures.remedies import sizes
     from .views.pictures.simulation import folded as folded_record
     from .views.pictures.simulation import motion
     from .views.pictures.tune import operating_point
@@ -44,6 +45,7 @@ _HOME_OF = {
     "operating_point": ("tune", "operating_point"),
     "phase_portrait": ("orbits", "phase_portrait"),
     "save": ("plotting", "save"),
+    "sizes": ("remedies", "sizes"),
     "tasks": ("tune", "responses"),
     "time_traces": ("orbits", "time_traces"),
 }
@@ -63,6 +65,7 @@ __all__ = [
     "operating_point",
     "phase_portrait",
     "save",
+    "sizes",
     "tasks",
     "time_traces",
 ]

@@ -9,6 +9,7 @@ The branch begins with a small remedy, at the cycle on which a motion of the ser
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -42,7 +43,7 @@ class Border:
     ----------
     kind : how; "none" where it does not up to `size`, "not found" where the branch broke off there.
     size, error : the size, and the estimated error of it, in its unit.
-    orbit : the last cycle; None where not even the first was computed.
+    first, orbit : the first and the last cycle; None where not even the first was computed.
     moves : by how much the size moves with other parameters of the loop; {} where it is no fold.
     why : a sentence, where it is no fold.
     """
@@ -50,6 +51,7 @@ class Border:
     kind: Kind
     size: float
     error: float
+    first: SystemOrbit | None
     orbit: SystemOrbit | None
     moves: dict[str, float]
     why: str = ""
@@ -101,7 +103,7 @@ def border(
             why = why or str(refusal)
             continue
         return _along(cycle, remedy, last, options)
-    return Border("not found", float("nan"), float("nan"), None, {}, why)
+    return Border("not found", math.nan, math.nan, None, None, {}, why)
 
 
 def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
@@ -117,11 +119,11 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
             continue
         if fold.value_error > KNOWN:
             break
-        return Border("fold", fold.value, fold.absolute_error, fold.orbit, fold.sensitivities)
+        return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     rough = replace(options, tol=max(options.tol, 1e-7))
     branch = follow(cycle, remedy.size, to=last, options=rough, max_points=MOST_POINTS)
     end, orbit = branch.end, branch.orbits[-1]
     if end.kind == "grazing":
-        return Border("grazing", end.value, max(1e-10, rough.tol) * abs(end.value), orbit, {}, str(end))
+        return Border("grazing", end.value, max(1e-10, rough.tol) * abs(end.value), cycle, orbit, {}, str(end))
     there = end.kind == "range" and abs(branch.values[-1] - last) <= KNOWN * abs(last)
-    return Border("none" if there else "not found", float(branch.values[-1]), float("nan"), orbit, {}, str(end))
+    return Border("none" if there else "not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, str(end))

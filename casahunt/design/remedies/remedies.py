@@ -12,18 +12,21 @@ from typing import Any
 
 
 from ...checks import known, require
-from ...errors import NoOrbit
+from ...continuation import Branch, follow
+from ...errors import InputError, NoOrbit
 from ...export import Columns
+from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.find_orbit import find_orbit
-from ...servo.hunting import MODELS, Model
+from ...servo.hunting import MODELS, Model, called
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.table import REMEDIES
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
+from ..uncertainty.set import Uncertainty, check_box
 from .border import Border, Scales, border, with_remedy
 from .price import PERIODS, Verdict, task, verdicts
 
@@ -49,11 +52,20 @@ class Cure(Result):
     settling : of that step [s]; nan where it has not settled.
     stays : what motions do at the recommended size and at three times the border: "rests", "decays", "hunts", "grows".
     moves : by how much the size moves, relatively, with a relative change of each parameter of the loop.
+    worst_size : of the worst servo of an uncertain one, in `unit`; nan where none was asked for, or found.
     why : a sentence: why it cannot end hunting, or why it was not found.
+    first : the cycle with a small remedy, from which its branch begins; None where there is none.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, remedies
+    >>> leak = remedies(Servo(), "switch", 0.04, only=["leak"]).remedies[0]
+    >>> leak.kind, round(leak.size, 6), leak.unit
+    ('fold', 0.246845, '1/s')
     """
 
     _quantities = ("name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]")
-    _details = ("size_error", "recommended", "peak_voltage [V]", "stays", "moves", "why")
+    _details = ("size_error", "recommended", "peak_voltage [V]", "stays", "moves", "worst_size", "why")
 
     name: str
     unit: str
@@ -67,7 +79,19 @@ class Cure(Result):
     settling: float
     stays: tuple[Verdict, ...]
     moves: dict[str, float]
+    worst_size: float
     why: str
+    first: SystemOrbit | None
+
+    def branch(self) -> Branch[SystemOrbit]:
+        """The cycles from the small remedy up to the border, for pictures.
+
+        Raises InputError: there is none, since no cycle was found.
+        """
+        if self.first is None or not math.isfinite(self.size):
+            raise InputError(f"{self.name}: no cycle was found from which a branch could begin")
+        vary = self.first.problem.principal
+        return follow(self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=())
 
     @property
     def ends_hunting(self) -> bool:
@@ -85,6 +109,12 @@ class Cures(Result):
     amplitude, period : of the hunting cycle without a remedy [rad], [s].
     remedies : the rows, the cheapest first; behind them those that do not end hunting.
     best : the name of the cheapest that meets the demands; "" where none does.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, remedies
+    >>> remedies(Servo(), "switch", 0.04, only=["dead band", "gain"]).best  # 0.043 rad, or 18 times the torque
+    'dead band'
     """
 
     _quantities = ("model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
@@ -114,6 +144,7 @@ def remedies(
     only: Sequence[str] = (),
     max_error: float | None = None,
     max_torque: float | None = None,
+    uncertainty: Uncertainty | None = None,
     options: Options | None = None,
     progress: Callable[[Cure], None] | None = None,
 ) -> Cures:
@@ -127,6 +158,8 @@ def remedies(
         names of the remedies that are looked at; default all that go with the friction model.
     max_error, max_torque
         demands: largest error at rest [rad], largest torque on a step of 1 rad [N m].
+    uncertainty
+        what is uncertain of the servo: each row then has the size for the worst one.
     options
         tolerance of the sizes; default 1e-8.
     progress
@@ -156,12 +189,14 @@ def remedies(
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     options = options or Options(tol=1e-8)
     orbit = find_orbit(servo, model, gain, options=options)
+    if uncertainty is not None:
+        check_box(servo, uncertainty)
     loop, start = loop_of(servo, model, gain), _on_the_cycle(orbit)
     rows = []
     for remedy in REMEDIES:
         if (only and remedy.name not in only) or model not in remedy.needs:
             continue
-        row = _row(loop, remedy, orbit, start, options)
+        row = _row(loop, remedy, orbit, start, options, uncertainty)
         rows.append(row)
         if progress is not None:
             progress(row)
@@ -189,7 +224,10 @@ def _price(row: Cure, amplitude: float, period: float, torque: float) -> tuple[b
     return not row.ends_hunting, price if math.isfinite(price) else math.inf
 
 
-def _row(loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options) -> Cure:
+def _row(
+    loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options,
+    uncertainty: Uncertainty | None,
+) -> Cure:
     """One remedy, found and priced."""
     scales = Scales(orbit.amplitude, orbit.period)
     found = border(loop, remedy, start, scales, options)
@@ -197,7 +235,8 @@ def _row(loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float
         nan = float("nan")
         tried = f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
         why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
-        return Cure(remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, why)
+        return Cure(remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, nan,
+                    why, found.first)
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
     recommended = _more(size, absent, MARGIN, remedy.sense)
     far = _more(size, absent, FARTHER, remedy.sense)
@@ -213,8 +252,26 @@ def _row(loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float
     moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if _has(loop, name)}
     return Cure(
         remedy.name, remedy.unit, found.kind, size, found.error, recommended, rest, step.peak_torque, voltage,
-        step.settling, stays, moves, found.why,
+        step.settling, stays, moves, _worst(loop, remedy, orbit, start, options, found, uncertainty), found.why,
+        found.first,
     )  # fmt: skip
+
+
+def _worst(
+    loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options, found: Border,
+    uncertainty: Uncertainty | None,
+) -> float:
+    """The size that the worst servo of a set needs: at the corner of its box to which the slopes at the border point."""
+    if uncertainty is None or not found.moves:
+        return math.nan
+    names = [name for name in uncertainty.parameters if called([name])[0] in found.moves]
+    low, high = uncertainty.box(orbit.servo)
+    at = dict(zip(uncertainty.parameters, zip(low, high, strict=True), strict=True))
+    corner = {
+        called([name])[0]: float(at[name][found.moves[called([name])[0]] * remedy.sense > 0]) for name in names
+    }  # fmt: skip
+    worse = border(loop.replace(**corner), remedy, start, Scales(orbit.amplitude, orbit.period), options)
+    return worse.size if worse.kind in ("fold", "grazing") else math.nan
 
 
 def _more(size: float, absent: float, factor: float, sense: int) -> float:

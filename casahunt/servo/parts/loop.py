@@ -160,7 +160,8 @@ def _mode(parts: tuple[Part, ...], modes: Modes, signed: int | None, names: Name
     holds = [ScalarOf(wiring, law.holds, sign) for law, sign in laws if law.holds is not None]
     features = [ScalarOf(wiring, law.feature, sign) for law, sign in laws if law.feature is not None]
     whole = [mode.unsplit or mode.name for mode in modes]
-    ends = [(i, edge) for i, mode in enumerate(modes) for edge in mode.ends]
+    ends = [(i, edge) for i, mode in enumerate(modes) for edge in mode.ends
+            if _can_be_met(wiring, edge, laws[i][1], names, modes[signed].sign if signed is not None else None)]
     called = [edge.name for _, edge in ends]
     return Mode(
         mode_name(modes), FieldOf(wiring), _flow(wiring, names, modes[signed].sign if signed is not None else None),
@@ -175,6 +176,13 @@ def _mode(parts: tuple[Part, ...], modes: Modes, signed: int | None, names: Name
         stiff=any(law.stiff for law, _ in laws), sign=None if signed is None else modes[signed].sign,
         unsplit=", ".join(n for n in whole if n) if any(mode.unsplit for mode in modes) else None,
     )  # fmt: skip
+
+
+def _can_be_met(wiring: Wiring, edge: Edge, sign: float | None, names: Names, shared: float | None) -> bool:
+    """Whether the scalar of an edge changes with any state: a torque at its limit breaks nothing away."""
+    x, p = ca.SX.sym("x", len(names.states)), ca.SX.sym("p", len(names.parameters))
+    value = ca.SX(wiring.value(edge.function, sign, names.x(x, p), names.p(p, shared)))
+    return not ca.jacobian(value, x).is_zero()
 
 
 def _event(parts: tuple[Part, ...], modes: Modes, i: int, edge: Edge, signed: int | None, name: str) -> Event:

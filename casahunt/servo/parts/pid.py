@@ -34,11 +34,11 @@ def _demand(gains: Callable[[Any], tuple[Any, Any, Any]]) -> Callable[[Any, Any,
 PID_BY_TIMES = Part(
     "PID by times", (),
     {"motor_gain": 16.0, "lead_time": 1 / (2 * math.pi), "integral_time": 1 / (2 * math.pi), "gain": 0.04},
-    gives={"demand": _demand(_by_times), "kp": lambda x, s, p: _by_times(p)[0]},
+    gives={"demand": _demand(_by_times), "kp": lambda x, s, p: _by_times(p)[0], "ki": lambda x, s, p: _by_times(p)[2]},
 )  # fmt: skip
 PID_BY_GAINS = Part(
     "PID by gains", (), {"motor_gain": 16.0, "kp": 2.0, "ki": 2 * math.pi, "kd": 1 / (2 * math.pi), "gain": 0.04},
-    gives={"demand": _demand(_by_gains), "kp": lambda x, s, p: _by_gains(p)[0]},
+    gives={"demand": _demand(_by_gains), "kp": lambda x, s, p: _by_gains(p)[0], "ki": lambda x, s, p: _by_gains(p)[2]},
 )  # fmt: skip
 
 INTEGRATOR = Part(
