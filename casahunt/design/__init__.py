@@ -9,6 +9,7 @@ fold_curve/         the fold gain against a second parameter
 uncertainty/        the fold gain of uncertain parameters: linear, sampled, worst corner
 fold_map.py         the fold gain over two parameters
 ensemble.py         the folds of thousands of servos in one call
+remedies/           what stops the hunting, how large, at what price
 tune/               gain and controller times of least cost that do not hunt
 record/             amplitude and frequency of a measured or simulated motion
 """

@@ -26,12 +26,12 @@ Kind = Literal["fold", "grazing", "none", "not found"]
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
 end hunting already."""
-LOOSER, LOOSEST = 100.0, 1e-2
+LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
 """A fold whose cycle is not known to a tolerance is asked for with a larger one, up to this: where the branch turns
 sharply or hardly at all, the size is known far better than the period."""
-KNOWN = 1e-6
+SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
-MOST_POINTS = 100
+MOST_CYCLES = 100
 """Orbits after which a branch without a fold is left."""
 
 
@@ -113,17 +113,17 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
         try:
             fold = extremum(cycle, remedy.size, to=last, options=asked)
         except NoOrbit as refusal:
-            if refusal.status is not Status.TOLERANCE_NOT_REACHED or asked.tol * LOOSER > LOOSEST:
+            if refusal.status is not Status.TOLERANCE_NOT_REACHED or asked.tol * LOOSER_BY > LOOSEST_FOLD:
                 break
-            asked = replace(asked, tol=LOOSER * asked.tol)
+            asked = replace(asked, tol=LOOSER_BY * asked.tol)
             continue
-        if fold.value_error > KNOWN:
+        if fold.value_error > SIZE_KNOWN:
             break
         return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     rough = replace(options, tol=max(options.tol, 1e-7))
-    branch = follow(cycle, remedy.size, to=last, options=rough, max_points=MOST_POINTS)
+    branch = follow(cycle, remedy.size, to=last, options=rough, max_points=MOST_CYCLES)
     end, orbit = branch.end, branch.orbits[-1]
     if end.kind == "grazing":
         return Border("grazing", end.value, max(1e-10, rough.tol) * abs(end.value), cycle, orbit, {}, str(end))
-    there = end.kind == "range" and abs(branch.values[-1] - last) <= KNOWN * abs(last)
+    there = end.kind == "range" and abs(branch.values[-1] - last) <= SIZE_KNOWN * abs(last)
     return Border("none" if there else "not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, str(end))

@@ -1,6 +1,6 @@
 """The table of remedies: for each the smallest size that ends hunting, its error, its price.
 
-    cycle of the servo at its gain -> border of each remedy (border.py) -> at `MARGIN` more than it: the price (price.py)
+    cycle of the servo at its gain -> border of each remedy (border.py) -> a little more of it: its price (price.py)
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-
 from ...checks import known, require
 from ...continuation import Branch, follow
-from ...errors import InputError, NoOrbit
+from ...errors import InputError
 from ...export import Columns
 from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
@@ -28,13 +27,13 @@ from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
 from .border import Border, Scales, border, with_remedy
-from .price import PERIODS, Verdict, task, verdicts
+from .price import FOLLOWED_PERIODS, Verdict, task, verdicts
 
-MARGIN = 1.1
+RECOMMENDED = 1.1
 """What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
-FARTHER = 3.0
+MUCH_LARGER = 3.0
 """A larger size is tried too, so many times the border."""
-NAMES = tuple(remedy.name for remedy in REMEDIES)
+REMEDY_NAMES = tuple(remedy.name for remedy in REMEDIES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +63,9 @@ class Cure(Result):
     ('fold', 0.246845, '1/s')
     """
 
-    _quantities = ("name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]")
+    _quantities = (
+        "name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]",
+    )  # fmt: skip
     _details = ("size_error", "recommended", "peak_voltage [V]", "stays", "moves", "worst_size", "why")
 
     name: str
@@ -86,7 +87,13 @@ class Cure(Result):
     def branch(self) -> Branch[SystemOrbit]:
         """The cycles from the small remedy up to the border, for pictures.
 
-        Raises InputError: there is none, since no cycle was found.
+        Returns
+        -------
+        Branch.
+
+        Raises
+        ------
+        InputError : there is none, since no cycle was found.
         """
         if self.first is None or not math.isfinite(self.size):
             raise InputError(f"{self.name}: no cycle was found from which a branch could begin")
@@ -96,12 +103,13 @@ class Cure(Result):
     @property
     def ends_hunting(self) -> bool:
         """A border was found, and beyond it nothing hunts."""
-        return self.kind in ("fold", "grazing") and all(v in ("rests", "decays") for v in self.stays[: len(self.stays) // 2])
+        here = self.stays[: len(self.stays) // 2]
+        return self.kind in ("fold", "grazing") and all(verdict in ("rests", "decays") for verdict in here)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cures(Result):
-    """The table.
+    """The table of remedies.
 
     Attributes
     ----------
@@ -184,26 +192,41 @@ def remedies(
     a_servo(servo)
     known("model", model, MODELS)
     for name in only:
-        known("remedy", name, NAMES)
+        known("remedy", name, REMEDY_NAMES)
     error = math.inf if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
-    options = options or Options(tol=1e-8)
-    orbit = find_orbit(servo, model, gain, options=options)
     if uncertainty is not None:
         check_box(servo, uncertainty)
-    loop, start = loop_of(servo, model, gain), _on_the_cycle(orbit)
+    options = options or Options(tol=1e-8)
+    orbit = find_orbit(servo, model, gain, options=options)
+    asked = _Asked(loop_of(servo, model, gain), orbit, _on_the_cycle(orbit), options, uncertainty)
     rows = []
     for remedy in REMEDIES:
-        if (only and remedy.name not in only) or model not in remedy.needs:
-            continue
-        row = _row(loop, remedy, orbit, start, options, uncertainty)
-        rows.append(row)
-        if progress is not None:
-            progress(row)
-    today = task(loop, orbit.amplitude, orbit.period, 0.0).peak_torque
-    rows.sort(key=lambda row: _price(row, orbit.amplitude, orbit.period, today))
-    best = next((r.name for r in rows if r.ends_hunting and r.rest_error <= error and r.peak_torque <= torque), "")
+        if model in remedy.needs and (not only or remedy.name in only):
+            rows.append(_row(asked, remedy))
+            if progress is not None:
+                progress(rows[-1])
+    rows.sort(key=_price(task(asked.loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
+    meet = (row for row in rows if row.ends_hunting and row.rest_error <= error and row.peak_torque <= torque)
+    best = next((row.name for row in meet), "")
     return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What all rows are about: the loop without a remedy, its cycle and a state on it, how it is computed, what is
+    uncertain."""
+
+    loop: Loop
+    orbit: HuntingOrbit
+    start: dict[str, float]
+    options: Options
+    uncertainty: Uncertainty | None
+
+    @property
+    def scales(self) -> Scales:
+        """What sizes are measured by."""
+        return Scales(self.orbit.amplitude, self.orbit.period)
 
 
 def _on_the_cycle(orbit: HuntingOrbit) -> dict[str, float]:
@@ -214,63 +237,57 @@ def _on_the_cycle(orbit: HuntingOrbit) -> dict[str, float]:
     return state if stuck is None else state | {"x2": 0.0}  # not the rounding of zero, which would slip
 
 
-def _price(row: Cure, amplitude: float, period: float, torque: float) -> tuple[bool, float]:
+def _price(today: float, orbit: HuntingOrbit) -> Callable[[Cure], tuple[bool, float]]:
     """By what rows are sorted: those that end hunting first; then the sum of
 
-    error at rest / amplitude of the hunting + (peak torque / that of today - 1) + settling time / period of the hunting.
+    error at rest / amplitude of the hunting + (peak torque / that of today - 1) + settling time / its period.
     """
-    settling = row.settling if math.isfinite(row.settling) else PERIODS * period
-    price = row.rest_error / amplitude + (row.peak_torque / torque - 1) + settling / period
-    return not row.ends_hunting, price if math.isfinite(price) else math.inf
+
+    def of(row: Cure) -> tuple[bool, float]:
+        settling = row.settling if math.isfinite(row.settling) else FOLLOWED_PERIODS * orbit.period
+        price = row.rest_error / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
+        return not row.ends_hunting, price if math.isfinite(price) else math.inf
+
+    return of
 
 
-def _row(
-    loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options,
-    uncertainty: Uncertainty | None,
-) -> Cure:
+def _row(asked: _Asked, remedy: Remedy) -> Cure:
     """One remedy, found and priced."""
-    scales = Scales(orbit.amplitude, orbit.period)
-    found = border(loop, remedy, start, scales, options)
+    loop, found = asked.loop, border(asked.loop, remedy, asked.start, asked.scales, asked.options)
     if found.kind in ("none", "not found"):
-        nan = float("nan")
-        tried = f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
+        nan, tried = math.nan, f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
         why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
-        return Cure(remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, nan,
-                    why, found.first)
+        return Cure(
+            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, nan, why, found.first
+        )
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
-    recommended = _more(size, absent, MARGIN, remedy.sense)
-    far = _more(size, absent, FARTHER, remedy.sense)
-    last = found.orbit or orbit
-    mended = with_remedy(loop, remedy, recommended)
-    rest = remedy.rest(size, _numbers(loop))
+    recommended, far = (_more(size, absent, factor, remedy.sense) for factor in (RECOMMENDED, MUCH_LARGER))
+    last, numbers = found.orbit or asked.orbit, _numbers(loop)
     stays = tuple(
         verdict for at in (recommended, far)
         for verdict in verdicts(with_remedy(loop, remedy, at), last.amplitude, last.period)
     )  # fmt: skip
-    step = task(mended, last.amplitude, last.period, remedy.rest(recommended, _numbers(loop)))
-    voltage = step.peak_torque / loop.value("motor_gain")
-    moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if _has(loop, name)}
+    mended = with_remedy(loop, remedy, recommended)
+    step = task(mended, last.amplitude, last.period, remedy.rest(recommended, numbers))
+    moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters}
     return Cure(
-        remedy.name, remedy.unit, found.kind, size, found.error, recommended, rest, step.peak_torque, voltage,
-        step.settling, stays, moves, _worst(loop, remedy, orbit, start, options, found, uncertainty), found.why,
-        found.first,
+        remedy.name, remedy.unit, found.kind, size, found.error, recommended, remedy.rest(size, numbers),
+        step.peak_torque, step.peak_torque / loop.value("motor_gain"), step.settling, stays, moves,
+        _worst(asked, remedy, found), found.why, found.first,
     )  # fmt: skip
 
 
-def _worst(
-    loop: Loop, remedy: Remedy, orbit: HuntingOrbit, start: dict[str, float], options: Options, found: Border,
-    uncertainty: Uncertainty | None,
-) -> float:
-    """The size that the worst servo of a set needs: at the corner of its box to which the slopes at the border point."""
-    if uncertainty is None or not found.moves:
+def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
+    """The size for the worst servo of a set: that of the corner of its box to which the slopes at the border point."""
+    if asked.uncertainty is None or not found.moves:
         return math.nan
-    names = [name for name in uncertainty.parameters if called([name])[0] in found.moves]
-    low, high = uncertainty.box(orbit.servo)
-    at = dict(zip(uncertainty.parameters, zip(low, high, strict=True), strict=True))
+    names = asked.uncertainty.parameters
     corner = {
-        called([name])[0]: float(at[name][found.moves[called([name])[0]] * remedy.sense > 0]) for name in names
-    }  # fmt: skip
-    worse = border(loop.replace(**corner), remedy, start, Scales(orbit.amplitude, orbit.period), options)
+        name: float(high if found.moves[name] * remedy.sense > 0 else low)
+        for name, low, high in zip(called(names), *asked.uncertainty.box(asked.orbit.servo), strict=True)
+        if name in found.moves
+    }
+    worse = border(asked.loop.replace(**corner), remedy, asked.start, asked.scales, asked.options)
     return worse.size if worse.kind in ("fold", "grazing") else math.nan
 
 
@@ -281,13 +298,9 @@ def _more(size: float, absent: float, factor: float, sense: int) -> float:
     return size / factor if math.isinf(absent) else absent + (size - absent) * factor
 
 
-def _has(loop: Loop, name: str) -> bool:
-    return any(name in part.parameters for part in loop.parts)
-
-
 def _numbers(loop: Loop) -> dict[str, float]:
     """The numbers of a loop, with kp, kd and ki in torque."""
     factor = loop.value("gain") * loop.value("motor_gain")
-    return {**loop.parameters, **{name: factor * loop.value(name) for name in ("kp", "kd", "ki")}}
+    return loop.parameters | {name: factor * loop.value(name) for name in ("kp", "kd", "ki")}
 
 

@@ -30,12 +30,12 @@ def _after_stop(x: Any, s: Any, p: Any) -> str:
     return "slip+" if s.pull > p.static else "slip-" if s.pull < -p.static_back else "stick"
 
 
-_SLIP = Law(
+_EITHER_WAY = Law(
     gives={"friction": _slip, "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: p.sign},
     holds=lambda x, s, p: p.sign * _rate(x, s, p),
     feature=lambda x, s, p: ca.exp(-(_rate(x, s, p) ** 2)),
 )
-_STICK = Law(
+_HELD = Law(
     gives={"friction": lambda x, s, p: s.pull, "moving": lambda x, s, p: 0.0, "direction": lambda x, s, p: 0.0},
     holds=lambda x, s, p: (1 - s.pull / p.static) * (1 + s.pull / p.static_back),
 )
@@ -45,11 +45,11 @@ BY_DIRECTION = Part(
     {"static": 0.53, "coulomb": 0.44, "viscous": 0.1, "static_back": 0.53, "coulomb_back": 0.44, "viscous_back": 0.1,
      "stribeck_velocity": 0.02},
     modes=(
-        PartMode("slip+", _SLIP, (Edge("stop", _rate, -1, _after_stop),), +1,
+        PartMode("slip+", _EITHER_WAY, (Edge("stop", _rate, -1, _after_stop),), +1,
                  where=lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and s.pull > p.static),
-        PartMode("slip-", _SLIP, (Edge("stop", _rate, +1, _after_stop),), -1,
+        PartMode("slip-", _EITHER_WAY, (Edge("stop", _rate, +1, _after_stop),), -1,
                  where=lambda x, s, p: s.motor_rate < 0 or s.motor_rate == 0 and s.pull < -p.static_back),
-        PartMode("stick", _STICK, (
+        PartMode("stick", _HELD, (
             Edge("breakaway+", lambda x, s, p: s.pull / p.static - 1, +1, "slip+"),
             Edge("breakaway-", lambda x, s, p: s.pull / p.static_back + 1, -1, "slip-"),
         )),

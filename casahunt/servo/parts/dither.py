@@ -2,7 +2,7 @@
 
 The rate is v + a n, n normal with mean 0 and variance 1, a [rad/s] the size.  The mean of the friction of v + a n is
 
-    Fc erf(v/(a sqrt2)) + (Fs - Fc) c exp(-c^2 (v/vs)^2) erf(v c vs/(vs a sqrt2)) + sigma2 v,   c = vs/sqrt(vs^2 + 2 a^2)
+    Fc erf(v/(a sqrt2)) + (Fs - Fc) c exp(-c^2 (v/vs)^2) erf(c v/(a sqrt2)) + sigma2 v,   c = vs/sqrt(vs^2 + 2 a^2)
 
 smooth, so that nothing sticks and the servo comes to rest at its set point alone.
 """
@@ -29,12 +29,13 @@ DITHERED = Part(
     "dithered friction", (),
     {"dither": 0.0, "static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1},
     modes=(PartMode("", Law(
-        gives={"friction": _mean, "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: ca.sign(s.motor_rate)},
+        gives={"friction": _mean, "moving": lambda x, s, p: 1.0,
+               "direction": lambda x, s, p: ca.sign(s.motor_rate)},
         feature=lambda x, s, p: ca.erf(s.motor_rate / p.dither), stiff=True,
     )),),
 )  # fmt: skip
 
 REMEDIES = (
-    Remedy("dither", "dither", "rad/s", lambda size, p: 0.0, DITHERED, instead="Switch friction", scale="stribeck_velocity",
-           first=0.05, last=100.0, needs=("switch",)),
+    Remedy("dither", "dither", "rad/s", lambda size, p: 0.0, DITHERED, instead="Switch friction",
+           scale="stribeck_velocity", first=0.05, last=100.0, needs=("switch",)),
 )  # fmt: skip

@@ -3,8 +3,8 @@
     state   the states of all parts;      mode   one mode of each part, named by those that have a name
     event   of one part: it changes this part's mode, and resets its states and those that other parts reset upon it
 
-The parts exchange signals (wiring.py), and none knows another.  What is linear while the servo sticks, with an integrator
-as its only motion, has a closed form, which is found from the parts.
+The parts exchange signals (wiring.py), and none knows another.  What is linear while the servo sticks, with an
+integrator as its only motion, has a closed form, which is found from the parts.
 """
 
 from __future__ import annotations
@@ -140,9 +140,9 @@ def modes_of(parts: tuple[Part, ...], parameters: tuple[str, ...]) -> tuple[Mode
             owners = [p.name for p in parts if twice in (p.states if kind == "state" else p.parameters)]
             raise InputError(f"{' and '.join(owners)} do not go together: both have the {kind} {twice}")
     signed = next((i for i, part in enumerate(parts) if any(m.sign is not None for m in part.modes)), None)
-    names = Names(states, parameters)
+    vectors = Names(states, parameters)
     return tuple(
-        _mode(parts, modes, signed, names) for modes in itertools.product(*[part.modes for part in parts])
+        _mode(parts, modes, signed, vectors) for modes in itertools.product(*[part.modes for part in parts])
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""LuGre friction as a part of a loop: it reads the rate v, and gives the friction; the bristle's deflection is its state.
+"""LuGre friction as a part of a loop: it reads the rate v, gives the friction, and has the bristles' deflection.
 
     z' = v - sigma0 |v| z/g(v),   F = sigma0 z + sigma1 z' + sigma2 v;   the kink |v| splits it in modes (hunting.py)
 """
@@ -53,7 +53,8 @@ def _reversal(x: Any, s: Any, p: Any) -> Any:
 
 
 _SLIDE = Law(
-    {"x4": _bristle}, {"friction": _force(_bristle), "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: p.sign},
+    {"x4": _bristle},
+    {"friction": _force(_bristle), "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: p.sign},
     holds=lambda x, s, p: p.sign * s.motor_rate * ca.sqrt(p.stiffness * p.inertia) / p.static,
     feature=_feature, stiff=True, slack=10 * WEAK,
 )  # fmt: skip

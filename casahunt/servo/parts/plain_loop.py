@@ -23,7 +23,8 @@ def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
     """
     pid = servo.controller.pid()
     own = flatten(servo)
-    numbers = dict(zip(called(own), own.values(), strict=True)) | {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd, "gain": gain}
+    numbers = dict(zip(called(own), own.values(), strict=True))
+    numbers |= {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd, "gain": gain}
     parts = (INERTIA, FRICTIONS[model], PID_BY_GAINS, INTEGRATOR)
     wanted = {name for part in parts for name in part.parameters}
     return Loop(parts, {name: value for name, value in numbers.items() if name in wanted}, f"{model} servo")

@@ -7,7 +7,6 @@ An integral action is a pole at zero of its own.  e' is not used: a controller w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +36,7 @@ def state_space(A: Any, B: Any, C: Any, D: Any) -> Part:
     return _state_space(rows, tuple(map(float, b)), tuple(map(float, c)), float(d[0]))
 
 
-def transfer_function(numerator: Sequence[float], denominator: Sequence[float]) -> Part:
+def transfer_function(numerator: Any, denominator: Any) -> Part:
     """The controller numerator(s)/denominator(s), coefficients from the highest power on: controllable canonical form.
 
     Raises InputError: improper, or no polynomial.
@@ -62,13 +61,14 @@ def from_object(controller: Any) -> Part:
 
     Raises InputError: it is neither, or has more than one input or output, or is sampled.
     """
-    if getattr(controller, "dt", None) not in (None, 0, True) or getattr(controller, "dt", None) is True:
+    if getattr(controller, "dt", None) not in (None, 0):
         raise InputError("controller: is sampled; a continuous one is needed here")
     if all(hasattr(controller, name) for name in "ABCD"):
         return state_space(controller.A, controller.B, controller.C, controller.D)
     if hasattr(controller, "num") and hasattr(controller, "den"):
-        num, den = (np.ravel(np.asarray(getattr(controller, name)[0][0] if np.ndim(getattr(controller, name)[0]) else
-                                        getattr(controller, name), float)) for name in ("num", "den"))  # fmt: skip
+        num, den = (getattr(controller, name) for name in ("num", "den"))
+        if np.ndim(num[0]):  # python-control: a list of lists, one for each output and input
+            num, den = num[0][0], den[0][0]
         return transfer_function(num, den)
     raise InputError(f"controller: {type(controller).__name__} has neither num and den nor A, B, C and D")
 
@@ -84,8 +84,9 @@ def _state_space(A: Rows, B: tuple[float, ...], C: tuple[float, ...], D: float) 
         out = sum(C[j] * getattr(x, names[j]) for j in range(len(B)) if C[j]) + D * s.error
         return -p.gain * p.motor_gain * out
 
+    size = abs(D) + max(map(abs, C), default=0.0)
     return Part(
         "linear controller", names, {"motor_gain": 16.0, "gain": 0.04},
-        gives={"demand": demand, "kp": lambda x, s, p: p.gain * p.motor_gain * (abs(D) + max(map(abs, C), default=0.0))},
+        gives={"demand": demand, "kp": lambda x, s, p: p.gain * p.motor_gain * size},
         modes=(PartMode("", Law({name: row(i) for i, name in enumerate(names)})),),
     )  # fmt: skip

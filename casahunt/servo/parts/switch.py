@@ -1,4 +1,4 @@
-"""Switch friction as a part of a loop: it reads the rate v and the pull, gives the friction, the direction and `moving`.
+"""Switch friction as a part of a loop: it reads the rate v and the pull; gives friction, direction and `moving`.
 
      slip with the sign s: F = s g(v) + sigma2 v;   stick while |pull| <= Fs
 """

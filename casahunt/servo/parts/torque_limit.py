@@ -8,10 +8,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from .part import Edge, Function, Law, Part, PartMode
+from .wiring import UNGIVEN
 
 
 def _limited(name: str, at_the_limit: Mapping[str, Function], **more: float) -> Part:
@@ -21,13 +22,16 @@ def _limited(name: str, at_the_limit: Mapping[str, Function], **more: float) -> 
     def lower(x: Any, s: Any, p: Any) -> Any:
         return s.demand / p.torque_limit + 1
 
-    limit: Callable[[float], Function] = lambda sign: lambda x, s, p: sign * p.torque_limit  # noqa: E731
-    free = {signal: (lambda x, s, p: 1.0) if signal == "integrates" else (lambda x, s, p: 0.0) for signal in at_the_limit}
+    def limit(sign: float) -> Function:
+        return lambda x, s, p: sign * p.torque_limit
+
+    free = {signal: UNGIVEN[signal] for signal in at_the_limit}
     return Part(
         name, (), {"torque_limit": math.inf, **more}, size="torque_limit", absent=math.inf,
         modes=(
             PartMode("", Law(gives={"torque": lambda x, s, p: s.demand, **free}),
-                     (Edge("upper limit", upper, +1, "at upper limit"), Edge("lower limit", lower, -1, "at lower limit")),
+                     (Edge("upper limit", upper, +1, "at upper limit"),
+                      Edge("lower limit", lower, -1, "at lower limit")),
                      where=lambda x, s, p: abs(s.demand) <= p.torque_limit),
             PartMode("at upper limit", Law(gives={"torque": limit(+1.0), **at_the_limit}),
                      (Edge("leaves upper limit", upper, -1, ""),), where=lambda x, s, p: s.demand > 0),

@@ -75,7 +75,7 @@ class Wiring:
         self._givers: dict[str, tuple[Function, float | None]] = {n: (f, None) for n, f in UNGIVEN.items()}
         taken: dict[str, str] = {}
         for part, law, sign in active:
-            for name, function in (part.gives | law.gives).items():
+            for name, function in {**part.gives, **law.gives}.items():
                 if name in taken:
                     raise InputError(f"{taken[name]} and {part.name} do not go together: both give the {name}")
                 taken[name] = part.name
@@ -116,7 +116,7 @@ class Compared:
     key: tuple[Any, ...]
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self.key == other.key  # type: ignore[attr-defined]
+        return isinstance(other, Compared) and type(self) is type(other) and self.key == other.key
 
     def __hash__(self) -> int:
         return hash((type(self), self.key))
@@ -132,7 +132,8 @@ class FieldOf(Compared):
         self.key = (wiring,)
 
     def __call__(self, x: Any, p: Any) -> dict[str, Any]:
-        return self.key[0].field(x, p)  # type: ignore[no-any-return]
+        wiring: Wiring = self.key[0]
+        return wiring.field(x, p)
 
 
 class ScalarOf(Compared):
