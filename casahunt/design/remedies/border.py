@@ -1,6 +1,7 @@
 """The smallest size of a remedy that ends hunting: where the branch of hunting cycles in that size ends.
 
     fold       a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
+    Hopf       the cycle shrinks to a point
     grazing    the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
     none       the branch goes on to the last size that is looked at: hunting does not end
 
@@ -21,7 +22,9 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 
-Kind = Literal["fold", "grazing", "none", "not found"]
+Kind = Literal["fold", "grazing", "Hopf", "none", "not found"]
+BORDERS = ("fold", "grazing", "Hopf")
+"""Kinds of a border."""
 
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
@@ -31,7 +34,10 @@ LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
 sharply or hardly at all, the size is known far better than the period."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
-MOST_CYCLES = 100
+BRANCH_TOLERANCES = (1e-9, 1e-7)
+"""Of branches without a fold.  Where one ends at an event that is met for the first time, the size is known to ten times
+that and better: at 1e-9 to 1e-12 of the size by an independent stick map, at 1e-7 to 1e-6."""
+MOST_CYCLES = 60
 """Orbits after which a branch without a fold is left."""
 
 
@@ -82,9 +88,7 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
     return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
 
 
-def border(
-    loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options
-) -> Border:
+def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
     """The border of hunting in the size of a remedy.
 
     loop, start: the loop without it, and the state of its cycle when it has just stopped.
@@ -120,10 +124,17 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
         if fold.value_error > SIZE_KNOWN:
             break
         return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
-    rough = replace(options, tol=max(options.tol, 1e-7))
-    branch = follow(cycle, remedy.size, to=last, options=rough, max_points=MOST_CYCLES)
-    end, orbit = branch.end, branch.orbits[-1]
-    if end.kind == "grazing":
-        return Border("grazing", end.value, max(1e-10, rough.tol) * abs(end.value), cycle, orbit, {}, str(end))
-    there = end.kind == "range" and abs(branch.values[-1] - last) <= SIZE_KNOWN * abs(last)
-    return Border("none" if there else "not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, str(end))
+    for tol in BRANCH_TOLERANCES:
+        branch = follow(cycle, remedy.size, to=last, options=replace(options, tol=tol), max_points=MOST_CYCLES)
+        end, orbit = branch.end, branch.orbits[-1]
+        for special in branch.special:
+            if special.kind == "fold" and special.orbit.parameter_error < SIZE_KNOWN:
+                error = max(special.orbit.parameter_error, tol) * abs(special.value)
+                return Border("fold", special.value, error, cycle, special.orbit, {}, special.meaning)
+        if end.kind in ("grazing", "Hopf"):
+            return Border(end.kind, end.value, 10 * tol * abs(end.value), cycle, orbit, {}, str(end))
+        if end.kind == "range" and abs(branch.values[-1] - last) <= SIZE_KNOWN * abs(last):
+            return Border("none", last, 0.0, cycle, orbit, {}, "")
+        if end.kind not in ("stuck", "range"):
+            break
+    return Border("not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, str(end))

@@ -26,7 +26,7 @@ from ...servo.parts.table import REMEDIES
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
-from .border import Border, Scales, border, with_remedy
+from .border import BORDERS, Border, Scales, border, with_remedy
 from .price import FOLLOWED_PERIODS, Verdict, task, verdicts
 
 RECOMMENDED = 1.1
@@ -43,7 +43,7 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing"; "none" where it does not, "not found" where that was not found out.
+    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py); "none" where it does not, "not found" where that was not found out.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : a tenth more of it.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
@@ -104,7 +104,7 @@ class Cure(Result):
     def ends_hunting(self) -> bool:
         """A border was found, and beyond it nothing hunts."""
         here = self.stays[: len(self.stays) // 2]
-        return self.kind in ("fold", "grazing") and all(verdict in ("rests", "decays") for verdict in here)
+        return self.kind in BORDERS and all(verdict in ("rests", "decays") for verdict in here)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -288,7 +288,7 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
         if name in found.moves
     }
     worse = border(asked.loop.replace(**corner), remedy, asked.start, asked.scales, asked.options)
-    return worse.size if worse.kind in ("fold", "grazing") else math.nan
+    return worse.size if worse.kind in BORDERS else math.nan
 
 
 def _more(size: float, absent: float, factor: float, sense: int) -> float:
