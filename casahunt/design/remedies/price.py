@@ -8,15 +8,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
 from ...errors import NoOrbit
 from ...motion import simulate
-from ...motion.simulation import Motion, sampled
+from ...motion.simulation import sampled
 from ...servo.parts.loop import Loop
 
 Array = np.ndarray
@@ -24,16 +25,73 @@ Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
 
 TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
 """The step [rad], and the part of it within which it has settled."""
-FOLLOWED_PERIODS = 20.0
-"""Periods of the hunting cycle for which motions are followed."""
+LOOKED_PERIODS, MOST_LOOKS = 2.0, 15
+"""Periods of the hunting cycle between two looks at a motion, and looks after which it is taken to hunt on."""
 LEFT_BEHIND_AT = 0.5
-"""A motion whose swings are smaller than this part of those of the cycle at the border has left it."""
+"""A motion whose swings are smaller than this part of those of the cycle at the border has left it, and decays."""
 RESTS_WITHIN = 1e-7
-"""A motion that moves by less than this part of the amplitude in the last third of its time is at rest."""
+"""A motion that moves by less than this part of the amplitude from one look to the next is at rest."""
+OUTGROWN_BY = 2.0
+"""A motion that is so many times as large as at its start and as the cycle grows."""
 STARTS_BESIDE = (1.0, 3.0)
 """Starts beside the set point, in amplitudes of the cycle."""
 MOTION_TOLERANCE = 1e-6
 """Error of an interval: verdicts and peaks need no more."""
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What became of a motion: times and positions (m,) [s], [rad], the largest torque of the motor [N m]."""
+
+    verdict: Verdict
+    times: Array
+    position: Array
+    peak_torque: float
+
+
+def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, within: float = math.inf) -> Fate:
+    """A motion, followed from look to look until it rests, or is left behind by the cycle and smaller than `within`.
+
+    amplitude, period: of the cycle at the border.
+    """
+    state, system, verdict = loop.state(**start), loop.system, "hunts"
+    mode, form, began, peak = loop.mode_at(**state), system.vector_form, 0.0, 0.0
+    times, positions = [np.zeros(1)], [np.array([state["x1"]])]
+    largest = OUTGROWN_BY * max(abs(state["x1"]), amplitude)
+    for _ in range(MOST_LOOKS):
+        try:
+            motion = simulate(system, mode, start=state, duration=LOOKED_PERIODS * period, tol=MOTION_TOLERANCE)
+        except NoOrbit:
+            verdict = "undecided"
+            break
+        seen = []
+        for phase in motion.phases:
+            t, x = sampled(form, (phase,), motion.p, motion.kind, 4)
+            peak = max(peak, float(np.abs(loop.signal("torque", phase.mode, x)).max()))
+            times.append(began + t)
+            seen.append(x[0])
+            began += phase.duration
+        positions += seen
+        late = np.concatenate(seen)
+        mode, state = motion.phases[-1].mode, motion.end
+        size = float(np.abs(late).max())
+        if np.ptp(late) <= RESTS_WITHIN * amplitude:
+            verdict = "rests"
+            break
+        if size < LEFT_BEHIND_AT * amplitude and size <= within:
+            verdict = "decays"
+            break
+        if size > largest:
+            verdict = "grows"
+            break
+    return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
+
+
+def verdicts(
+    loop: Loop, amplitude: float, period: float, starts: Sequence[float] = STARTS_BESIDE
+) -> tuple[Verdict, ...]:
+    """What becomes of motions from rest beside the set point."""
+    return tuple(fate(loop, {"x1": -start * amplitude}, amplitude, period).verdict for start in starts)
 
 
 @dataclass(frozen=True)
@@ -45,58 +103,11 @@ class Task:
     verdict: Verdict
 
 
-def motion_of(loop: Loop, start: dict[str, float], duration: float) -> Motion:
-    """A motion of the loop.  Raises NoOrbit: it cannot be followed."""
-    state = loop.state(**start)
-    return simulate(loop.system, loop.mode_at(**state), start=state, duration=duration, tol=MOTION_TOLERANCE)
-
-
-def verdict_of(times: Array, position: Array, amplitude: float) -> Verdict:
-    """What becomes of a motion, by the last third of its time.
-
-    times, position: (m,) [s], [rad]; amplitude: of the cycle at the border [rad].
-    """
-    late = times >= times[-1] * 2 / 3
-    swing, size = float(np.ptp(position[late])), float(np.abs(position[late]).max())
-    if swing <= RESTS_WITHIN * amplitude:
-        return "rests"
-    if size < LEFT_BEHIND_AT * amplitude:
-        return "decays"
-    early = float(np.abs(position[times <= times[-1] / 3]).max())
-    return "grows" if size > 2 * max(early, amplitude) else "hunts"
-
-
-def verdicts(
-    loop: Loop, amplitude: float, period: float, starts: Sequence[float] = STARTS_BESIDE
-) -> tuple[Verdict, ...]:
-    """What becomes of motions from rest beside the set point."""
-    found: list[Verdict] = []
-    for start in starts:
-        try:
-            motion = motion_of(loop, {"x1": -start * amplitude}, FOLLOWED_PERIODS * period)
-        except NoOrbit:
-            found.append("undecided")
-            continue
-        times, states = motion.sample(4)
-        found.append(verdict_of(times, states[0], amplitude))
-    return tuple(found)
-
-
 def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task:
     """The step of 1 rad from rest."""
-    try:
-        motion = motion_of(loop, {"x1": -TASK_STEP}, FOLLOWED_PERIODS * period)
-    except NoOrbit:
-        return Task(float("nan"), float("nan"), "undecided")
-    form, peak, times, position = motion.system.vector_form, 0.0, [], []
-    start = 0.0
-    for phase in motion.phases:
-        t, x = sampled(form, (phase,), motion.p, motion.kind, 8)
-        peak = max(peak, float(np.abs(loop.signal("torque", phase.mode, x)).max()))
-        times.append(start + t)
-        position.append(x[0])
-        start += phase.duration
-    t, x1 = np.concatenate(times), np.concatenate(position)
-    outside = np.flatnonzero(np.abs(x1) > max(rest_error, SETTLED_WITHIN * TASK_STEP))
-    settled = 0.0 if not outside.size else float(t[outside[-1]]) if outside[-1] < len(t) - 1 else np.nan
-    return Task(peak, settled, verdict_of(t, x1, amplitude))
+    within = max(rest_error, SETTLED_WITHIN * TASK_STEP)
+    ended = fate(loop, {"x1": -TASK_STEP}, amplitude, period, within)
+    outside = np.flatnonzero(np.abs(ended.position) > within)
+    last = int(outside[-1]) if outside.size else 0
+    settled = float(ended.times[last]) if last < ended.times.size - 1 else math.nan
+    return Task(ended.peak_torque, settled, ended.verdict)
