@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .design.fold_map import FoldMap, fold_map
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
+    from .design.remedies.remedies import Cure, Cures, remedies
     from .design.sensitivity import Sensitivities, fold_sensitivities
     from .design.tune.demands import Demands
     from .design.tune.tuning import Tuning, tune
@@ -80,6 +81,7 @@ _HOMES = {
     "design.fold_map": ("FoldMap", "fold_map"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),
+    "design.remedies.remedies": ("Cure", "Cures", "remedies"),
     "design.sensitivity": ("Sensitivities", "fold_sensitivities"),
     "design.tune.demands": ("Demands",),
     "design.tune.tuning": ("Tuning", "tune"),
@@ -148,6 +150,8 @@ __all__ = [
     "Basin",
     "Branch",
     "Controller",
+    "Cure",
+    "Cures",
     "Demands",
     "Equilibria",
     "FixedPoints",
@@ -205,6 +209,7 @@ __all__ = [
     "other_end",
     "read_record",
     "record_of",
+    "remedies",
     "sample_fold_gains",
     "save_branch",
     "save_orbit",

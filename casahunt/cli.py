@@ -35,6 +35,7 @@ COMMANDS = (
     "fold-curve",
     "fold-map",
     "loop",
+    "remedies",
     "equilibria",
     "map",
     "basin",
@@ -45,7 +46,7 @@ COMMANDS = (
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""
-SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map")
+SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map", "remedies")
 """Commands with lines of their own about where they are."""
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""

@@ -10,6 +10,7 @@ nearby.py           the fold of a servo near one whose fold is known
 ensemble.py         the folds of thousands of servos in one call
 fold_map.py         the fold gain over two parameters
 uncertainty/        the fold gain of uncertain parameters: linear, sampled, worst corner
+remedies/           what stops the hunting, how large, at what price
 tune/               gain and controller times of least cost that do not hunt
 record/             amplitude and frequency of a measured or simulated motion
 """

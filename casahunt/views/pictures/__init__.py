@@ -11,5 +11,6 @@ event_map.py     cobweb picture of the event map
 uncertainty.py   histogram of sampled fold gains
 equilibria.py    stick region, generalised Jacobian
 simulation.py    simulated motions, folded records
+remedies.py      amplitude against the size of each remedy
 tune.py          diagram with the operating point, tasks before and after
 """

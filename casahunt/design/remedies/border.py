@@ -1,0 +1,140 @@
+"""The smallest size of a remedy that ends hunting: where the branch of hunting cycles in that size ends.
+
+    fold       a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
+    Hopf       the cycle shrinks to a point
+    grazing    the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
+    none       the branch goes on to the last size that is looked at: hunting does not end
+
+The branch begins with a small remedy, at the cycle on which a motion of the servo settles that has just stopped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+from ...continuation import follow, largest, smallest
+from ...errors import NoOrbit, Status
+from ...orbits import SystemOrbit, find_cycle
+from ...orbits.adapt import Options
+from ...servo.parts.loop import Loop
+from ...servo.parts.part import Part
+from ...servo.parts.remedy import Remedy
+
+Kind = Literal["fold", "grazing", "Hopf", "none", "not found"]
+BORDERS = ("fold", "grazing", "Hopf")
+"""Kinds of a border."""
+
+SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
+"""First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
+end hunting already."""
+LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
+"""A fold whose cycle is not known to a tolerance is asked for with a larger one, up to this: where the branch turns
+sharply or hardly at all, the size is known far better than the period."""
+SIZE_KNOWN = 1e-6
+"""Relative error above which a size is not told."""
+BRANCH_TOLERANCES = (1e-9, 1e-7)
+"""Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
+the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
+MOST_CYCLES = 60
+"""Orbits after which a branch without a fold is left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """Where hunting ends.
+
+    Attributes
+    ----------
+    kind : how; "none" where it does not up to `size`, "not found" where the branch broke off there.
+    size, error : the size, and the estimated error of it, in its unit.
+    first, orbit : the first and the last cycle; None where not even the first was computed.
+    moves : by how much the size moves with other parameters of the loop; {} where it is no fold.
+    why : a sentence, where it is no fold.
+    """
+
+    kind: Kind
+    size: float
+    error: float
+    first: SystemOrbit | None
+    orbit: SystemOrbit | None
+    moves: dict[str, float]
+    why: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """What sizes are measured by: amplitude [rad] and period [s] of the cycle without the remedy."""
+
+    amplitude: float
+    period: float
+
+    def of(self, remedy: Remedy, loop: Loop) -> float:
+        """The scale of the sizes of a remedy."""
+        if remedy.scale == "own":
+            return loop.value(remedy.size)
+        by_name = {"amplitude": self.amplitude, "rate": 1 / self.period, "period": self.period, "one": 1.0}
+        return by_name[remedy.scale] if remedy.scale in by_name else loop.value(remedy.scale)
+
+
+def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
+    """The loop with a remedy of a size."""
+    if remedy.part is None:
+        return loop.replace(**{remedy.size: size})
+    if not remedy.instead:
+        return loop.with_parts(remedy.part, **{remedy.size: size})
+    parts: tuple[Part, ...] = tuple(remedy.part if part.name == remedy.instead else part for part in loop.parts)
+    return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
+
+
+def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
+    """The border of hunting in the size of a remedy.
+
+    loop, start: the loop without it, and the state of its cycle when it has just stopped.
+    """
+    unit = scales.of(remedy, loop)
+    last, why = remedy.last * unit, ""
+    for factor in SMALLER_AND_LARGER:
+        first = unit * (1 - (1 - remedy.first) * factor if remedy.starts_at_one else remedy.first * factor)
+        mended = with_remedy(loop, remedy, first)
+        state = mended.state(**start)
+        try:
+            cycle = find_cycle(
+                mended.system, mended.mode_at(**state), start=state, follow=remedy.size, options=options
+            )
+        except NoOrbit as refusal:
+            why = why or str(refusal)
+            continue
+        return _along(cycle, remedy, last, options)
+    return Border("not found", math.nan, math.nan, None, None, {}, why)
+
+
+def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
+    """The border, from a cycle on."""
+    extremum, asked = (largest if remedy.sense > 0 else smallest), options
+    while True:
+        try:
+            fold = extremum(cycle, remedy.size, to=last, options=asked)
+        except NoOrbit as refusal:
+            if refusal.status is not Status.TOLERANCE_NOT_REACHED or asked.tol * LOOSER_BY > LOOSEST_FOLD:
+                break
+            asked = replace(asked, tol=LOOSER_BY * asked.tol)
+            continue
+        if fold.value_error > SIZE_KNOWN:
+            break
+        return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
+    for tol in BRANCH_TOLERANCES:
+        branch = follow(cycle, remedy.size, to=last, options=replace(options, tol=tol), max_points=MOST_CYCLES)
+        end, orbit = branch.end, branch.orbits[-1]
+        for special in branch.special:
+            if special.kind == "fold" and special.orbit.parameter_error < SIZE_KNOWN:
+                error = max(special.orbit.parameter_error, tol) * abs(special.value)
+                return Border("fold", special.value, error, cycle, special.orbit, {}, special.meaning)
+        if end.kind in ("grazing", "Hopf"):
+            return Border(cast(Kind, end.kind), end.value, 10 * tol * abs(end.value), cycle, orbit, {}, str(end))
+        if end.kind == "range" and abs(branch.values[-1] - last) <= SIZE_KNOWN * abs(last):
+            return Border("none", last, 0.0, cycle, orbit, {}, "")
+        if end.kind not in ("stuck", "range"):
+            break
+    return Border("not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, str(end))

@@ -1,0 +1,118 @@
+"""What a remedy costs, and whether hunting has ended with it: motions of the loop, simulated.
+
+    task        a step of 1 rad from rest: x1 = -1, all other states zero
+    peak        the largest |torque| of the motor on it [N m], and the voltage [V]
+    settling    the time from which on |x1| stays within the error at rest, or within `SETTLED_WITHIN` of the step [s]
+    verdict     of motions from several starts: they come to rest, decay below the cycle that was, hunt, or grow
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import numpy as np
+
+from ...errors import NoOrbit
+from ...motion import Motion, simulate
+from ...servo.parts.loop import Loop
+
+Array = np.ndarray
+Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
+
+TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
+"""The step [rad], and the part of it within which it has settled."""
+LOOKED_PERIODS, MOST_LOOKS = 2.0, 15
+"""Periods of the hunting cycle between two looks at a motion, and looks after which it is taken to hunt on."""
+LEFT_BEHIND_AT = 0.5
+"""A motion whose swings are smaller than this part of those of the cycle at the border has left it, and decays."""
+RESTS_WITHIN = 1e-7
+"""A motion that moves by less than this part of the amplitude from one look to the next is at rest."""
+OUTGROWN_BY = 2.0
+"""A motion that is so many times as large as at its start and as the cycle grows."""
+STARTS_BESIDE = (1.0, 3.0)
+"""Starts beside the set point, in amplitudes of the cycle."""
+MOTION_TOLERANCE = 1e-6
+"""Error of an interval: verdicts and peaks need no more."""
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What became of a motion: times and positions (m,) [s], [rad], the largest torque of the motor [N m]."""
+
+    verdict: Verdict
+    times: Array
+    position: Array
+    peak_torque: float
+
+
+def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, within: float = math.inf) -> Fate:
+    """A motion, followed from look to look until it rests, or is left behind by the cycle and smaller than `within`.
+
+    amplitude, period: of the cycle at the border.
+    """
+    state, system, verdict = loop.state(**start), loop.system, "hunts"
+    mode, began, peak = loop.mode_at(**state), 0.0, 0.0
+    times, positions = [np.zeros(1)], [np.array([state["x1"]])]
+    largest = OUTGROWN_BY * max(abs(state["x1"]), amplitude)
+    for _ in range(MOST_LOOKS):
+        try:
+            motion = simulate(system, mode, start=state, duration=LOOKED_PERIODS * period, tol=MOTION_TOLERANCE)
+        except NoOrbit:
+            verdict = "undecided"
+            break
+        t, x = motion.sample(4)
+        peak = max(peak, _peak_torque(loop, motion, t, x))
+        times.append(began + t)
+        positions.append(x[0])
+        began += motion.duration
+        mode, state = motion.phases[-1].mode, motion.end
+        size = float(np.abs(x[0]).max())
+        if np.ptp(x[0]) <= RESTS_WITHIN * amplitude:
+            verdict = "rests"
+            break
+        if size < LEFT_BEHIND_AT * amplitude and size <= within:
+            verdict = "decays"
+            break
+        if size > largest:
+            verdict = "grows"
+            break
+    return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
+
+
+def _peak_torque(loop: Loop, motion: Motion, times: Array, states: Array) -> float:
+    """The largest torque of the motor at the points (m,), (n, m) of a motion."""
+    ends = np.cumsum([phase.duration for phase in motion.phases])
+    phases = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
+    phases[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[phases[1:]]) & (phases[1:] < len(ends) - 1)
+    modes = np.array([phase.mode for phase in motion.phases])[phases]
+    torques = [loop.signal("torque", mode, states[:, modes == mode]) for mode in set(modes.tolist())]
+    return max(float(np.abs(torque).max()) for torque in torques)
+
+
+def verdicts(
+    loop: Loop, amplitude: float, period: float, starts: Sequence[float] = STARTS_BESIDE
+) -> tuple[Verdict, ...]:
+    """What becomes of motions from rest beside the set point."""
+    return tuple(fate(loop, {"x1": -start * amplitude}, amplitude, period).verdict for start in starts)
+
+
+@dataclass(frozen=True)
+class Task:
+    """The step: its peak torque [N m], settling time [s] (nan where it has not settled), and what became of it."""
+
+    peak_torque: float
+    settling: float
+    verdict: Verdict
+
+
+def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task:
+    """The step of 1 rad from rest."""
+    within = max(rest_error, SETTLED_WITHIN * TASK_STEP)
+    ended = fate(loop, {"x1": -TASK_STEP}, amplitude, period, within)
+    outside = np.flatnonzero(np.abs(ended.position) > within)
+    last = int(outside[-1]) if outside.size else 0
+    settled = float(ended.times[last]) if last < ended.times.size - 1 else math.nan
+    return Task(ended.peak_torque, settled, ended.verdict)

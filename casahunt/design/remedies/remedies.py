@@ -1,0 +1,307 @@
+"""The table of remedies: for each the smallest size that ends hunting, its error, its price.
+
+    cycle of the servo at its gain -> border of each remedy (border.py) -> a little more of it: its price (price.py)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...checks import known, require
+from ...continuation import Branch, follow
+from ...errors import InputError
+from ...export import Columns
+from ...orbits import SystemOrbit
+from ...orbits.adapt import Options
+from ...results import Result
+from ...servo.find_orbit import find_orbit
+from ...servo.hunting import MODELS, Model, called
+from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_of
+from ...servo.parts.remedy import Remedy
+from ...servo.parts.table import REMEDIES
+from ...servo.problem import HuntingOrbit
+from ...servo.servo import Servo, a_servo
+from ..uncertainty.set import Uncertainty, check_box
+from .border import BORDERS, Border, Scales, border, with_remedy
+from .price import LOOKED_PERIODS, MOST_LOOKS, Verdict, task, verdicts
+
+RECOMMENDED = 1.1
+"""What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
+MUCH_LARGER = 3.0
+"""A larger size is tried too, so many times the border."""
+REMEDY_NAMES = tuple(remedy.name for remedy in REMEDIES)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cure(Result):
+    """One remedy.
+
+    Attributes
+    ----------
+    name, unit : what it is called, and the unit of its size.
+    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py); "none" where it does not, "not found" where nobody
+        knows.
+    size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
+    recommended : a tenth more of it.
+    rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
+    peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
+    settling : of that step [s]; nan where it has not settled.
+    stays : what motions do at the recommended size and at three times the border: "rests", "decays", "hunts", "grows".
+    moves : by how much the size moves, relatively, with a relative change of each parameter of the loop.
+    worst_size : of the worst servo of an uncertain one, in `unit`; nan where none was asked for, or found.
+    why : a sentence: why it cannot end hunting, or why it was not found.
+    first : the cycle with a small remedy, from which its branch begins; None where there is none.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, remedies
+    >>> leak = remedies(Servo(), "switch", 0.04, only=["leak"]).remedies[0]
+    >>> leak.kind, round(leak.size, 6), leak.unit
+    ('fold', 0.246845, '1/s')
+    """
+
+    _quantities = (
+        "name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]",
+    )  # fmt: skip
+    _details = ("size_error", "recommended", "peak_voltage [V]", "stays", "moves", "worst_size", "why")
+
+    name: str
+    unit: str
+    kind: str
+    size: float
+    size_error: float
+    recommended: float
+    rest_error: float
+    peak_torque: float
+    peak_voltage: float
+    settling: float
+    stays: tuple[Verdict, ...]
+    moves: dict[str, float]
+    worst_size: float
+    why: str
+    first: SystemOrbit | None
+
+    def branch(self) -> Branch[SystemOrbit]:
+        """The cycles from the small remedy up to the border, for pictures.
+
+        Returns
+        -------
+        Branch.
+
+        Raises
+        ------
+        InputError : there is none, since no cycle was found.
+        """
+        if self.first is None or not math.isfinite(self.size):
+            raise InputError(f"{self.name}: no cycle was found from which a branch could begin")
+        vary = self.first.problem.principal
+        return follow(self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=())
+
+    @property
+    def ends_hunting(self) -> bool:
+        """A border was found, and beyond it nothing hunts."""
+        here = self.stays[: len(self.stays) // 2]
+        return self.kind in BORDERS and all(verdict in ("rests", "decays") for verdict in here)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cures(Result):
+    """The table of remedies.
+
+    Attributes
+    ----------
+    servo, model, gain : the problem; gain K [V/rad].
+    amplitude, period : of the hunting cycle without a remedy [rad], [s].
+    remedies : the rows, the cheapest first; behind them those that do not end hunting.
+    best : the name of the cheapest that meets the demands; "" where none does.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, remedies
+    >>> remedies(Servo(), "switch", 0.04, only=["dead band", "gain"]).best  # 0.043 rad, or 18 times the torque
+    'dead band'
+    """
+
+    _quantities = ("model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
+
+    servo: Servo
+    model: Model
+    gain: float
+    amplitude: float
+    period: float
+    remedies: tuple[Cure, ...]
+    best: str
+
+    def _columns(self) -> Columns:
+        said = ("name", "kind", "size", "size_error", "unit", "recommended", "rest_error", "peak_torque",
+                "peak_voltage", "settling", "why")  # fmt: skip
+        return {key: [getattr(row, key) for row in self.remedies] for key in said}
+
+    def _more(self) -> dict[str, Any]:
+        return {"remedies": [row.to_dict() for row in self.remedies]}
+
+
+def remedies(
+    servo: Servo,
+    model: Model = "switch",
+    gain: float = 1.0,
+    *,
+    only: Sequence[str] = (),
+    max_error: float | None = None,
+    max_torque: float | None = None,
+    uncertainty: Uncertainty | None = None,
+    options: Options | None = None,
+    progress: Callable[[Cure], None] | None = None,
+) -> Cures:
+    """What stops the hunting: the smallest size of each remedy, and its price.
+
+    Parameters
+    ----------
+    servo, model, gain
+        the problem; gain K > 0 [V/rad].
+    only
+        names of the remedies that are looked at; default all that go with the friction model.
+    max_error, max_torque
+        demands: largest error at rest [rad], largest torque on a step of 1 rad [N m].
+    uncertainty
+        what is uncertain of the servo: each row then has the size for the worst one.
+    options
+        tolerance of the sizes; default 1e-8.
+    progress
+        called with every row as it is found.
+
+    Returns
+    -------
+    Cures: its rows are sorted by price.
+
+    Raises
+    ------
+    InputError : an unknown name, or a number out of range.
+    NoOrbit : the servo does not hunt at this gain, or its cycle was not found.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, remedies
+    >>> table = remedies(Servo(), "switch", 0.04, only=["dead band"])
+    >>> round(table.remedies[0].size, 8)  # rad
+    0.04334572
+    """
+    a_servo(servo)
+    known("model", model, MODELS)
+    for name in only:
+        known("remedy", name, REMEDY_NAMES)
+    error = math.inf if max_error is None else require("max_error", max_error, above=0)
+    torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
+    if uncertainty is not None:
+        check_box(servo, uncertainty)
+    options = options or Options(tol=1e-8)
+    orbit = find_orbit(servo, model, gain, options=options)
+    asked = _Asked(loop_of(servo, model, gain), orbit, _on_the_cycle(orbit), options, uncertainty)
+    rows = []
+    for remedy in REMEDIES:
+        if model in remedy.needs and (not only or remedy.name in only):
+            rows.append(_row(asked, remedy))
+            if progress is not None:
+                progress(rows[-1])
+    rows.sort(key=_price(task(asked.loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
+    meet = (row for row in rows if row.ends_hunting and row.rest_error <= error and row.peak_torque <= torque)
+    best = next((row.name for row in meet), "")
+    return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What all rows are about: the loop without a remedy, its cycle and a state on it, how it is computed, what is
+    uncertain."""
+
+    loop: Loop
+    orbit: HuntingOrbit
+    start: dict[str, float]
+    options: Options
+    uncertainty: Uncertainty | None
+
+    @property
+    def scales(self) -> Scales:
+        """What sizes are measured by."""
+        return Scales(self.orbit.amplitude, self.orbit.period)
+
+
+def _on_the_cycle(orbit: HuntingOrbit) -> dict[str, float]:
+    """A state of a cycle away from events: where it has just stopped, or in mid-slip."""
+    stuck = next((arc for arc in orbit.arcs if arc.mode == "stick"), None)
+    states = (stuck or orbit.arcs[0]).states
+    state = dict(zip(orbit.problem.system.states, map(float, states[0, states.shape[1] // 2]), strict=True))
+    return state if stuck is None else state | {"x2": 0.0}  # not the rounding of zero, which would slip
+
+
+def _price(today: float, orbit: HuntingOrbit) -> Callable[[Cure], tuple[bool, float]]:
+    """By what rows are sorted: those that end hunting first; then the sum of
+
+    error at rest / amplitude of the hunting + (peak torque / that of today - 1) + settling time / its period.
+    """
+
+    def of(row: Cure) -> tuple[bool, float]:
+        settling = row.settling if math.isfinite(row.settling) else LOOKED_PERIODS * MOST_LOOKS * orbit.period
+        price = row.rest_error / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
+        return not row.ends_hunting, price if math.isfinite(price) else math.inf
+
+    return of
+
+
+def _row(asked: _Asked, remedy: Remedy) -> Cure:
+    """One remedy, found and priced."""
+    loop, found = asked.loop, border(asked.loop, remedy, asked.start, asked.scales, asked.options)
+    if found.kind in ("none", "not found"):
+        nan, tried = math.nan, f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
+        why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
+        return Cure(
+            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, nan, why, found.first
+        )
+    size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
+    recommended, far = (_more(size, absent, factor, remedy.sense) for factor in (RECOMMENDED, MUCH_LARGER))
+    last, numbers = found.orbit or asked.orbit, _numbers(loop)
+    stays = tuple(
+        verdict for at in (recommended, far)
+        for verdict in verdicts(with_remedy(loop, remedy, at), last.amplitude, last.period)
+    )  # fmt: skip
+    mended = with_remedy(loop, remedy, recommended)
+    step = task(mended, last.amplitude, last.period, remedy.rest(recommended, numbers))
+    moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters}
+    return Cure(
+        remedy.name, remedy.unit, found.kind, size, found.error, recommended, remedy.rest(size, numbers),
+        step.peak_torque, step.peak_torque / loop.value("motor_gain"), step.settling, stays, moves,
+        _worst(asked, remedy, found), found.why, found.first,
+    )  # fmt: skip
+
+
+def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
+    """The size for the worst servo of a set: that of the corner of its box to which the slopes at the border point."""
+    if asked.uncertainty is None or not found.moves:
+        return math.nan
+    names = asked.uncertainty.parameters
+    corner = {
+        name: float(high if found.moves[name] * remedy.sense > 0 else low)
+        for name, low, high in zip(called(names), *asked.uncertainty.box(asked.orbit.servo), strict=True)
+        if name in found.moves
+    }
+    worse = border(asked.loop.replace(**corner), remedy, asked.start, asked.scales, asked.options)
+    return worse.size if worse.kind in BORDERS else math.nan
+
+
+def _more(size: float, absent: float, factor: float, sense: int) -> float:
+    """More of a remedy: farther from its absence, which may be at infinity or, where less is more, at zero."""
+    if absent == 0:
+        return size * factor if sense > 0 else size / factor
+    return size / factor if math.isinf(absent) else absent + (size - absent) * factor
+
+
+def _numbers(loop: Loop) -> dict[str, float]:
+    """The numbers of a loop, with kp, kd and ki in torque."""
+    factor = loop.value("gain") * loop.value("motor_gain")
+    return loop.parameters | {name: factor * loop.value(name) for name in ("kp", "kd", "ki")}
+
+

@@ -1,0 +1,29 @@
+"""An integrator that is frozen while the servo sticks, once it has stuck for a dwell.
+
+    clock' = 1 while stuck; at clock = dwell the integrator stops until the servo breaks away, and then it never does
+"""
+
+from __future__ import annotations
+
+import math
+
+from .part import Edge, Law, Part, PartMode
+from .remedy import Remedy
+
+_AWAY = ("breakaway+", "breakaway-")
+
+FREEZE = Part(
+    "freeze", ("clock",), {"dwell": math.inf}, even=("clock",), size="dwell", absent=math.inf,
+    upon={name: {"clock": lambda x, s, p: 0.0} for name in _AWAY},
+    follows=dict.fromkeys(_AWAY, ""),
+    modes=(
+        PartMode("", Law({"clock": lambda x, s, p: 1 - s.moving}, {"integrates": lambda x, s, p: 1.0}),
+                 (Edge("dwells", lambda x, s, p: x.clock / p.dwell - 1, +1, "frozen"),)),
+        PartMode("frozen", Law(gives={"integrates": lambda x, s, p: 0.0})),
+    ),
+)  # fmt: skip
+
+REMEDIES = (
+    Remedy("freeze", "dwell", "s", lambda size, p: p["static"] / p["kp"], FREEZE, sense=-1, scale="period",
+           first=2.0, last=1e-3, needs=("switch",)),
+)  # fmt: skip

@@ -1,0 +1,16 @@
+"""Torques from outside: a constant one, such as gravity's, and a spring to the set point.
+
+    external = -load - stiffness x1     [N m]
+
+At a constant set point the integrator absorbs a constant torque: with friction that is the same in both directions the
+motion is that without it, the integrator's content apart.
+"""
+
+from __future__ import annotations
+
+from .part import Part
+
+LOADS = Part(
+    "loads", (), {"load_torque": 0.0, "spring": 0.0},
+    gives={"external": lambda x, s, p: -p.load_torque - p.spring * s.motor_angle},
+)  # fmt: skip

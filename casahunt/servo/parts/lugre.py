@@ -1,0 +1,80 @@
+"""LuGre friction as a part of a loop: it reads the rate v, gives the friction, and has the bristles' deflection.
+
+    z' = v - sigma0 |v| z/g(v),   F = sigma0 z + sigma1 z' + sigma2 v;   the kink |v| splits it in modes (hunting.py)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ..friction import bristle_rate, stribeck
+from ..hunting import WEAK
+from .part import Edge, Law, Part, PartMode
+
+
+def _bristle(x: Any, s: Any, p: Any) -> Any:
+    v = s.motor_rate
+    g = stribeck(v, p.static, p.coulomb, p.stribeck_velocity)
+    return bristle_rate(v, p.sign * v, x.x4, g, p.stiffness)
+
+
+def _bristle_either_way(x: Any, s: Any, p: Any) -> Any:
+    v = s.motor_rate
+    g = stribeck(v, p.static, p.coulomb, p.stribeck_velocity)
+    return bristle_rate(v, ca.fabs(v), x.x4, g, p.stiffness)
+
+
+def _force(rate: Any) -> Any:
+    return lambda x, s, p: p.stiffness * x.x4 + p.damping * rate(x, s, p) + p.viscous * s.motor_rate
+
+
+def _feature(x: Any, s: Any, p: Any) -> Any:
+    return ca.exp(-((s.motor_rate / p.stribeck_velocity) ** 2))
+
+
+def _strength(x: Any, s: Any, p: Any) -> Any:
+    """The net torque J v'/Fs at v = 0, whose sign is that of the motion to come."""
+    return (s.pull - (p.stiffness * x.x4 + p.damping * s.motor_rate)) / p.static
+
+
+def _after(x: Any, s: Any, p: Any) -> str:
+    strength = _strength(x, s, p)
+    return "slide" if abs(strength) < WEAK else ("slide+" if strength > 0 else "slide-")
+
+
+def _centre(x: Any, s: Any, p: Any) -> Any:
+    return s.motor_angle * s.kp / p.static
+
+
+def _reversal(x: Any, s: Any, p: Any) -> Any:
+    return s.motor_rate / p.stribeck_velocity
+
+
+_SLIDE = Law(
+    {"x4": _bristle},
+    {"friction": _force(_bristle), "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: p.sign},
+    holds=lambda x, s, p: p.sign * s.motor_rate * ca.sqrt(p.stiffness * p.inertia) / p.static,
+    feature=_feature, stiff=True, slack=10 * WEAK,
+)  # fmt: skip
+_EITHER = Law(
+    {"x4": _bristle_either_way},
+    {"friction": _force(_bristle_either_way), "moving": lambda x, s, p: 1.0,
+     "direction": lambda x, s, p: ca.sign(s.motor_rate)},
+    feature=_feature, stiff=True, smooth=False,
+)  # fmt: skip
+
+LUGRE = Part(
+    "LuGre friction", ("x4",),
+    {"static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1, "stiffness": 2.2e4, "damping": 7.58},
+    modes=(
+        PartMode("slide+", _SLIDE, (Edge("reversal", _reversal, -1, _after), Edge("centre", _centre, +1, "slide+")), +1,
+                 "slide", lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and _strength(x, s, p) >= 0),
+        PartMode("slide-", _SLIDE, (Edge("reversal", _reversal, +1, _after), Edge("centre", _centre, -1, "slide-")), -1,
+                 "slide"),
+        PartMode("slide", _EITHER, (
+            Edge("centre", _centre, 0, lambda x, s, p: "slide+" if s.motor_rate > 0 else "slide-"),
+        )),
+    ),
+)  # fmt: skip

@@ -1,0 +1,112 @@
+"""A part of a loop: a small automaton that reads signals and gives signals.
+
+    x' = f_m(x, s; p) in its mode m,   gives y = h_m(x, s; p),   leaves m where e(x, s; p) = 0
+
+x are its own states, by name (those of other parts are to be had as signals alone), s the signals by name, p the
+parameters of the loop.  A part knows of the others nothing but the names of signals.  Where it has modes, what they
+give and how its states change stands in their laws; modes that differ in a sign alone share one law, which sees it as
+p.sign.
+
+A part is made once, in a module, and compared by identity; numbers are those of the loop (loop.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+Function = Callable[[Any, Any, Any], Any]
+"""(x, s, p) -> a scalar: states, signals and parameters by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """How a part behaves in a mode.
+
+    Attributes
+    ----------
+    rates : state: its derivative; states that are not named stand still.
+    gives : signal: its value, beside what the part gives in every mode.
+    holds : a scalar of order one, >= 0 where the mode is a motion; None for everywhere.
+    feature : a part of the field, of order one, that changes so suddenly that a mesh may step over it.
+    stiff : the field has fast decaying directions.
+    smooth : the field has no kink.
+    slack : how far `holds` may fall below zero without that it is another motion.
+    """
+
+    rates: Mapping[str, Function] = field(default_factory=dict)
+    gives: Mapping[str, Function] = field(default_factory=dict)
+    holds: Function | None = None
+    feature: Function | None = None
+    stiff: bool = False
+    smooth: bool = True
+    slack: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A way out of a mode of a part: where a scalar crosses zero.
+
+    Attributes
+    ----------
+    name : what the user reads, such as "stop".
+    function : (x, s, p) -> a scalar of order one.
+    direction : +1 where it rises, -1 where it falls, 0 for either.
+    to : the part's next mode, or a function (x, s, p) of numbers that returns its name.
+    reset : state: its value behind; what is not named stays.
+    """
+
+    name: str
+    function: Function
+    direction: int
+    to: str | Callable[[Any, Any, Any], str]
+    reset: Mapping[str, Function] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PartMode:
+    """A mode of a part: its name, its law, the number that the law sees as p.sign, its ways out.
+
+    Attributes
+    ----------
+    name : "" for the only mode, or the one that goes without saying.
+    unsplit : name of a mode of the part that this one is a part of, as in `hybrid.Mode`.
+    where : (x, s, p) of numbers -> whether a motion that starts there may be in this mode; None for anywhere.
+    """
+
+    name: str
+    law: Law = Law()
+    ends: tuple[Edge, ...] = ()
+    sign: float | None = None
+    unsplit: str | None = None
+    where: Function | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of a loop.
+
+    Attributes
+    ----------
+    name : what it is called in sentences.
+    states : names of its states.
+    parameters : name: default value.
+    gives : signal: its value in every mode.
+    modes : its modes.
+    even : states that keep their sign in the mirror image of a motion: a clock, the envelope of something.
+    upon : event of any part: the states that jump there; of another part's, x3 of the integrator alone.
+    follows : event of any part: the mode in which this part is behind it.
+    size : the parameter that measures the part, at whose value `absent` the loop is the one without it; "" for none.
+    """
+
+    name: str
+    states: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    gives: Mapping[str, Function] = field(default_factory=dict)
+    modes: tuple[PartMode, ...] = (PartMode(""),)
+    even: tuple[str, ...] = ()
+    upon: Mapping[str, Mapping[str, Function]] = field(default_factory=dict)
+    follows: Mapping[str, str] = field(default_factory=dict)
+    size: str = ""
+    absent: float = 0.0

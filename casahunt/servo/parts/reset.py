@@ -1,0 +1,32 @@
+"""An integrator that is reset to a part of its content: where the error goes through zero, or where the servo stops.
+
+    x3 -> rho x3,     rho = 1 resets nothing
+"""
+
+from __future__ import annotations
+
+from .part import Edge, Part, PartMode
+from .remedy import Remedy
+
+RESET_AT_ZERO = Part(
+    "reset", (), {"reset": 1.0}, size="reset", absent=1.0,
+    modes=(PartMode("", ends=(Edge("zero error", lambda x, s, p: s.error * s.kp / p.static, 0, "",
+                                   {"x3": lambda x, s, p: p.reset * x.x3}),)),),
+)  # fmt: skip
+RESET_AT_CENTRE = Part(
+    "reset", (), {"reset": 1.0}, size="reset", absent=1.0, upon={"centre": {"x3": lambda x, s, p: p.reset * x.x3}}
+)
+"""The same where cycles are cut at zero error anyway (lugre.py): two events cannot stand at one place."""
+RESET_AT_STOP = Part(
+    "reset at a stop", (), {"reset_at_stop": 1.0}, size="reset_at_stop", absent=1.0,
+    upon={"stop": {"x3": lambda x, s, p: p.reset_at_stop * x.x3}},
+)  # fmt: skip
+
+REMEDIES = (
+    Remedy("reset", "reset", "", lambda size, p: 0.0, RESET_AT_ZERO, sense=-1, first=0.95, last=-1.0,
+           needs=("switch",)),
+    Remedy("reset", "reset", "", lambda size, p: 0.0, RESET_AT_CENTRE, sense=-1, first=0.95, last=-1.0,
+           needs=("lugre",)),
+    Remedy("reset at a stop", "reset_at_stop", "", lambda size, p: 0.0, RESET_AT_STOP, sense=-1, first=0.95, last=-0.9,
+           needs=("switch",)),
+)  # fmt: skip

@@ -1,0 +1,190 @@
+"""The parts of a loop in one of its modes, wired: signals by name, whoever gives them.
+
+    signal  s.name = h(x, s; p) of the part that gives it, evaluated when first asked for
+
+Signals that no part need give have a value of their own (`UNGIVEN`): the controller's torque is that of the motor where
+nothing limits it, and what is integrated is the error.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ...compiled import kept
+from ...errors import InputError
+from .part import Function, Law, Part
+
+UNGIVEN: dict[str, Function] = {
+    "angle": lambda x, s, p: s.motor_angle,
+    "rate": lambda x, s, p: s.motor_rate,
+    "error": lambda x, s, p: s.angle,
+    "error_rate": lambda x, s, p: s.rate,
+    "integrand": lambda x, s, p: s.error,
+    "integrates": lambda x, s, p: 1.0,
+    "leak_rate": lambda x, s, p: 0.0,
+    "unwinding": lambda x, s, p: 0.0,
+    "torque": lambda x, s, p: s.demand,
+    "compensation": lambda x, s, p: 0.0,
+    "external": lambda x, s, p: 0.0,
+}
+"""What a signal is where no part gives it; angles are measured from the set point."""
+
+Active = tuple[tuple[Part, Law, float | None], ...]
+"""Each part with the law of its mode, and the sign of that mode where the loop's mode does not carry it."""
+
+
+class SignedParameters:
+    """The parameters, with the sign of one part's mode."""
+
+    __slots__ = ("_p", "sign")
+
+    def __init__(self, p: Any, sign: float) -> None:
+        self._p, self.sign = p, sign
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._p, name)
+
+
+class Signals:
+    """The signals at a state, by name; each is evaluated once."""
+
+    def __init__(self, wiring: Wiring, x: Any, p: Any) -> None:
+        self._wiring, self._x, self._p = wiring, x, p
+        self._asked: list[str] = []
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        function, sign = self._wiring.giver(name)
+        if name in self._asked:
+            raise InputError(f"the signals {', '.join(self._asked)} depend on each other without a state in between")
+        self._asked.append(name)
+        value = function(self._x, self, self._p if sign is None else SignedParameters(self._p, sign))
+        self._asked.pop()
+        self.__dict__[name] = value
+        return value
+
+
+class Wiring:
+    """The parts of a loop with their laws, in one mode of each.  One object for one combination: see `wired`."""
+
+    def __init__(self, active: Active) -> None:
+        self.active = active
+        self._givers: dict[str, tuple[Function, float | None]] = {n: (f, None) for n, f in UNGIVEN.items()}
+        taken: dict[str, str] = {}
+        for part, law, sign in active:
+            for name, function in {**part.gives, **law.gives}.items():
+                if name in taken:
+                    raise InputError(f"{taken[name]} and {part.name} do not go together: both give the {name}")
+                taken[name] = part.name
+                self._givers[name] = function, sign
+
+    def __reduce__(self) -> Any:
+        return wired, (self.active,)
+
+    def giver(self, name: str) -> tuple[Function, float | None]:
+        """Who gives a signal, and the sign it sees."""
+        if name not in self._givers:
+            raise InputError(f"no part of the loop gives the signal {name!r}")
+        return self._givers[name]
+
+    def value(self, function: Function, sign: float | None, x: Any, p: Any) -> Any:
+        """A function of a part."""
+        return function(x, Signals(self, x, p), p if sign is None else SignedParameters(p, sign))
+
+    def field(self, x: Any, p: Any) -> dict[str, Any]:
+        """The derivative of every state."""
+        s, rates = Signals(self, x, p), {}
+        for part, law, sign in self.active:
+            seen = p if sign is None else SignedParameters(p, sign)
+            for state in part.states:
+                rates[state] = law.rates[state](x, s, seen) if state in law.rates else 0.0
+        return rates
+
+
+@kept(maxsize=512)
+def wired(active: Active) -> Wiring:
+    """The wiring of these parts: the same object for the same ones, by which what is compiled is found again."""
+    return Wiring(active)
+
+
+class Compared:
+    """What is compared by its class and `key`, so that equal loops share what is compiled."""
+
+    key: tuple[Any, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Compared) and type(self) is type(other) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.key))
+
+    def __reduce__(self) -> Any:
+        return type(self), self.key
+
+
+class FieldOf(Compared):
+    """(x, p) -> the derivative of every state."""
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.key = (wiring,)
+
+    def __call__(self, x: Any, p: Any) -> dict[str, Any]:
+        wiring: Wiring = self.key[0]
+        return wiring.field(x, p)
+
+
+class ScalarOf(Compared):
+    """(x, p) -> a scalar of one part: an event, a condition, a feature."""
+
+    def __init__(self, wiring: Wiring, function: Function, sign: float | None) -> None:
+        self.key = wiring, function, sign
+
+    def __call__(self, x: Any, p: Any) -> Any:
+        wiring, function, sign = self.key
+        return wiring.value(function, sign, x, p)
+
+
+class ResetOf(Compared):
+    """(x, p) -> the states that jump, by name."""
+
+    def __init__(self, wiring: Wiring, jumps: tuple[tuple[str, Function], ...], sign: float | None) -> None:
+        self.key = wiring, jumps, sign
+
+    def __call__(self, x: Any, p: Any) -> dict[str, Any]:
+        wiring, jumps, sign = self.key
+        return {state: wiring.value(function, sign, x, p) for state, function in jumps}
+
+
+class FlowOf(Compared):
+    """(x, t, p) -> the states a time t later, where the field is affine and its matrix A nilpotent, A^n = 0.
+
+    x(t) = x + sum over k of t^k/k! A^(k-1) f(x): while the servo sticks nothing moves but integrators.
+    """
+
+    def __init__(self, wiring: Wiring, states: tuple[str, ...]) -> None:
+        self.key = wiring, states
+
+    def __call__(self, x: Any, t: Any, p: Any) -> dict[str, Any]:
+        wiring, states = self.key
+        here = ca.vertcat(*[getattr(x, state) for state in states])
+        f = wiring.field(x, p)
+        rate, moved, factor = ca.vertcat(*[f[state] for state in states]), here, 1.0
+        A = ca.jacobian(rate, here)
+        for k in range(1, len(states) + 1):
+            factor = factor * t / k
+            moved, rate = moved + factor * rate, ca.mtimes(A, rate)
+        return {state: moved[i] for i, state in enumerate(states)}
+
+
+def nilpotent(rate: ca.SX, x: ca.SX) -> bool:
+    """Whether a field of symbols is affine, with a matrix of which a power vanishes: its structure says it."""
+    A = ca.jacobian(rate, x)
+    if not ca.jacobian(ca.vec(A), x).is_zero():
+        return False
+    power = A
+    for _ in range(x.numel() - 1):
+        power = ca.mtimes(power, A)
+    return bool(ca.sparsify(power).nnz() == 0)

@@ -1,0 +1,105 @@
+"""The smallest sizes that end hunting, against an independent stick map, and what the rows say."""
+
+import math
+
+import pytest
+from stick_map_support import border, stick_map
+
+from casahunt import InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, find_orbit, remedies
+
+
+def row(name, gain, **how):
+    return remedies(Servo(), "switch", gain, only=[name], **how).remedies[0]
+
+
+@pytest.mark.parametrize(("name", "gain", "low", "high"), [
+    ("dead band", 0.04, 1.001, 1.4), ("dead band", 0.1, 1.001, 1.8), ("dead band", 0.3, 1.001, 1.8),
+    ("shifted dead band", 0.04, 1.001, 1.5), ("shifted dead band", 0.1, 1.001, 1.8),
+])  # fmt: skip
+def test_bands(name, gain, low, high):
+    """The stable and the unstable cycle, both wider than the band, merge."""
+    found = row(name, gain)
+    truth = border(gain, name, found.size, low * found.size, high * found.size)
+    assert found.kind == "fold" and found.size == pytest.approx(truth, rel=1e-8)
+    assert abs(found.size - truth) < 3 * found.size_error + 1e-10 * truth  # the map's own error
+    assert found.rest_error == found.size and found.ends_hunting
+
+
+@pytest.mark.parametrize(("name", "gain", "low", "high"), [
+    ("leak", 0.04, 0.02, 0.04), ("leak", 0.1, 0.003, 0.02), ("leak", 0.3, 2e-4, 4e-3),
+    ("reset", 0.04, 5e-4, 0.01), ("reset", 0.1, 1e-4, 5e-3),
+])  # fmt: skip
+def test_integrators_that_forget(name, gain, low, high):
+    found = row(name, gain)
+    truth = border(gain, name, found.size, low, high)
+    assert found.kind == "fold" and found.size == pytest.approx(truth, rel=1e-8) and found.ends_hunting
+
+
+@pytest.mark.parametrize("gain", [0.04, 0.1])
+def test_hysteresis_ends_where_the_cycle_stops_on_its_edge(gain):
+    """P(delta) = delta: a stop within the band is not left any more."""
+    found = row("hysteresis", gain)
+    scipy_optimize = pytest.importorskip("scipy.optimize")
+    truth = scipy_optimize.brentq(
+        lambda size: stick_map(size, gain, "hysteresis", size) - size, 0.999 * found.size, 1.001 * found.size
+    )
+    assert found.size == pytest.approx(truth, rel=1e-8)
+
+
+def test_the_published_figures_of_two_remedies():
+    """By independent event maps: a dead band of 0.0433457242337 rad, a leak of 0.246844841 1/s."""
+    assert row("dead band", 0.04).size == pytest.approx(0.0433457242337, rel=1e-9)
+    assert row("leak", 0.04).size == pytest.approx(0.246844841, rel=2e-9)
+
+
+def test_more_gain_is_the_fold_of_the_servo():
+    found = row("gain", 0.04)
+    assert found.size == pytest.approx(find_fold(Servo(), "switch", options=Options(tol=1e-9)).gain, rel=1e-9)
+    assert found.rest_error == 0
+
+
+def test_freezing_must_come_before_the_servo_breaks_away():
+    """The dwell is the time for which the plain cycle sticks."""
+    orbit = find_orbit(Servo(), "switch", 0.04, options=Options(tol=1e-9))
+    stuck = next(arc for arc in orbit.arcs if arc.mode == "stick")
+    assert row("freeze", 0.04).size == pytest.approx(stuck.duration, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["feedforward", "error dead band", "reset at a stop", "error filter"])
+def test_what_does_not_end_hunting_says_why(name):
+    found = row(name, 0.04)
+    assert not found.ends_hunting and (found.why or "grows" in found.stays)
+
+
+def test_demands_and_the_cheapest():
+    table = remedies(Servo(), "switch", 0.04, only=["dead band", "leak", "gain"])
+    assert table.best and [r.name for r in table.remedies][0] == table.best
+    assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.01).best == "gain"
+    assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.01, max_torque=5).best == ""
+
+
+def test_the_worst_servo_of_a_set_needs_more():
+    found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}))
+    other = remedies(Servo().replace(**{"friction.static": 0.54}), "switch", 0.04, only=["dead band"]).remedies[0]
+    assert found.worst_size == pytest.approx(other.size, rel=1e-8) and found.worst_size > found.size
+
+
+def test_the_price_of_gain_is_its_torque():
+    """On a step of 1 rad from rest the torque is largest at once: kp of the recommended gain."""
+    found = row("gain", 0.04)
+    assert found.peak_torque == pytest.approx(2 * 16 * found.recommended, rel=1e-9)
+    assert found.peak_voltage == pytest.approx(found.peak_torque / 16)
+
+
+@pytest.mark.parametrize(("how", "sentence"), [
+    ({"only": ["backlash"]}, "unknown remedy 'backlash'"), ({"max_error": -1.0}, "max_error"),
+    ({"max_torque": math.nan}, "max_torque"),
+])  # fmt: skip
+def test_what_is_refused(how, sentence):
+    with pytest.raises(InputError, match=sentence):
+        remedies(Servo(), "switch", 0.04, **how)
+
+
+def test_a_servo_that_does_not_hunt_needs_none():
+    with pytest.raises(NoOrbit):
+        remedies(Servo(), "switch", 1.0)

@@ -1,0 +1,156 @@
+"""The product of parts: the plain servo in every form of its controller, the limits of each part, what is refused."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from casahunt import InputError, Options, Servo, find_orbit
+from casahunt.orbits import find_cycle
+from casahunt.servo.parts.by_direction import BY_DIRECTION
+from casahunt.servo.parts.cascade import P_PI
+from casahunt.servo.parts.dead_band import DEAD_BAND, HYSTERESIS
+from casahunt.servo.parts.error_filter import ERROR_FILTER
+from casahunt.servo.parts.feedforward import FEEDFORWARD
+from casahunt.servo.parts.filtered_derivative import PID_WITH_FILTER
+from casahunt.servo.parts.freeze import FREEZE
+from casahunt.servo.parts.inertia import INERTIA
+from casahunt.servo.parts.leak import LEAK
+from casahunt.servo.parts.loads import LOADS
+from casahunt.servo.parts.loop import Loop
+from casahunt.servo.parts.lugre import LUGRE
+from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
+from casahunt.servo.parts.plain_loop import loop_of
+from casahunt.servo.parts.reset import RESET_AT_STOP, RESET_AT_ZERO
+from casahunt.servo.parts.state_space import from_object, state_space, transfer_function
+from casahunt.servo.parts.switch import SWITCH
+from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
+from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
+
+PLAIN = (INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return find_orbit(Servo(), "switch", 0.04, options=Options(tol=1e-9))
+
+
+def cycle_of(loop, **start):
+    state = loop.state(x1=-0.05, **start)
+    return find_cycle(loop.system, loop.mode_at(**state), start=state, follow="gain", tol=1e-9)
+
+
+def same(orbit, other, tol=1e-9):
+    return [orbit.period, orbit.amplitude] == pytest.approx([other.period, other.amplitude], rel=tol)
+
+
+@pytest.mark.parametrize("controller", [PID_BY_TIMES, PID_BY_GAINS, P_PI])
+def test_a_controller_in_each_of_its_forms(plain, controller):
+    assert same(cycle_of(Loop((INERTIA, SWITCH, controller, INTEGRATOR))), plain)
+
+
+@pytest.mark.parametrize(("part", "absent"), [
+    (DEAD_BAND, 0.0), (HYSTERESIS, 0.0), (LEAK, 0.0), (FREEZE, math.inf), (RESET_AT_ZERO, 1.0), (RESET_AT_STOP, 1.0),
+    (ERROR_FILTER, 0.0), (FEEDFORWARD, 0.0), (TORQUE_LIMIT, math.inf), (CLAMPING, math.inf),
+])  # fmt: skip
+def test_a_part_of_size_zero_is_none(part, absent):
+    """Not even its modes are left."""
+    loop = Loop(PLAIN).with_parts(part)
+    assert loop.value(part.size) == absent and loop.system == Loop(PLAIN).system
+
+
+@pytest.mark.parametrize(("parts", "values", "tol"), [
+    ((*PLAIN, LEAK), {"leak": 1e-9}, 1e-8),
+    ((*PLAIN, RESET_AT_STOP), {"reset_at_stop": 1 - 1e-10}, 1e-9),
+    ((*PLAIN, FEEDFORWARD), {"compensated": 1e-10}, 1e-8),
+    ((*PLAIN, FREEZE), {"dwell": 5.0}, 1e-9),  # it sticks for 4.64 s
+    ((*PLAIN, TORQUE_LIMIT), {"torque_limit": 0.6}, 1e-9),  # Fs = 0.53
+    ((*PLAIN, CLAMPING), {"torque_limit": 0.6}, 1e-9),
+    ((*PLAIN, BACK_CALCULATION), {"torque_limit": 0.6}, 1e-9),
+    ((*PLAIN, LOADS), {"load_torque": 0.2}, 1e-9),  # the integrator absorbs it
+    ((INERTIA, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR), {}, 1e-9),
+])  # fmt: skip
+def test_limits_are_those_of_the_plain_servo(plain, parts, values, tol):
+    assert same(cycle_of(Loop(parts, values)), plain, tol)
+
+
+def test_a_filter_that_grows_fast_and_a_shaft_that_grows_stiff(plain):
+    """In the first order of their sizes: two of them extrapolated to none."""
+    for parts, name, sizes, more in (
+        ((INERTIA, SWITCH, PID_WITH_FILTER, INTEGRATOR), "derivative_filter", (2e-5, 1e-5), {}),
+        ((*PLAIN, ERROR_FILTER), "filter_time", (2e-5, 1e-5), {}),
+    ):
+        coarse, fine = (cycle_of(Loop(parts, {name: size, **more})).period for size in sizes)
+        assert 2 * fine - coarse == pytest.approx(plain.period, rel=1e-8)
+    halves = {"inertia": 0.013, "load_inertia": 0.013, "shaft_damping": 10.0}
+    two = [
+        cycle_of(Loop((TWO_MASSES, *PLAIN[1:]), {"shaft_stiffness": k, **halves}), load_angle=-0.05).period
+        for k in (5e5, 1e6)
+    ]
+    assert 2 * two[1] - two[0] == pytest.approx(plain.period, rel=1e-8)
+
+
+def test_where_the_load_is_measured_the_cycle_is_another_one():
+    """With a soft shaft; and it is one: by a motion of half the tolerance, once round."""
+    loop = Loop((TWO_MASSES_LOAD_SEEN, *PLAIN[1:]), {"inertia": 0.013, "load_inertia": 0.013, "shaft_damping": 0.05})
+    seen = cycle_of(loop, load_angle=-0.05)
+    unseen = cycle_of(Loop((TWO_MASSES, *PLAIN[1:]), dict(loop.values)), load_angle=-0.05)
+    assert seen.half and abs(seen.period / unseen.period - 1) > 1e-3
+
+
+def test_friction_by_direction_has_no_symmetry():
+    parts = INERTIA, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR
+    orbit = cycle_of(Loop(parts, {"static_back": 0.6, "coulomb_back": 0.46}))
+    assert orbit.repeats == 1 and len(orbit.arcs) == 4 and orbit.stable
+    mirrored = Loop(parts, {"static": 0.6, "coulomb": 0.46, "static_back": 0.53, "coulomb_back": 0.44})
+    assert same(cycle_of(mirrored), orbit, 1e-8)
+
+
+def test_a_transfer_function_is_its_controller(plain):
+    """PID with a filtered derivative, by gains and as a polynomial, and by objects of other packages."""
+    kp, ki, kd, Tf = 2.0, 2 * math.pi, 1 / (2 * math.pi), 1e-3
+    by_gains = cycle_of(Loop((INERTIA, SWITCH, PID_WITH_FILTER, INTEGRATOR), {"derivative_filter": Tf}))
+    num, den = [kd + kp * Tf, kp + ki * Tf, ki], [Tf, 1.0, 0.0]
+    assert same(cycle_of(Loop((INERTIA, SWITCH, transfer_function(num, den)))), by_gains)
+    signal = pytest.importorskip("scipy.signal")
+    given = signal.TransferFunction(num, den)
+    for controller in (given, given.to_ss()):
+        assert same(cycle_of(Loop((INERTIA, SWITCH, from_object(controller)))), by_gains, 1e-8)
+
+
+def test_bristles_as_a_part():
+    servo, options = Servo(), Options(tol=1e-9)
+    loop = loop_of(servo, "lugre", 0.04)
+    orbit = cycle_of(loop)
+    assert loop.parts[1] is LUGRE and same(orbit, find_orbit(servo, "lugre", 0.04, options=options), 1e-8)
+
+
+def test_a_loop_comes_back_from_a_file():
+    system = Loop(PLAIN).with_parts(LEAK, leak=0.1).system
+    assert pytest.approx(0.1) == dict(system.parameters)["leak"]
+    with pytest.raises((pickle.PicklingError, AttributeError)):
+        pickle.dumps(lambda: system)  # what cannot be told by its name is not
+
+
+@pytest.mark.parametrize(("parts", "values", "sentence"), [
+    ((*PLAIN, DEAD_BAND, HYSTERESIS), {"dead_band": 0.01, "hysteresis": 0.01}, "both give the integrand"),
+    ((*PLAIN, LEAK, LEAK), {"leak": 0.1}, "both give the leak_rate"),
+    (PLAIN, {"backlash": 0.1}, "unknown parameter 'backlash'"),
+    ((INERTIA, PID_BY_GAINS, INTEGRATOR), {}, "no part of the loop gives the signal 'moving'"),
+])  # fmt: skip
+def test_parts_that_do_not_go_together(parts, values, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Loop(parts, values).system  # noqa: B018
+
+
+@pytest.mark.parametrize(("make", "sentence"), [
+    (lambda: transfer_function([1, 0, 0], [1, 1]), "improper"),
+    (lambda: transfer_function([0], [1]), "must each have a coefficient"),
+    (lambda: state_space(np.eye(2), [1], [1], [0]), "state space"),
+    (lambda: state_space(np.eye(9), np.ones(9), np.ones(9), [0]), "at most 8"),
+    (lambda: from_object(3.0), "neither num and den"),
+])  # fmt: skip
+def test_controllers_that_are_none(make, sentence):
+    with pytest.raises(InputError, match=sentence):
+        make()
